@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from usbldr.io.geodesy import Origin
     from usbldr.io.log import Log
     from usbldr.io.messages.layouts import MessageLayout
-    from usbldr.io.opening import Request
     from usbldr.io.provenance import Convention, Provenance
     from usbldr.io.reader import Reader, Records, TopicInfo
+    from usbldr.io.reading.opening import Request
     from usbldr.io.reports.python_runs import to_frame, write_run
     from usbldr.io.reports.report_json import ScoredTrack
     from usbldr.io.session import RunSettings, bound, evaluate, open_log, reference_tracks, replay, resolve, score
@@ -49,7 +49,7 @@ _HOMES = {
     "geodesy": ("Origin",),
     "log": ("Log",),
     "messages.layouts": ("MessageLayout",),
-    "opening": ("Request",),
+    "reading.opening": ("Request",),
     "provenance": ("Convention", "Provenance"),
     "reader": ("Reader", "Records", "TopicInfo"),
     "reports.python_runs": ("to_frame", "write_run"),

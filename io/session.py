@@ -38,15 +38,15 @@ from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor.message_evidence import RAW_FIELDS
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Log
-from usbldr.io.opening import DEFAULT_REQUEST, Request, open_configured
-from usbldr.io.read import read, require
-from usbldr.io.remote import is_url
+from usbldr.io.reading.epochs import with_dvl_clock
+from usbldr.io.reading.opening import DEFAULT_REQUEST, Request, open_configured
+from usbldr.io.reading.read import read, require
+from usbldr.io.reading.remote import is_url
 from usbldr.io.reports.estimate_text import evidence_text, noise_changes_text
 from usbldr.io.reports.report_json import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.stages import say, stage
-from usbldr.io.timeline import with_dvl_clock
 
 UNCONFIGURED = Request(configuration="none")
 ANCHORS = ("start", "first-fix", "first-gps", "first-truth")

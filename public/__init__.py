@@ -12,7 +12,7 @@ from usbldr import filters, io
 if TYPE_CHECKING:
     from usbldr.filters import *  # noqa: F403
     from usbldr.io import *  # noqa: F403
-    from usbldr.io.timeline import timeline
+    from usbldr.io.reading.epochs import timeline
 
 __version__ = "0.3.0"
 __all__ = ["__version__", "timeline"]
@@ -22,7 +22,7 @@ __all__ += io.__all__
 
 def __getattr__(name: str) -> object:
     if name == "timeline":  # a module of io has this name, so io cannot export it
-        return importlib.import_module("usbldr.io.timeline").timeline
+        return importlib.import_module("usbldr.io.reading.epochs").timeline
     for package in (filters, io):
         if name in package.__all__:
             return getattr(package, name)

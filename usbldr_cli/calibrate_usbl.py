@@ -106,8 +106,8 @@ def _refuse_scenario(log: str) -> None:
 def _calibration(log: str, selection: dict[str, Any], depth_m: float | None, depth_sd_m: float) -> "Calibration":
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import judged, levelled
+    from usbldr.io.reading.usbl_survey import read_usbl_survey
     from usbldr.io.reports.usbl_calibration import Calibration
-    from usbldr.io.usbl_survey import read_usbl_survey
 
     read = read_usbl_survey(Path(log), read_request(**selection))
     known = known_of(read.stated, depth_m, depth_sd_m)

@@ -71,15 +71,15 @@ def evaluate(
     $ usbldr evaluate dive.mcap --estimate /odometry/filtered
     """
     from usbldr.filters.identification.identification import Identification
-    from usbldr.io.estimate import read_estimate
-    from usbldr.io.inputs import InputFile
-    from usbldr.io.opening import ConfigurationFile
+    from usbldr.io.reading.epochs import timeline
+    from usbldr.io.reading.estimate import read_estimate
+    from usbldr.io.reading.inputs import InputFile
+    from usbldr.io.reading.opening import ConfigurationFile
     from usbldr.io.reports.report_json import Run, ScoredTrack
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.reports.run_provenance import RunProvenance, read_files
     from usbldr.io.session import evaluate as score
     from usbldr.io.session import open_log, reference_tracks
-    from usbldr.io.timeline import timeline
 
     request, read = request_and_inputs(log=log, **selection)
     read = (*read, Path(estimate)) if Path(estimate).is_file() else read

@@ -14,9 +14,9 @@ from usbldr_cli.options.verbosity import verbose_option
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
-    from usbldr.io.opening import Request
     from usbldr.io.reader import TopicInfo
-    from usbldr.io.survey import Survey
+    from usbldr.io.reading.opening import Request
+    from usbldr.io.reading.survey import Survey
 
 MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 
@@ -56,8 +56,8 @@ def info(logs: tuple[str, ...], all_topics: bool, fields_of: tuple[str, ...], as
 
 
 def _survey(log: str, request: "Request") -> "Survey":
+    from usbldr.io.reading.survey import survey, survey_of
     from usbldr.io.session import is_simulated, open_log
-    from usbldr.io.survey import survey, survey_of
 
     return survey_of(open_log(log, request)) if is_simulated(log) else survey(Path(log), request)
 

@@ -68,8 +68,8 @@ def locate(
     $ usbldr replay dive.mcap --smooth -o dive-run
     $ usbldr locate dive-run --at photos --lever-arm 0 1.2 -0.3 -o photos.csv -o photos.kml
     """
+    from usbldr.io.reading.sample_times import NAME, sample_times
     from usbldr.io.reports.locate import OUTSIDE, located, read_smoothed_run
-    from usbldr.io.sample_times import NAME, sample_times
 
     for file in output:
         if file.suffix.lower() not in ENDINGS:

@@ -55,7 +55,7 @@ def simulate(
     if output is None:
         raise UsageError("name the output with -o NAME.mcap, or -o FOLDER for CSV files")
 
-    from usbldr.io.inputs import refuse_inputs
+    from usbldr.io.reading.inputs import refuse_inputs
     from usbldr.io.scenarios.files import write_scenario
     from usbldr.io.writers.write_log import configuration_place, log_format_of
 
@@ -69,7 +69,7 @@ def simulate(
 
 def _write_survey(scenario: str, output: Path | None, form: str | None, seed: int, force: bool) -> None:
     """Write a survey of a transponder, which calibrate-usbl reads."""
-    from usbldr.io.inputs import refuse_inputs
+    from usbldr.io.reading.inputs import refuse_inputs
     from usbldr.io.scenarios.survey_scenarios import find_survey, write_survey
 
     if output is None or form not in (None, "csv") or output.suffix:

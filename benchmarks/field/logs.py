@@ -18,10 +18,10 @@ from usbldr.filters.evaluation.error_report import WHOLE_LOG, Window
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Outage, Timeline, Truth
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import Request, read_log
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 HERE = Path(__file__).resolve().parent
 TRIMMED = 3.0  # times the median residual: a fix further off has no part in definition B's alignment

@@ -8,8 +8,8 @@ import numpy as np
 from usbldr.filters.bounds.dive_bounds import PositionBound, position_bound
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 
 def limits(scenario: Scenario, calibrate: Sequence[str], seeds: Sequence[int]) -> PositionBound:

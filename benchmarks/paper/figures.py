@@ -17,9 +17,9 @@ from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Vector
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from usbldr_cli.figures.overlay import error_figure
 from usbldr_cli.figures.style import Axes, Figure, colour, in_style, legend_below, titled_figure
 from usbldr_cli.runs.job_store import read_trace

@@ -10,11 +10,11 @@ from paper.tables import AXES, command, errors, over, times
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.replay.run import run
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.markdown_report import markdown_table
 from usbldr.io.reports.report_text import Table
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from usbldr_cli.runs.seed_table import ComparisonRow
 
 FASTEST_S = {Way("cpf", particles=1000): 15.0, Way("cpf"): 6.0, Way("adf"): 3.0}

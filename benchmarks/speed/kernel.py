@@ -21,9 +21,9 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 SECONDS = 120.0
 SEVEN_ERRORS = ("scale", "misalignment", "heading", "deviation", "usbl-bias")  # 13 states with those of the motion

@@ -19,9 +19,9 @@ from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 STEPS_S = 200.0  # 1000 steps
 PARTICLES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000)

@@ -40,10 +40,10 @@ from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.simulate import leg_motion as true_motion
 from usbldr.filters.types import Timeline
 from usbldr.io.log import Log
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 WARM_UP = 50  # steps
 RUNS = 3

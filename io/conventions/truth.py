@@ -13,8 +13,12 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.conventions.positions import heading_of_quaternion
 from usbldr.io.findings import Finding
-from usbldr.io.formats.csv_sheets import plain
-from usbldr.io.formats.csv_text import (
+from usbldr.io.geodesy import Origin, to_plane
+from usbldr.io.provenance import ChosenBy, Convention, Provenance
+from usbldr.io.reader import Column
+from usbldr.io.settings.sensor_sections import TruthSection
+from usbldr.io.tables.csv_sheets import plain
+from usbldr.io.tables.csv_text import (
     ParsedColumn,
     column,
     nanoseconds,
@@ -22,11 +26,7 @@ from usbldr.io.formats.csv_text import (
     read_texts,
     seconds,
 )
-from usbldr.io.formats.text_table import cut_findings, row_findings
-from usbldr.io.geodesy import Origin, to_plane
-from usbldr.io.provenance import ChosenBy, Convention, Provenance
-from usbldr.io.reader import Column
-from usbldr.io.settings.sensor_sections import TruthSection
+from usbldr.io.tables.text_table import cut_findings, row_findings
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
 CLEARLY_BETTER = 2.0  # times: a frame whose points fit so much better is not chance

@@ -21,9 +21,9 @@ from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log, missing_sensor_text
 from usbldr.io.messages.roles import candidates
-from usbldr.io.opening import OpenedLog, Request, open_configured
-from usbldr.io.read import read, roles_of
-from usbldr.io.timeline import timeline
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.opening import OpenedLog, Request, open_configured
+from usbldr.io.reading.read import read, roles_of
 from usbldr.io.units import MPS_PER_UNIT
 
 # fixed: 16-bit integers of a DVL without bottom lock, in mm/s and cm/s

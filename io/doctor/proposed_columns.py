@@ -11,18 +11,18 @@ import msgspec
 
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor.doctor import Examination, examine
-from usbldr.io.formats.csv_sheets import ISO, SINCE_NS, UNTIL_NS
-from usbldr.io.formats.unnamed_columns import is_number
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
-from usbldr.io.opening import ConfigurationFile, Request, open_configured
-from usbldr.io.read import roles_of
 from usbldr.io.reader import TopicInfo
+from usbldr.io.reading.opening import ConfigurationFile, Request, open_configured
+from usbldr.io.reading.read import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
+from usbldr.io.tables.csv_sheets import ISO, SINCE_NS, UNTIL_NS
+from usbldr.io.tables.unnamed_columns import is_number
 
 VECTORS = tuple(
     Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})")

@@ -1,1 +1,1 @@
-"""One reader per file format, all behind usbldr.io.reader.Reader; detect.FORMATS lists them."""
+"""The format of a log, recognised by its content; folders, compressed files, and several recordings in one file."""

@@ -15,9 +15,9 @@ from typing import Any, TypeAlias
 from weakref import finalize
 
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.file_access.decompression import DamagedFileError, compression_of, unpacked_file
+from usbldr.io.file_access.open_file import opened
 from usbldr.io.findings import Finding
-from usbldr.io.formats.decompression import DamagedFileError, compression_of, unpacked_file
-from usbldr.io.formats.files import opened
 from usbldr.io.limits import UnpackingBudget, note_copy
 from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
 

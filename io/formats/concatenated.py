@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
+from usbldr.io.file_access.container_ends import MATLAB, PARQUET, Place, places_of
+from usbldr.io.file_access.file_view import BLOCK_BYTES, FileView
+from usbldr.io.file_access.open_file import opened
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
-from usbldr.io.formats.container_ends import MATLAB, PARQUET, Place, places_of
-from usbldr.io.formats.file_view import BLOCK_BYTES, FileView
-from usbldr.io.formats.files import opened
-from usbldr.io.formats.joined import JoinedLog, readable_parts
 from usbldr.io.limits import note_copy
 from usbldr.io.reader import Reader
+from usbldr.io.recordings.joined import JoinedLog, readable_parts
 
 
 def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader | None:

@@ -6,9 +6,9 @@ from pathlib import Path
 from usbldr.filters import plugins
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
-from usbldr.io.formats.container_ends import begins_container
-from usbldr.io.formats.decompression import compression_of
-from usbldr.io.formats.files import opened
+from usbldr.io.file_access.container_ends import begins_container
+from usbldr.io.file_access.decompression import compression_of
+from usbldr.io.file_access.open_file import opened
 from usbldr.io.reader import Reader
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
@@ -28,7 +28,7 @@ TAR, TAR_AT = b"ustar", 257  # fixed by the format
 def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
     if not head.startswith(b"\x89MCAP0\r\n"):
         return None
-    from usbldr.io.formats.mcap_log import McapLog
+    from usbldr.io.recordings.mcap_log import McapLog
 
     return McapLog(path, known)
 
@@ -36,7 +36,7 @@ def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
 def _bag(path: Path, head: bytes, known: Definitions) -> Reader | None:
     if not head.startswith(b"#ROSBAG V2.0\n"):
         return None
-    from usbldr.io.formats.bag_log import BagLog
+    from usbldr.io.recordings.bag_log import BagLog
 
     return BagLog(path)
 
@@ -44,91 +44,91 @@ def _bag(path: Path, head: bytes, known: Definitions) -> Reader | None:
 def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
     if not head.startswith(b"SQLite format 3\x00"):
         return None
-    from usbldr.io.formats.db3_log import Db3Log
+    from usbldr.io.recordings.db3_log import Db3Log
 
     return Db3Log(path, known)
 
 
 def _tlog(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.tlog_log import TelemetryLog, looks_like_tlog
+    from usbldr.io.instruments.tlog_log import TelemetryLog, looks_like_tlog
 
     return TelemetryLog(path) if looks_like_tlog(head) else None
 
 
 def _dataflash(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.dataflash_log import DataflashLog, looks_like_dataflash
+    from usbldr.io.instruments.dataflash_log import DataflashLog, looks_like_dataflash
 
     return DataflashLog(path) if looks_like_dataflash(head) else None
 
 
 def _pd0(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.pd0_log import Pd0Log, looks_like_pd0
+    from usbldr.io.instruments.pd0_log import Pd0Log, looks_like_pd0
 
     return Pd0Log(path) if looks_like_pd0(head) else None
 
 
 def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.pd45_log import Pd45Log, name_of_pd45
+    from usbldr.io.instruments.pd45_log import Pd45Log, name_of_pd45
 
     name = name_of_pd45(head)
     return Pd45Log(path, name) if name else None
 
 
 def _pd6(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.pd6_log import Pd6Log, looks_like_pd6
+    from usbldr.io.instruments.pd6_log import Pd6Log, looks_like_pd6
 
     return Pd6Log(path) if looks_like_pd6(head) else None
 
 
 def _json_lines(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.json_lines_log import JsonLinesLog, looks_like_json_lines
+    from usbldr.io.instruments.json_lines_log import JsonLinesLog, looks_like_json_lines
 
     return JsonLinesLog(path) if looks_like_json_lines(head) else None
 
 
 def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.nmea_log import NmeaFile, form_of
+    from usbldr.io.instruments.nmea_log import NmeaFile, form_of
 
     form = form_of(head)
     return NmeaFile(path, form) if form else None
 
 
 def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.alog_log import AlogLog, looks_like_alog
+    from usbldr.io.instruments.alog_log import AlogLog, looks_like_alog
 
     return AlogLog(path) if looks_like_alog(head) else None
 
 
 def _lsf(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.lsf_log import LsfLog, looks_like_lsf
+    from usbldr.io.instruments.lsf_log import LsfLog, looks_like_lsf
 
     return LsfLog(path) if looks_like_lsf(head) else None
 
 
 def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.parquet_tables import MAGIC, NAME, parquet_table
-    from usbldr.io.formats.table_log import TableLog
+    from usbldr.io.tables.parquet_tables import MAGIC, NAME, parquet_table
+    from usbldr.io.tables.table_log import TableLog
 
     return TableLog(path, NAME, [parquet_table(path)]) if head.startswith(MAGIC) else None
 
 
 def _hdf5(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.hdf5_tables import MAGIC, NAME, hdf5_tables
-    from usbldr.io.formats.table_log import TableLog
+    from usbldr.io.tables.hdf5_tables import MAGIC, NAME, hdf5_tables
+    from usbldr.io.tables.table_log import TableLog
 
     return TableLog(path, NAME, hdf5_tables(path)) if head.startswith(MAGIC) else None
 
 
 def _mat(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.mat_tables import NAME, looks_like_mat, mat_tables
-    from usbldr.io.formats.table_log import TableLog
+    from usbldr.io.tables.mat_tables import NAME, looks_like_mat, mat_tables
+    from usbldr.io.tables.table_log import TableLog
 
     return TableLog(path, NAME, mat_tables(path)) if looks_like_mat(head) else None
 
 
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.formats.csv_log import CsvLog
-    from usbldr.io.formats.csv_text import looks_like_csv
+    from usbldr.io.tables.csv_log import CsvLog
+    from usbldr.io.tables.csv_text import looks_like_csv
 
     return CsvLog(path) if looks_like_csv(head) else None
 
@@ -225,7 +225,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
         raise LogError(f"is {foreign}", path=path)
     if head[TAR_AT : TAR_AT + len(TAR)] == TAR:
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
-    from usbldr.io.formats.csv_text import lacks_header
+    from usbldr.io.tables.csv_text import lacks_header
 
     if lacks_header(head):
         raise LogError("has no header: its first line holds numbers; insert a line with the column names", path=path)

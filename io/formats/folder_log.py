@@ -6,15 +6,15 @@ from pathlib import Path
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import ENDINGS, compressed_log
-from usbldr.io.formats.csv_log import CsvLog
-from usbldr.io.formats.csv_text import compressed_texts, text_files
-from usbldr.io.formats.joined import JoinedLog, LogPart
-from usbldr.io.formats.parquet_tables import NAME, parquet_files, parquet_table
-from usbldr.io.formats.rosbag2_log import holds_recording, open_rosbag2, recording_files
-from usbldr.io.formats.table_log import TableLog
 from usbldr.io.limits import limit
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Reader
+from usbldr.io.recordings.joined import JoinedLog, LogPart
+from usbldr.io.recordings.rosbag2_log import holds_recording, open_rosbag2, recording_files
+from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.csv_text import compressed_texts, text_files
+from usbldr.io.tables.parquet_tables import NAME, parquet_files, parquet_table
+from usbldr.io.tables.table_log import TableLog
 
 FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
 SHOWN = 5  # [files] that a sentence names

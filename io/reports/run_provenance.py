@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 from usbldr.filters.kernel import KERNEL
 from usbldr.filters.plugins import sources
-from usbldr.io.inputs import InputFile
-from usbldr.io.opening import digest_paths
+from usbldr.io.reading.inputs import InputFile
+from usbldr.io.reading.opening import digest_paths
 
 SCHEMA = 4  # fixed: the version of every JSON file that usbldr writes
 GIT_S = 5.0  # [s] that git may take to name a commit: a checkout on a slow disk

@@ -13,6 +13,7 @@ from usbldr.filters.types import Vector
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
 from usbldr.filters.usbl_survey.verdict import Parameter, Verdict
 from usbldr.io.geodesy import to_geodetic
+from usbldr.io.reading.usbl_survey import SurveyLog
 from usbldr.io.reports.page import Block, Bullets, Page, Section
 from usbldr.io.reports.report_text import Table
 from usbldr.io.reports.run_page import provenance_section
@@ -20,7 +21,6 @@ from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_
 from usbldr.io.settings.configuration import parse_configuration
 from usbldr.io.settings.toml_text import comment
 from usbldr.io.settings.validation import read_text
-from usbldr.io.usbl_survey import SurveyLog
 
 LABELS = {
     "mount_roll_deg": ("roll of the head", "deg", 3),

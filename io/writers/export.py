@@ -18,9 +18,9 @@ from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, ProcessNoise, SensorErrors
 from usbldr.filters.types import Truth
 from usbldr.io.conventions.map_north import headings_on_plane
-from usbldr.io.inputs import refuse_inputs
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
+from usbldr.io.reading.inputs import refuse_inputs
 from usbldr.io.settings.configuration import configuration_places
 from usbldr.io.settings.toml_text import changed, noise_text, stated, toml_text
 from usbldr.io.writers.write_log import (

@@ -8,7 +8,7 @@ import pytest
 from checkout import FIELD_CONFIGURATIONS
 from commands import findings, run
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.formats.mcap_log import McapLog
+from usbldr.io.recordings.mcap_log import McapLog
 
 LOGS = [
     "uib_field/uib_field.mcap",

@@ -18,10 +18,10 @@ import pytest
 from field.logs import CASES
 from usbldr.filters.evaluation.alignment import fit_rigid
 from usbldr.filters.replay.dead_reckoning import displacement_m, dr
-from usbldr.io.formats.mcap_log import McapLog
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
-from usbldr.io.timeline import timeline
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import Request, read_log
+from usbldr.io.recordings.mcap_log import McapLog
 
 FOLDERS = {case.name: case.folder for case in CASES.values() if case.folder}
 UIB_TRUTHS = {"uib_field": '"/slam/graph_vertices"\nskip_rows = 2', "uib_simulation": '"/ground_truth"'}

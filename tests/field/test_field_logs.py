@@ -7,7 +7,7 @@ import pytest
 from field.logs import HERE
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 
 def field_log(folder: Path, name: str) -> Log:

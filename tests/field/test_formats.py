@@ -11,8 +11,8 @@ import pytest
 from checkout import FIELD_CONFIGURATIONS
 from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
-from usbldr.io.timeline import timeline
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import Request, read_log
 
 CONFIGURATION = FIELD_CONFIGURATIONS / "uib_field.toml"
 

@@ -32,9 +32,9 @@ from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import displacement_m
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth, Update
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from usbldr_cli.runs.job_store import JobResult
 from usbldr_cli.runs.seed_table import ComparisonRow
 from weaving import Faults, weaving_dive

@@ -8,9 +8,9 @@ import pytest
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 PAPER = find_scenario("paper")
 

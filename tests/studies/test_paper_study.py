@@ -20,9 +20,9 @@ from usbldr.filters.models.calibration import EstimatedError
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from usbldr_cli.compare import compare
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.job_store import JobResult, JobStore, Trace

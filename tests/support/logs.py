@@ -7,7 +7,7 @@ import numpy as np
 
 from recordings import Row, write_csv, write_mcap
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"

@@ -12,7 +12,7 @@ from commands import run
 from curved import curved_dive
 from recordings import HEADING, POSE_COVARIANCE, PRESSURE, SECOND, T0, TWIST_COVARIANCE, Row, write_mcap
 from usbldr.io.provenance import Convention
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 ODD = (1e300, -1e300, 1e308, math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e17, 1e10, 1e6, -1e6)
 FIELDS = {

@@ -9,7 +9,7 @@ import pytest
 from commands import run
 from recordings import short_dive, write_bag, write_csv, write_mcap, write_rosbag2
 from usbldr.filters.errors import LogError, UsbldrError
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 HEADER = "time_ns,starboard_mps,forward_mps\n"
 WRITERS: dict[str, Callable[[Path], Path]] = {

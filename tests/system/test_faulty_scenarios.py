@@ -21,7 +21,7 @@ from usbldr.filters.simulation.scenario import (
 )
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.conventions.implausible import without_implausible
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log

@@ -21,7 +21,7 @@ from recordings import SECOND, T0, Row, point, short_dive, twist, write_bag, wri
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from commands import run
 from recordings import ROS2, SECOND, T0, message, short_dive
 from usbldr.filters.errors import MAX_SENTENCE, LogError
 from usbldr.io.findings import Finding
-from usbldr.io.formats.mcap_log import McapLog
+from usbldr.io.recordings.mcap_log import McapLog
 
 HOSTILE = '\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x.png)`"\\'
 SHOWN = r'\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x.png)`"' + "\\"

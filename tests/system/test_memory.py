@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as BagWriter
 from tests.support.recordings import ROS1, ROS2, T0
 
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 RATE_HZ = 200
 MINUTE = 60 * RATE_HZ  # messages
@@ -20,9 +20,9 @@ LEVER_ARM = "[usbl]\nlever_arm_m = [0.3, 0.2, -0.5]\n"  # so that roll and pitch
 PEAK = r"""
 import re, sys
 from pathlib import Path
-from usbldr.io import role_records
-from usbldr.io.read import Request, read_log
-from usbldr.io.timeline import timeline
+from usbldr.io.reading import role_records
+from usbldr.io.reading.read import Request, read_log
+from usbldr.io.reading.epochs import timeline
 role_records.MAX_ATTITUDES = 20_000
 timeline(read_log(Path(sys.argv[1]), Request(sys.argv[2])))
 print(int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) * 1024)

@@ -24,9 +24,9 @@ from usbldr.filters.replay.outage_recovery import outage_recoveries
 from usbldr.filters.replay.run import run
 from usbldr.filters.simulation.scenario import Scenario, Timing
 from usbldr.filters.types import Outage, Timeline, Trajectory
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 SQUARE = find_scenario("square")
 HZ = 5

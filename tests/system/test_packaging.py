@@ -55,7 +55,7 @@ def test_the_type_checker_sees_every_file_of_the_public_package() -> None:
 
 
 def test_python_started_in_the_checkout_finds_the_package_and_its_command_line() -> None:
-    version = python("-c", "import usbldr, usbldr.io.read; print(usbldr.__version__)")
+    version = python("-c", "import usbldr, usbldr.io.reading.read; print(usbldr.__version__)")
     assert python("-m", "usbldr", "--version") == f"usbldr, version {version}"
 
 
@@ -117,7 +117,7 @@ def without_a_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_without_a_compiler_the_install_succeeds_and_numpy_runs(without_a_compiler: Path) -> None:
     call = (
         "from usbldr.filters.kernel import KERNEL; from usbldr.io.session import open_log, score; "
-        "from usbldr.io.timeline import timeline; import usbldr; "
+        "from usbldr.io.reading.epochs import timeline; import usbldr; "
         f"log = open_log({str(ROOT / 'sample_logs' / 'lawnmower_turn_db3')!r}); "
         "print(usbldr.__file__, score(log, timeline(log), 'ekf').trajectory.mean[-1, 4], KERNEL.name, KERNEL.reason)"
     )

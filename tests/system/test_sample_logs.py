@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from checkout import ROOT
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 SAMPLES = ROOT / "sample_logs"
 LOGS = ("paper.mcap", "lawnmower.mcap", "lawnmower.bag", "lawnmower_csv", "lawnmower_turn_db3")

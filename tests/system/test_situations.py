@@ -11,9 +11,9 @@ from checkout import ROOT
 from recordings import FLOAT64, SECOND, T0, short_dive, twist, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
-from usbldr.io.formats.mcap_log import McapLog
-from usbldr.io.opening import Request
-from usbldr.io.read import read_log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+from usbldr.io.recordings.mcap_log import McapLog
 
 
 def test_every_situation_has_a_test_that_shows_it() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from commands import output_of
 from recordings import SECOND, T0, Row, sentence, twist, write_mcap, yaw
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 ARM = (2.0, -14.0)  # starboard, forward of the antenna: the head
 DELAY_S = 2  # a fix comes out 1.5 s after it was true

@@ -27,7 +27,7 @@ from recordings import (
     short_dive,
 )
 from usbldr.filters.errors import UsageError
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 define(
     {

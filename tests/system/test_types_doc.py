@@ -11,7 +11,7 @@ from checkout import ROOT
 from recordings import T0, define, write_mcap
 from usbldr.io.messages import registry
 from usbldr.io.messages.layouts import MessageLayout
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 DOC = (ROOT / "docs" / "types.md").read_text(encoding="utf-8")
 SPEED = "float64 forward\nfloat64 port\nfloat64 up\n"

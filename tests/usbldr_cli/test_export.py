@@ -15,8 +15,8 @@ from recordings import SECOND, T0, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
-from usbldr.io.timeline import timeline
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import Request, read_log
 from usbldr.io.writers.export import cut_log, export
 
 NAMES = ["out.mcap", "out.bag", "out.db3", "out_db3", "out"]

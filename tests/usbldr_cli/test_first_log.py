@@ -11,7 +11,7 @@ from commands import run
 from curved import curved_dive
 from recordings import Row, write_mcap
 from usbldr.filters.errors import UsageError
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"  # of curved_dive
 

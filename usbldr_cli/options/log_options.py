@@ -11,8 +11,8 @@ from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import FILE, LOG, TRUTH, Suggested, topics, words
 
 if TYPE_CHECKING:
-    from usbldr.io.inputs import InputFile
-    from usbldr.io.opening import Request
+    from usbldr.io.reading.inputs import InputFile
+    from usbldr.io.reading.opening import Request
     from usbldr.io.reports.run_provenance import RunProvenance
 
 JOINED = "joined"
@@ -101,7 +101,7 @@ def read_request(
     **topics: str | None,
 ) -> "Request":
     """Return the values of selection_options as a request."""
-    from usbldr.io.opening import Request
+    from usbldr.io.reading.opening import Request
 
     return Request(
         config,
@@ -116,8 +116,8 @@ def read_request(
 
 def labelled_inputs(log: str, request: "Request") -> "tuple[InputFile, ...]":
     """Return the files that are read, LOG first, each with what it is for. A shipped scenario and a URL have none."""
-    from usbldr.io.inputs import InputFile, input_files
-    from usbldr.io.remote import is_url
+    from usbldr.io.reading.inputs import InputFile, input_files
+    from usbldr.io.reading.remote import is_url
     from usbldr.io.session import is_simulated
 
     if is_url(log):
@@ -134,7 +134,7 @@ def inputs(log: str, request: "Request") -> tuple[Path, ...]:
 
 def configured_request(log: str, selection: Mapping[str, Any]) -> "Request":
     """Return the values of selection_options as a request, the configuration read if LOG has one."""
-    from usbldr.io.opening import with_configuration
+    from usbldr.io.reading.opening import with_configuration
     from usbldr.io.session import is_simulated
 
     asked = read_request(**selection)

@@ -72,7 +72,7 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
 
     It may not be in a folder that is read, unless it is a configuration. ``made`` is a folder that the run will make.
     """
-    from usbldr.io.inputs import output_conflict
+    from usbldr.io.reading.inputs import output_conflict
 
     what = output_conflict(file, read, inside=file.suffix != ".toml")
     if os.path.isdir(file) or file == made:
@@ -91,7 +91,7 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
 
 def require_free(folder: Path, read: Iterable[Path], force: bool) -> None:
     """Raise UsageError for a run directory that is or contains an input, or that may not be replaced."""
-    from usbldr.io.inputs import output_conflict
+    from usbldr.io.reading.inputs import output_conflict
 
     if what := output_conflict(folder, read, inside=False):
         raise UsageError(f"{folder} {what}: choose another --output")
@@ -102,7 +102,7 @@ def refuse_inputs(
     logs: Iterable[str], selection: Mapping[str, Any], output: Path | None, json_to: str | None, force: bool
 ) -> None:
     """Raise UsageError for a folder, or a file of --json, that is an input of one of the logs, or cannot be written."""
-    from usbldr.io.inputs import output_conflict
+    from usbldr.io.reading.inputs import output_conflict
 
     for log in logs:
         read = inputs(log, read_request(**selection))

@@ -11,7 +11,7 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.methods import method_named
-from usbldr.io.remote import is_url
+from usbldr.io.reading.remote import is_url
 from usbldr.io.scenarios.shipped import scenario_names
 from usbldr.io.settings.regression_baseline import BaselineRow, Option
 from usbldr_cli.options.log_options import selection_options

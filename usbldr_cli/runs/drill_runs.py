@@ -9,7 +9,7 @@ from typing import Any
 from usbldr.filters.replay.methods import METHODS, track_name
 from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged, log_length_s
 from usbldr.io.log import Log
-from usbldr.io.remote import local_log
+from usbldr.io.reading.remote import local_log
 from usbldr.io.session import is_simulated, open_log
 from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices

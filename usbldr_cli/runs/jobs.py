@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.drills.drill import Drill, damaged
-from usbldr.io.remote import is_url, local_log
+from usbldr.io.reading.remote import is_url, local_log
 from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.code_digest import code_digest
@@ -113,7 +113,7 @@ def _read(
 ) -> _Source:
     """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
     from usbldr.io.conventions.implausible import without_implausible
-    from usbldr.io.timeline import timeline
+    from usbldr.io.reading.epochs import timeline
 
     of_dive, of_faults = seeds
     found = without_implausible(damaged(_open(log, selection, of_dive, digest), drill, of_faults))
@@ -138,7 +138,7 @@ def _bound(job: Job, source: _Source, choices: RunChoices) -> JobResult:
 
 def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobResult, Trace]:
     from usbldr.filters.replay.methods import method_named
-    from usbldr.io.read import require
+    from usbldr.io.reading.read import require
     from usbldr.io.session import evaluate, replay
 
     log, dive_timeline = source.log, source.dive_timeline

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from usbldr.filters.identification.identification import Identification
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
-    from usbldr.io.opening import Request
+    from usbldr.io.reading.opening import Request
     from usbldr.io.reports.report_json import Run, ScoredTrack
     from usbldr.io.session import RunSettings
 
@@ -60,9 +60,9 @@ def on_epochs(plan: RunPlan, log: "Log") -> "tuple[Log, Timeline]":
     Raises what the method refuses of log and options.
     """
     from usbldr.filters.replay.methods import method_named
-    from usbldr.io.read import require
+    from usbldr.io.reading.epochs import timeline
+    from usbldr.io.reading.read import require
     from usbldr.io.session import not_a_filter
-    from usbldr.io.timeline import timeline
 
     chosen, choices = method_named(plan.method), plan.choices
     require(log, chosen.sensors)
@@ -87,7 +87,7 @@ def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> Prepare
 
 def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
     """Compute and score the track, its reference tracks, and what else the user asked for."""
-    from usbldr.io.opening import ConfigurationFile
+    from usbldr.io.reading.opening import ConfigurationFile
     from usbldr.io.reports.report_json import Run
     from usbldr.io.reports.run_provenance import RunProvenance, read_files
     from usbldr.io.session import reference_tracks
@@ -106,7 +106,7 @@ def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
 
 def run_again(plan: RunPlan) -> "Run":
     """Run a plan from its log on, without a word to the user."""
-    from usbldr.io.remote import local_log
+    from usbldr.io.reading.remote import local_log
     from usbldr.io.session import open_log
 
     request = configured_request(plan.log, plan.selection)

@@ -14,7 +14,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.plugins import VARIABLE as PLUGINS
 from usbldr.filters.plugins import asked_for
 from usbldr.io.limits import VARIABLE as LIMITS
-from usbldr.io.remote import local_log
+from usbldr.io.reading.remote import local_log
 from usbldr_cli.options.log_options import inputs, read_request
 from usbldr_cli.runs.code_digest import code_digest
 from usbldr_cli.runs.workers import Job
@@ -129,7 +129,7 @@ def require_digest(log: str, path: Path, selection: Mapping[str, Any], wanted: s
 
 
 def _digest(path: Path, selection: Mapping[str, Any]) -> str:
-    from usbldr.io.opening import digest_paths
+    from usbldr.io.reading.opening import digest_paths
 
     if path.is_absolute() and not path.exists():
         return ""

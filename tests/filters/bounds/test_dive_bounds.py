@@ -16,9 +16,9 @@ from usbldr.filters.replay.steps import steps
 from usbldr.filters.simulation.scenario import Accuracy, Leg, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 PAPER = find_scenario("paper")
 

@@ -27,9 +27,9 @@ from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import StepSource, steps
 from usbldr.filters.types import Reacquisition, Timeline
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from weaving import Faults, weaving_dive
 
 RATE_HZ = 5

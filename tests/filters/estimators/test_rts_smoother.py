@@ -14,9 +14,9 @@ from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 PAPER = find_scenario("paper")
 

@@ -14,9 +14,9 @@ from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihood
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.filters.types import Outage, Timeline
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from weaving import Faults, weaving_dive
 
 PLAIN = Parameters(

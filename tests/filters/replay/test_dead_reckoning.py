@@ -11,9 +11,9 @@ from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.simulation.scenario import Leg, Scenario
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Vector
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 PAPER = find_scenario("paper")
 

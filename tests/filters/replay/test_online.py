@@ -14,9 +14,9 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.online import OnlineFilter
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Update
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 
 FILTERS = [name for name, method in METHODS.items() if method.is_filter]
 STARTED = Parameters(start=Start(0.0, 0.0, 2.0), calibrate=("scale",), dvl_lever_m=(0.3, 1.0, 0.0))

@@ -23,8 +23,8 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.clock_parts import PartsError
 from usbldr.io.conventions.clock_steps import examined
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
-from usbldr.io.survey import survey
+from usbldr.io.reading.read import Request, read_log
+from usbldr.io.reading.survey import survey
 
 COUNT, STEP = 80, SECOND // 5
 TOML = '[compass]\ncolumns = {{ heading = "{}" }}\nconvention = "compass"\nunit = "deg"\n'

@@ -27,7 +27,7 @@ from recordings import (
 )
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 
 def body(table: pd.DataFrame) -> list[float]:

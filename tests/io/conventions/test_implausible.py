@@ -17,7 +17,7 @@ from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor.doctor import examine
 from usbldr.io.log import Log
 from usbldr.io.messages import layouts
-from usbldr.io.opening import Request
+from usbldr.io.reading.opening import Request
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 

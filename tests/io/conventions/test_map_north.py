@@ -17,8 +17,8 @@ from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.log import Log
 from usbldr.io.messages import layouts
-from usbldr.io.read import Request, read_log
-from usbldr.io.timeline import timeline
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import Request, read_log
 from usbldr.io.writers.export import export
 
 T0_S, SPEED_MPS, SECONDS, LON_DEG = 1_600_000_000, 2.0, 10_000, 7.0

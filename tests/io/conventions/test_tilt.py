@@ -10,11 +10,11 @@ from logs import logged
 from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap, yaw
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
-from usbldr.io import role_records
 from usbldr.io.log import Log
 from usbldr.io.messages import layouts
-from usbldr.io.read import Request, read_log
-from usbldr.io.timeline import timeline
+from usbldr.io.reading import role_records
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import Request, read_log
 from usbldr.io.writers.export import export
 
 SECONDS, HEADING_DEG, ROLL_DEG = 200, 30.0, -8.0  # roll: port down

@@ -9,7 +9,7 @@ import pytest
 from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 VERTICES = """% timestamp, frame id, x, y, z
 1600000000.374442,0,0.1,0.2,9

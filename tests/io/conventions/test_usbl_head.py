@@ -11,8 +11,8 @@ from logs import MAP, codes, covariance, logged, logged_csv, places
 from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
-from usbldr.io.read import Request
-from usbldr.io.survey import survey
+from usbldr.io.reading.read import Request
+from usbldr.io.reading.survey import survey
 
 
 def ship(time_ns: int, east_m: float, north_m: float) -> Row:

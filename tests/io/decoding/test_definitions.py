@@ -19,8 +19,8 @@ from usbldr.io.decoding.cdr import RosDecoder, from_idl
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.decoders import decoder_of, decoder_without_definition
 from usbldr.io.decoding.definitions import KNOWN, SHIPPED, with_folders
-from usbldr.io.formats.db3_log import Db3Log
-from usbldr.io.formats.mcap_log import McapLog
+from usbldr.io.recordings.db3_log import Db3Log
+from usbldr.io.recordings.mcap_log import McapLog
 
 BEAM = "int64 id\nfloat64 velocity\nfloat64 distance\nfloat64 rssi\nfloat64 nsd\nbool valid\n"
 START = "std_msgs/Header header\nfloat64 time\ngeometry_msgs/Vector3 velocity\nfloat64 fom\n"

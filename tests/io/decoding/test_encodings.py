@@ -22,7 +22,7 @@ from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.decoding.protobuf import ProtobufDecoder
 from usbldr.io.formats.detect import open_log
 from usbldr.io.provenance import Convention
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 
 def field(

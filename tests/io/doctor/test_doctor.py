@@ -16,9 +16,9 @@ from curved import curved_dive, in_radians
 from recordings import SECOND, T0, Row, point, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
-from usbldr.io.formats.mcap_log import McapLog
-from usbldr.io.read import Request, read_log
 from usbldr.io.reader import Records
+from usbldr.io.reading.read import Request, read_log
+from usbldr.io.recordings.mcap_log import McapLog
 
 
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import pytest
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.types import Vector
 from usbldr.io.doctor.fix_noise import exceeds_heavy_tail, fix_noise_findings
-from usbldr.io.opening import Request
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.opening import Request
 from usbldr.io.session import open_log
-from usbldr.io.timeline import timeline
 
 
 def student_t(count: int, seed: int, dof: float = 4.0) -> Vector:

@@ -20,7 +20,7 @@ from usbldr.io.drills.drill import Drill, damaged
 from usbldr.io.drills.fault_text import fault_of
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
-from usbldr.io.opening import Request
+from usbldr.io.reading.opening import Request
 from usbldr.io.session import open_log
 
 NUMBERS: Mapping[str, Mapping[str, tuple[float, float]]] = {

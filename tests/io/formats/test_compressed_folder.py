@@ -16,8 +16,8 @@ from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
-from usbldr.io.opening import Request
-from usbldr.io.read import read_log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
 
 PACK: Mapping[str, Callable[[bytes], bytes]] = {
     "gz": gzip.compress,

@@ -19,9 +19,9 @@ from speed.bombs import in_mcap_in_file
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
-from usbldr.io.opening import Request
-from usbldr.io.read import read_log
 from usbldr.io.reader import Records
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
 
 
 def with_checksum(data: bytes) -> bytes:

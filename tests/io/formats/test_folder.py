@@ -15,7 +15,7 @@ from pyarrow import parquet
 from commands import run
 from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
 from usbldr.io.formats.detect import open_log
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 COUNT = 300  # [rows]
 TIMES = [T0 + k * SECOND for k in range(COUNT)]

@@ -31,7 +31,7 @@ from speed.format_bombs import (
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 
 MB = 1 << 20
 

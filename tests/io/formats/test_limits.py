@@ -28,8 +28,8 @@ from usbldr.io.decoding.decoders import decoder_of
 from usbldr.io.findings import Finding
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE, factor
-from usbldr.io.opening import Request
-from usbldr.io.read import read_log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
 from usbldr.io.settings.validation import read_document
 
 MB = 1 << 20

@@ -18,7 +18,7 @@ from rosbags.typesys.store import Typestore
 from recordings import ROS1, ROS2, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import from_msg
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 from usbldr_cli.main import cli
 
 TYPES = {

@@ -19,7 +19,7 @@ from logs import codes, logged, logged_csv
 from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads, write_rosbag2
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 INS = "acme_msgs/msg/InsOutput"
 DEFINITION = """\

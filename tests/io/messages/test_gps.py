@@ -12,7 +12,7 @@ from logs import logged
 from recordings import HEADER, HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp
 from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 PLACE = "float64 latitude\nfloat64 longitude\n"
 COVARIANCE = "float64[9] position_covariance\nuint8 position_covariance_type\n"

@@ -11,7 +11,7 @@ from logs import codes
 from recordings import SECOND, T0
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.read import Request, read_log
 
 LAT, LON = 0.7184, -0.1519  # [rad] off Porto
 START_S = T0 / SECOND

@@ -13,9 +13,9 @@ from recordings import SECOND, T0, sentence
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.nmea_sentences import WORD_LINE, find_sentences
 from usbldr.io.formats.detect import open_log
-from usbldr.io.inputs import input_files
 from usbldr.io.log import Log
-from usbldr.io.read import Request, read_log
+from usbldr.io.reading.inputs import input_files
+from usbldr.io.reading.read import Request, read_log
 
 # the example of Water Linked's serial protocol, and that of Nortek's manual
 WRZ = "wrz,0.120,-0.400,2.000,y,1.30,1.855,1e-07;0;1.4;0;1.2;0;0.2;0;1e+09,7,14,123.00,1*50"

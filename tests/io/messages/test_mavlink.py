@@ -10,8 +10,8 @@ from blueos_recordings import Row, delta, write_blueos
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
-from usbldr.io.opening import Request
-from usbldr.io.read import read_log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
 
 
 def dive() -> list[Row]:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from recordings import SECOND, T0, TWIST_COVARIANCE, Row, twist, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.messages.roles import Roles, choose_roles, find_topic
-from usbldr.io.opening import Request
-from usbldr.io.read import read_log
 from usbldr.io.reader import TopicInfo
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
 
 TWIST = ("header.stamp", "header.frame_id", "twist.linear.x", "twist.linear.y", "twist.linear.z")
 POINT = ("header.stamp", "header.frame_id", "point.x", "point.y", "point.z")

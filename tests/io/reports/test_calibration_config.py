@@ -15,9 +15,9 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.identification import ErrorEstimate, Identification, SensorErrorEvidence
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
-from usbldr.io.read import read_log
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import read_log
 from usbldr.io.reports.calibration_config import calibrated_configuration
-from usbldr.io.timeline import timeline
 
 SCENARIO = """\
 schema = 1

@@ -21,7 +21,7 @@ from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, Studen
 from usbldr.filters.simulation.scenario import Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.log import COLUMNS
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log

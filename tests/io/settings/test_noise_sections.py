@@ -43,7 +43,7 @@ FAMILIES["wide"] = Wide
 
 import sys
 from pathlib import Path
-from usbldr.io.read import read_log
+from usbldr.io.reading.read import read_log
 from usbldr.io.settings.toml_text import noise_text
 from usbldr_cli.main import cli
 from usbldr_cli.options.noise_option import noise_family

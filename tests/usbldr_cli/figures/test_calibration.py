@@ -10,11 +10,11 @@ from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.calibration import assumed_sd, estimated_errors
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.replay.run import run as run_filter
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.tracks import track_table
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.drawing import draw
 from usbldr_cli.figures.run_figures import run_pictures

@@ -15,10 +15,10 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory, Truth
 from usbldr.io.conventions.sanity import truth_jump_findings
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr.io.timeline import timeline
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import draw as draw_all

@@ -12,11 +12,11 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import StudentT
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.log import Log
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.session import RunSettings, replay
-from usbldr.io.timeline import timeline
 from usbldr_cli.options.unused_options import USERS, unused_options
 
 SHORT = dataclasses.replace(find_scenario("paper"), duration_s=20.0)

@@ -3,7 +3,7 @@
 import weakref
 
 from checkout import SAMPLES
-from usbldr.io.opening import DEFAULT_REQUEST
+from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.session import open_log
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.one_run import RunPlan, on_epochs

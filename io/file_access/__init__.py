@@ -1,0 +1,1 @@
+"""Open files, look at their bytes in pieces, and decompress them: what every format uses."""

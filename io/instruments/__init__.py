@@ -1,0 +1,1 @@
+"""Readers of the files that instruments, autopilots and vehicles write themselves."""

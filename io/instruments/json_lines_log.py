@@ -1,0 +1,166 @@
+"""Lines of JSON objects, and those of Water Linked's devices: a DVL's reports over TCP, a UGPS's positions over HTTP.
+
+Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
+time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
+takes that of the line before. Any other object is a topic by its "type"; without any time they are taken as 1 s apart.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, cast
+
+from usbldr.io.decoding.collected import read_whole
+from usbldr.io.decoding.decoder_set import DecoderSet
+from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, json_decoder
+from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
+from usbldr.io.file_access.open_file import head_lines, text_lines
+from usbldr.io.findings import Finding
+from usbldr.io.reader import Records, TopicInfo, name_of
+
+REPORTS = ("velocity", "velocity_water", "position_local")
+"""Reports of a DVL by their type."""
+WATER_LINKED = (*REPORTS, "global", "acoustic")
+FIRST_VERSION = {"time", "vx", "vy", "vz", "velocity_valid"}
+"""Keys of a report of velocities of the first version of the format (json_v1), which has no type."""
+FIRST_LINES = 20  # [lines] among which a report is looked for
+SAMPLES = 20  # [messages] from which the fields are taken
+COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
+LATEST_S = 4e9  # [s] the year 2096
+EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
+
+
+def looks_like_json_lines(head: bytes) -> bool:
+    """Return whether one of the first lines holds a report or a position of Water Linked's, or most any object."""
+    kinds = [_kind(_parsed(line)[1]) for line in head_lines(head)[:FIRST_LINES]]
+    return any(kind in WATER_LINKED for kind in kinds) or sum(map(bool, kinds)) > len(kinds) / 2
+
+
+class JsonLinesLog:
+    """A text file of such lines."""
+
+    format = "JSON lines"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._unfit: dict[str, Finding] = {}
+        self._lost: list[Finding] = []
+
+    @cached_property
+    def _lines(self) -> Mapping[str, list[tuple[int, bytes]]]:
+        """Return log time and text of each line by kind; record what was lost."""
+        found: dict[str, list[tuple[int, bytes]]] = {}
+        untimed, numbered, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
+        for number, line in enumerate(text_lines(self.path), start=1):
+            if not line.strip():
+                continue
+            text, value = _parsed(line)
+            if value is None:
+                bad, first_bad = bad + 1, first_bad or number
+                continue
+            kind = _kind(value)
+            logged = prefixed_ns(line[: line.find("{")])
+            last = logged if logged != NO_TIME else _own_time(value, last)
+            if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
+                since_ns = _since_last_ns(value)
+                counted, last = counted or (since_ns > 0 and last == NO_TIME), max(last, 0) + since_ns
+            if kind in WATER_LINKED and last == NO_TIME:
+                untimed += 1
+            elif kind:
+                numbered += last == NO_TIME
+                time_ns = number * 1_000_000_000 if last == NO_TIME else last
+                found.setdefault(kind, []).append((time_ns, text.encode()))
+        if counted:
+            self._lost.append(Finding("NO-DATE", f"{self.path.name}: {COUNTED}"))
+        if bad:
+            text = f"{self.path.name}: {bad} lines are no JSON, the first is line {first_bad}; left out"
+            self._lost.append(Finding("UNDECODED", text, lost_data=True))
+        if untimed:
+            text = f"{self.path.name}: {untimed} lines have no time; log them with one before each line"
+            self._lost.append(Finding("UNDECODED", text, lost_data=True))
+        if numbered:
+            text = f"{self.path.name}: {numbered} lines begin with no time; they are taken as 1 s apart"
+            self._lost.append(Finding("NMEA-TIME", text))
+        return found
+
+    @cached_property
+    def _streams(self) -> dict[tuple[str, str], Stream]:
+        streams: dict[tuple[str, str], Stream] = {}
+        counter = DecoderSet(self.path)
+        for kind, lines in self._lines.items():
+            counter.add_topic()
+            key = f"/{kind}", f"waterlinked/waterlinked_{kind}" if kind in WATER_LINKED else f"json/{kind}"
+            decoder = json_decoder(key[1], [text for _, text in lines[:SAMPLES]])
+            times = [time_ns for time_ns, _ in lines]
+            streams[key] = Stream(*key, "json", decoder, len(times), min(times), max(times))
+        return streams
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the kinds of lines."""
+        return tuple(stream.info() for stream in self._streams.values())
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Decode the wanted lines."""
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Decode the wanted lines block by block."""
+        self._unfit = {}
+        return decode_blocks(self.path, self._streams, wanted, self._messages(wanted), self._unfit)
+
+    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
+        for key in self._streams:
+            if key[0] in wanted:
+                for time_ns, text in self._lines[key[0][1:]]:
+                    yield key, time_ns, text
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report what was left out."""
+        _ = self._lines
+        return (*self._lost, *self._unfit.values())
+
+
+def _parsed(line: str) -> tuple[str, Mapping[str, Any] | None]:
+    """Return the text of the object that a line holds, and the object; None if it holds none."""
+    text = line[line.find("{") :].strip() if "{" in line else ""
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return text, None
+    return text, cast("Mapping[str, Any]", value) if isinstance(value, dict) else None
+
+
+def _kind(value: Mapping[str, Any] | None) -> str:
+    """Return what an object is: a DVL's report or a UGPS's position, else its type; empty for a response.
+
+    Reports of the first version have no type.
+    """
+    if value is None or value.get("type") == "response":
+        return ""
+    if value.get("type") in REPORTS:
+        return str(value["type"])
+    if "type" not in value and value.keys() >= FIRST_VERSION:
+        return "velocity"
+    if "lat" in value and "lon" in value:
+        return "global"
+    if {"x", "y", "z", "position_valid"} <= value.keys():
+        return "acoustic"
+    kind = value.get("type")
+    return name_of(kind) if isinstance(kind, str) and kind else "object"
+
+
+def _since_last_ns(value: Mapping[str, Any]) -> int:
+    """Return the time since the report before, which a report of velocities states in ms, as nanoseconds."""
+    since_ms = value.get("time")
+    return round(since_ms * 1e6) if isinstance(since_ms, int | float) and 0 < since_ms < LATEST_S else 0
+
+
+def _own_time(value: Mapping[str, Any], last: int) -> int:
+    """Return the time that a report states in nanoseconds since 1970, else that of the line before."""
+    sent_us, seconds = value.get("time_of_transmission", value.get("time_of_validity")), value.get("ts")
+    if isinstance(sent_us, int) and EARLIEST_S * 1e6 < sent_us < LATEST_S * 1e6:
+        return sent_us * 1000
+    if isinstance(seconds, float) and EARLIEST_S < seconds < LATEST_S:
+        return round(seconds * 1e6) * 1000  # microseconds: a float has no more
+    return last

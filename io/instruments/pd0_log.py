@@ -1,0 +1,181 @@
+"""PD0 files of Teledyne RDI's instruments: ensembles of a header, leaders and data.
+
+Sources: the PD0 output format of Teledyne's manuals (Pathfinder DVL Guide, tables 32 to 41), and Teledyne's ADCP
+Coordinate Transformation for velocities along beams.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.io.findings import Finding
+from usbldr.io.instruments.ensembles import ensembles, first_ensemble, topics_of
+from usbldr.io.instruments.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
+from usbldr.io.reader import Nanoseconds, Records, TopicInfo
+
+MARK = b"\x7f\x7f"  # fixed by the format: how each ensemble begins
+HEAD_BYTES = 6  # fixed by the format: mark, size, number of data
+FIXED_LEADER, VARIABLE_LEADER, BOTTOM_TRACK = 0x0000, 0x0080, 0x0600  # fixed: kinds of data
+LEAST_BYTES: Mapping[int, int] = {FIXED_LEADER: 26, VARIABLE_LEADER: 20, BOTTOM_TRACK: 32}  # fixed: up to what is used
+NO_VELOCITY = -32768  # fixed by the format
+BEAM, INSTRUMENT = 0, 1  # fixed: codes of coordinates; 2 are a ship's, 3 the earth's
+ANGLES_DEG = (15.0, 20.0, 30.0)  # fixed: of the beams from the axis, by their code
+ANGLE_AT = 58  # fixed: the place of any other angle in the fixed leader, degrees
+HUNDREDTH_NS = 10_000_000  # fixed
+CENTURY = 80  # [years] of two digits below it are after 2000
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    "/bottom_track": ("x", "y", "z", "coordinates"),
+    "/heading": ("heading_deg",),
+    "/depth": ("depth_m",),
+    "/gga": ("latitude", "longitude", "quality"),
+    "/navigation": ("header.stamp", "latitude", "longitude", "valid"),
+}
+
+
+USED = np.dtype(
+    [
+        ("clock", "u1", 7),  # year, month, day, hour, minute, second, hundredths
+        ("depth_dm", "<u2"),
+        ("heading_cdeg", "<u2"),
+        ("pattern", "u1"),  # of the beams
+        ("angle_code", "u1"),
+        ("coordinates", "u1"),
+        ("angle_deg", "u1"),
+        ("tracked", "u1"),  # whether there is bottom track
+        ("velocity_mmps", "<i2", 4),  # of the bottom, along beams or axes
+    ]
+)
+"""What is used of an ensemble."""
+
+
+def looks_like_pd0(head: bytes) -> bool:
+    """Return whether a file begins with an ensemble, or within one."""
+    return head.startswith(MARK) or first_ensemble(head, [MARK]) != b""
+
+
+class Pd0Log:
+    """A PD0 file."""
+
+    format = "PD0"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._findings: list[Finding] = []
+
+    @cached_property
+    def _tables(self) -> Mapping[str, Records]:
+        """Return the records of all topics that the file has; record what was lost."""
+        used = bytearray()
+        places: dict[str, list[Sequence[float]]] = {"/gga": [], "/navigation": []}
+        count = 0
+        for whole in ensembles(self.path, [MARK], self._findings):
+            count += 1
+            parts = _parts(whole)
+            if row := _used(parts):
+                used += row
+                number = len(used) // USED.itemsize - 1
+                places["/gga"] += winriver_fixes(parts.get(NMEA, []), number)
+                places["/navigation"] += vmdas_fixes(parts.get(NAVIGATION, []), number)
+        rows = np.frombuffer(used, USED)
+        times, timed = _times_ns(rows["clock"].astype(np.int64))
+        if unused := count - int(np.sum(timed)):
+            text = f"{unused} ensembles have no leader or no valid time; left out"
+            self._findings.append(Finding("UNDECODED", text))
+        placed = {topic: _placed(topic, found, times, timed) for topic, found in places.items() if found}
+        return _records(rows[timed], times[timed]) | {topic: r for topic, r in placed.items() if len(r.received_ns)}
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics: bottom track, heading and depth if they are not constant, and positions."""
+        return tuple(topics_of("pd0", FIELDS, self._tables))
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Return the wanted columns."""
+        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report what is missing from the file."""
+        _ = self._tables
+        return tuple(self._findings)
+
+
+def _parts(ensemble: bytes) -> dict[int, list[bytes]]:
+    """Return the data of an ensemble by their kind, each with the number of its kind."""
+    count = ensemble[5]
+    starts = [int.from_bytes(ensemble[at : at + 2], "little") for at in range(HEAD_BYTES, HEAD_BYTES + 2 * count, 2)]
+    found: dict[int, list[bytes]] = {}
+    for start, end in zip(starts, [*starts[1:], len(ensemble)], strict=False):
+        part = ensemble[start:end]
+        found.setdefault(int.from_bytes(part[:2], "little"), []).append(part)
+    return found
+
+
+def _used(parts: Mapping[int, Sequence[bytes]]) -> bytes:
+    """Return what is used of an ensemble, empty if it has no leaders."""
+    fixed, leader, bottom = (_part(parts, kind) for kind in (FIXED_LEADER, VARIABLE_LEADER, BOTTOM_TRACK))
+    if not fixed or not leader:
+        return b""
+    angle = fixed[ANGLE_AT : ANGLE_AT + 1] or b"\0"
+    track = b"\1" + bottom[24:32] if bottom else bytes(9)
+    return leader[4:11] + leader[16:20] + fixed[4:6] + fixed[25:26] + angle + track
+
+
+def _part(parts: Mapping[int, Sequence[bytes]], kind: int) -> bytes:
+    """Return the first data of a kind, empty if there are none or too few bytes."""
+    part = parts.get(kind, (b"",))[0]
+    return part if len(part) >= LEAST_BYTES[kind] else b""
+
+
+def _times_ns(clock: NDArray[np.int64]) -> tuple[Nanoseconds, NDArray[np.bool_]]:
+    """Return the times (n,) of clocks (n, 7), and which are valid."""
+    year, month, day, hour, minute, second, hundredths = clock.T
+    year = year + np.where(year < CENTURY, 2000, 1900)
+    months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
+    first, next_first = (which.astype("datetime64[D]").astype(np.int64) for which in (months, months + 1))
+    good = (month >= 1) & (month <= 12) & (day >= 1) & (day <= next_first - first)
+    good &= (hour < 24) & (minute < 60) & (second < 60)
+    seconds = (((first + day - 1) * 24 + hour) * 60 + minute) * 60 + second
+    return (seconds * 100 + hundredths) * HUNDREDTH_NS, good
+
+
+def _records(rows: NDArray[np.void], times: Nanoseconds) -> dict[str, Records]:
+    tables: dict[str, Records] = {}
+    tracked = rows["tracked"] == 1
+    if np.any(tracked):
+        velocities, coordinates = instrument_velocities(rows[tracked])
+        x, y, z = velocities.T
+        tables["/bottom_track"] = Records(times[tracked], {"x": x, "y": y, "z": z, "coordinates": coordinates})
+    quantities = {"/heading": ("heading_deg", rows["heading_cdeg"] / 100), "/depth": ("depth_m", rows["depth_dm"] / 10)}
+    for topic, (column, values) in quantities.items():
+        if len(values) and np.ptp(values) > 0:
+            tables[topic] = Records(times, {column: values})
+    return tables
+
+
+def _placed(topic: str, found: Sequence[Sequence[float]], times: Nanoseconds, timed: NDArray[np.bool_]) -> Records:
+    """Return positions, each the number of an ensemble, the time before it in ns, and the columns of the topic."""
+    numbers, before_ns, *columns = (np.array(column) for column in zip(*found, strict=True))
+    good = timed[numbers]
+    kept = {name: column[good] for name, column in zip(FIELDS[topic], columns, strict=True)}
+    return Records((times[numbers] - before_ns)[good], kept)
+
+
+def instrument_velocities(rows: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the velocities of the bottom in m/s, (n, 3), NaN if unknown, and their coordinates, (n,).
+
+    Those along beams become those along the axes of the instrument: beams 1 and 2 lie in x, 4 and 3 in y.
+    """
+    raw = rows["velocity_mmps"].astype(np.float64)
+    raw = np.where(raw == NO_VELOCITY, np.nan, raw) / 1000
+    coordinates = rows["coordinates"].astype(np.int64) >> 3 & 3
+    code = rows["angle_code"] & 3
+    angle_deg = np.where(code < len(ANGLES_DEG), np.take(ANGLES_DEG, code, mode="clip"), rows["angle_deg"])
+    angle = np.radians(np.where(angle_deg > 0, angle_deg, np.nan))
+    sign = np.where(rows["pattern"] & 8, 1.0, -1.0)
+    one, two, three, four = raw.T
+    x, y = (sign * (a - b) / (2 * np.sin(angle)) for a, b in ((one, two), (four, three)))
+    along = np.stack([x, y, (one + two + three + four) / (4 * np.cos(angle))], axis=1)
+    beams = coordinates == BEAM
+    return np.where(beams[:, None], along, raw[:, :3]), np.where(beams, INSTRUMENT, coordinates)

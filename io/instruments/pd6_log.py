@@ -1,0 +1,144 @@
+"""PD6: the text that Doppler logs of Teledyne RDI and Water Linked write, groups of lines that begin with a colon.
+
+Source: Water Linked's page of PD formats (docs/dvl/dvl-pd-formats.md of waterlinked/docs), which states the fields and
+units. A group is timed by its line TS; one without it is lost. Lines have no checksum.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from usbldr.io.file_access.open_file import head_lines, text_lines
+from usbldr.io.findings import Finding
+from usbldr.io.reader import Records, TopicInfo
+
+LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")  # a colon begins a line
+TIME = re.compile(r"\d{14}", re.ASCII)
+VELOCITY = ("x", "y", "z", "status")
+LINES: Mapping[str, tuple[tuple[str, ...], Callable[[Sequence[str]], tuple[float | str, ...]]]] = {
+    "BI": (VELOCITY, lambda f: (_number(f[0]), _number(f[1]), _number(f[2]), _status(f[4]))),
+    "BS": (VELOCITY, lambda f: (_number(f[0]), _number(f[1]), _number(f[2]), _status(f[3]))),
+    "BE": (VELOCITY, lambda f: (_number(f[0]), _number(f[1]), _number(f[2]), _status(f[3]))),
+    "SA": (("pitch_deg", "roll_deg", "heading_deg"), lambda f: (_number(f[0]), _number(f[1]), _number(f[2]))),
+    "TS": (("depth_m", "sound_speed_mps"), lambda f: (_number(f[3]), _number(f[4]))),
+}
+"""By the name of a line: its columns, and their values from its fields."""
+FIELD_COUNTS: Mapping[str, int] = {"BI": 5, "BS": 4, "BE": 4, "SA": 3, "TS": 6}  # fixed by the format
+USED = {"SA": "heading_deg", "TS": "depth_m"}
+"""Columns of which a topic is made only if they are not always the same: instruments without sensors write zeros."""
+
+
+def looks_like_pd6(head: bytes) -> bool:
+    """Return whether most lines of a file's first bytes are lines of PD6."""
+    lines = [line for line in head_lines(head)[:20] if line.strip()]
+    return sum(LINE.match(line) is not None for line in lines) > len(lines) / 2
+
+
+class Pd6Log:
+    """A text file of PD6."""
+
+    format = "PD6 text"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._findings: list[Finding] = []
+
+    @cached_property
+    def _tables(self) -> Mapping[str, Records]:
+        """Return the records of all topics; record what was lost."""
+        rows: dict[str, list[tuple[int, tuple[float | str, ...]]]] = {name: [] for name in LINES}
+        bad: list[int] = []
+        for group in _groups(text_lines(self.path)):
+            time_ns = next((_time(fields) for _, name, fields in group if name == "TS"), None)
+            for number, name, fields in group:
+                try:
+                    if not name or time_ns is None or len(fields) != FIELD_COUNTS.get(name, len(fields)):
+                        raise ValueError
+                    if name in LINES:
+                        rows[name].append((time_ns, LINES[name][1](fields)))
+                except ValueError:
+                    bad.append(number)
+        if bad:
+            text = f"{self.path.name}: {len(bad)} lines are cut, altered or without a time, the first is line {bad[0]}"
+            self._findings.append(Finding("UNDECODED", f"{text}; left out", lost_data=True))
+        return {f"/{name}": made for name, found in rows.items() if (made := _records(name, found)) is not None}
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the lines that hold something."""
+        found: list[TopicInfo] = []
+        for topic, records in self._tables.items():
+            times = records.received_ns
+            kind, fields = f"pd6/pd6_{topic[1:].lower()}", LINES[topic[1:]][0]
+            found.append(TopicInfo(topic, kind, "pd6", len(times), int(times.min()), int(times.max()), fields))
+        return tuple(found)
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Return the wanted columns."""
+        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report what was left out."""
+        _ = self._tables
+        return tuple(self._findings)
+
+
+def _groups(lines: Iterator[str]) -> Iterator[list[tuple[int, str, Sequence[str]]]]:
+    """Yield the lines of each group as number, name and fields; a group ends before the next SA or TS.
+
+    The name of a line that is none of PD6 is empty.
+    """
+    group: list[tuple[int, str, Sequence[str]]] = []
+    names: set[str] = set()
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        match = LINE.match(line) if line.endswith("\n") else None  # a last line without a line end may be cut
+        name, fields = (match[1], [field.strip() for field in match[2][1:].split(",")]) if match else ("", [])
+        if (name in names and name in ("SA", "TS")) or (name == "SA" and "TS" in names):
+            yield group
+            group, names = [], set()
+        group.append((number, name, fields))
+        names.add(name)
+    yield group
+
+
+def _time(fields: Sequence[str]) -> int | None:
+    """Return the time of a line TS, YYMMDDhhmmss and hundredths; None if it is not valid."""
+    if len(fields) != FIELD_COUNTS["TS"] or not TIME.fullmatch(fields[0]):
+        return None
+    digits = fields[0]
+    year, month, day, hour, minute, second, hundredths = (int(digits[k : k + 2]) for k in range(0, 14, 2))
+    try:
+        moment = datetime(2000 + year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return None
+    whole_s = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
+    return (whole_s * 100 + hundredths) * 10_000_000
+
+
+def _number(text: str) -> float:
+    if "_" in text:  # which Python takes for part of a number
+        raise ValueError
+    return float(text)
+
+
+def _status(text: str) -> str:
+    if text not in ("A", "V"):
+        raise ValueError
+    return text
+
+
+def _records(name: str, rows: Sequence[tuple[int, tuple[float | str, ...]]]) -> Records | None:
+    """Return the rows of a line as columns, None if it says nothing."""
+    if not rows:
+        return None
+    times = np.array([time_ns for time_ns, _ in rows], dtype=np.int64)
+    values = zip(*(values for _, values in rows), strict=True)
+    columns = dict(zip(LINES[name][0], map(np.array, values), strict=True))
+    if name in USED and len(np.unique(columns[USED[name]])) == 1:
+        return None
+    return Records(times, columns)

@@ -1,0 +1,146 @@
+"""A track that a vehicle or another program computed, to be judged like those of the filters: a topic or a file."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, SettingError, UsageError, did_you_mean
+from usbldr.filters.types import Mask, Trajectory, Vector
+from usbldr.io.axes import named_ned
+from usbldr.io.conventions.dvl_depth import chosen_convention
+from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
+from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_truth_file, read_truth_file
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import OriginKind
+from usbldr.io.log import Log
+from usbldr.io.messages.layouts import raw_records, wanted_paths
+from usbldr.io.messages.registry import message_layout_of
+from usbldr.io.messages.roles import find_topic, topic_named
+from usbldr.io.reader import Nanoseconds, TopicInfo
+from usbldr.io.reading.opening import Request, open_configured
+from usbldr.io.settings.sensor_sections import TruthSection
+
+COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
+
+
+def read_estimate(log: Log, request: Request, name: str, frame: str | None = None) -> tuple[Log, Trajectory]:
+    """Return the track of a topic of the log or of a file: east, north, and covariance and yaw if they are known.
+
+    The log comes with it because its truth says whether its place on the map of this track is known, and with a finding
+    about the frame, if there is one.
+
+    A file is TUM text, usbldr's own track, or CSV with usbldr's names. ``frame`` is ENU, NED or latlon (None: by type
+    and frame_id, else the one of ENU and NED that the truth fits clearly better, else ENU). Times are seconds of the
+    log. Raises LogError for what cannot be read, UsageError for a frame that does not fit.
+    """
+    placed, track, used, by_default = _read(log, request, name, frame)
+    truth = log.truth
+    if truth is None or not by_default:
+        return placed, track
+    apart_m = distances_m(truth.time_s, truth.position_m, track.time_s, track.position_m)
+    if not clearly_exchanged(apart_m):
+        return placed, track
+    other = {"ENU": "NED", "NED": "ENU"}[used]
+    text = (
+        f"{track.label}: read as {other}, because the truth then fits to {apart_m[1]:.2g} m (median) instead of "
+        f"{apart_m[0]:.2g} m; state --frame if that is wrong"
+    )
+    placed, track, _, _ = _read(log, request, name, other)
+    return replace(placed, findings=(*placed.findings, Finding("ESTIMATE-FRAME", text, track.label))), track
+
+
+def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log, Trajectory, str, bool]:
+    """Return the log and the track, its frame, and whether only the default chose between ENU and NED."""
+    recording = next((place for place in (Path(name), log.path.resolve().parent / name) if _is_recording(place)), None)
+    file = None if recording else find_truth_file(name, log.path, from_option=True)
+    if recording is not None:
+        table, label, used, by_default = _of_topic(log, recording, request, None, frame)
+    elif file is None:
+        if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
+            raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
+        table, label, used, by_default = _of_topic(log, log.path, request, name, frame)
+    else:
+        section = msgspec.convert({"frame": frame}, TruthSection)
+        read = read_truth_file(file, "option", section, log.start_ns, log.origin)
+        table, label, used = read.table, file.name, "" if read.on_log_plane else read.frame
+        by_default = read.provenance.convention("frame").chosen_by == "default"
+    table = table[np.isfinite(table["east_m"]) & np.isfinite(table["north_m"])]
+    table = table.sort_values("time_ns", kind="stable").drop_duplicates("time_ns", keep="last")
+    if table.empty:
+        raise LogError(f"{name}: no position is left of the estimate")
+    truth = log.truth
+    if truth is not None and used:
+        stated = log.origin is not None and log.origin.kind == OriginKind.MAP
+        truth = replace(truth, place_unknown=(used == "latlon") != _latlon(log) and not stated)
+    return replace(log, truth=truth), _trajectory(table, label, log.start_ns), used, by_default and bool(used)
+
+
+def _latlon(log: Log) -> bool:
+    """Tell whether the truth is known by latitude and longitude."""
+    role = "truth" if "truth" in log.provenance else "gps"
+    return log.convention(role, "frame").value == "latlon"
+
+
+def _is_recording(place: Path) -> bool:
+    """Tell whether a place is a recording of messages: MCAP, a bag, a rosbag2 folder or file."""
+    formats = (".mcap", ".bag", ".db3")
+    return (place.suffix in formats and place.is_file()) or (place.is_dir() and (place / "metadata.yaml").is_file())
+
+
+def _only_pose(path: Path, topics: Sequence[TopicInfo]) -> str:
+    """Return the one topic of positions in a recording; raise UsageError that lists them if there are several."""
+    names = [topic.name for topic in topics if topic.count and message_layout_of("truth", topic) is not None]
+    if len(names) != 1:
+        which = f"several topics of positions ({', '.join(names)})" if names else "no topic of positions"
+        raise UsageError(f"--estimate {path.name} has {which}: join it by --with {path.name}, and name its topic")
+    return names[0]
+
+
+def _of_topic(
+    log: Log, path: Path, request: Request, name: str | None, frame: str | None
+) -> tuple[pd.DataFrame, str, str, bool]:
+    """Read a topic of a recording; without a name, its only one of positions."""
+    if not path.exists():
+        raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
+    reader = open_configured(path, request if name else replace(request, configuration="none", joined=())).reader
+    name = _only_pose(path, reader.topics()) if name is None else name
+    if find_topic(reader.topics(), name) is None:
+        hint = did_you_mean(name, [topic.name for topic in reader.topics()], 3)
+        raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic{hint}", path=log.path)
+    choice = topic_named(path, reader.topics(), "truth", name, "option")
+    topic, layout = choice.topic, choice.layout
+    paths = wanted_paths(topic, layout)
+    raw = raw_records(path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
+    try:
+        is_ned = named_ned(raw.frame_id)
+        used, chosen_by, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")
+        if "lat_deg" in layout.required and used != "latlon":
+            raise SettingError(f"--frame {used}: {name} holds latitudes and longitudes")
+    except SettingError as err:
+        raise UsageError(err.text) from err
+    good: Mask = ~np.any(list(place_causes(raw, used).values()), axis=0)
+    covariance = message_covariance(raw, used)
+    columns: dict[str, Vector | Nanoseconds] = {"time_ns": times_of(raw, None, 0.0).time_ns}
+    columns["east_m"], columns["north_m"] = on_plane(raw, used, log.origin)
+    columns |= {key: covariance[:, k // 2, k % 2] for k, key in enumerate(COVARIANCE)}
+    columns |= {key: column for key, column in pose_columns(raw, str(used)).items() if key == "heading_deg"}
+    table = pd.DataFrame({key: values[good] for key, values in columns.items()})
+    return table, topic.name, used, chosen_by == "default" and not is_ned
+
+
+def _trajectory(table: pd.DataFrame, label: str, start_ns: int) -> Trajectory:
+    time_s = (table["time_ns"].to_numpy() - start_ns) / 1e9
+    names, columns = ("x", "y"), [table["east_m"].to_numpy(float), table["north_m"].to_numpy(float)]
+    if "heading_deg" in table and np.isfinite(table["heading_deg"]).all():
+        names = ("psi", *names)
+        columns.insert(0, np.unwrap(-np.radians(table["heading_deg"].to_numpy(float))))
+    cov = None
+    if set(COVARIANCE) <= set(table) and np.isfinite(table["cov_ee_m2"]).any():
+        cov = np.full((len(table), len(names), len(names)), np.nan)
+        cov[:, -2:, -2:] = table[list(COVARIANCE)].to_numpy(float).reshape(-1, 2, 2)
+    return Trajectory(label, names, time_s, np.column_stack(columns), cov)

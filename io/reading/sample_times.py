@@ -1,0 +1,122 @@
+"""The times at which something was taken: rows of a table, records of a topic, photos of a folder."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
+from usbldr.io.messages.roles import find_topic
+from usbldr.io.reader import Nanoseconds, blocks_of
+from usbldr.io.reading.opening import Request, open_configured
+
+PHOTOS = (".jpg", ".jpeg", ".tif", ".tiff", ".png", ".webp")
+DATES = ("time", "timestamp", "datetime", "date_time", "utc", "time_utc")
+TAKEN, SUBSECOND, ZONE, EXIF = 36867, 37521, 36881, 34665  # fixed: tags of EXIF 2.32
+NAME = "name"  # column of what was taken
+
+
+class SampleTimes(NamedTuple):
+    """When each of n things was taken."""
+
+    time_ns: Nanoseconds  # (n,)
+    names: Sequence[str]  # (n,) photo, or number of the row
+    columns: pd.DataFrame  # (n,) what the table holds besides
+
+
+def sample_times(place: str, log: Path, start_ns: int, clock_s: float) -> SampleTimes:
+    """Return the times of a file NAME.csv, of a folder of photos, or of a topic of the run's log.
+
+    ``clock_s`` is how far the clock that stamped them is ahead; ``start_ns`` is where time_s of a table counts from.
+    Raises LogError if there are no times, UsageError if nothing has that name.
+    """
+    path = Path(place)
+    if path.is_dir():
+        found = _photos(path)
+    elif path.is_file():
+        found = _table(path, start_ns)
+    elif log.exists():
+        found = _topic(place, log)
+    else:
+        raise UsageError(f"{place} is no file and no folder, and the log {log} with such a topic is gone (--log)")
+    if not len(found.time_ns):
+        raise LogError(f"{place} holds nothing with a time")
+    return found._replace(time_ns=found.time_ns - round(clock_s * 1e9))
+
+
+def _table(path: Path, start_ns: int) -> SampleTimes:
+    """Read a CSV table with one column of times: time_ns and the like, time_s of a run's tables, or dates in UTC."""
+    try:
+        table = pd.read_csv(path)
+    except (ValueError, OSError) as err:
+        raise LogError(f"{path} is not a CSV table: {str(err).splitlines()[0]}", path=path) from err
+    lower = {str(name).strip().lower(): str(name) for name in table.columns}
+    units = {key: unit for key, unit in TIME_UNITS_NS.items() if key not in AT_1970}
+    keys = [key for key in (*units, *DATES) if key in lower]
+    if not keys:
+        raise LogError(f"{path} has no column of times: name one {', '.join((*units, DATES[0]))}", path=path)
+    column = table[lower[keys[0]]]
+    if keys[0] in DATES:
+        moments = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
+        bad = moments.isna()
+        time_ns = moments.dt.as_unit("ns").astype("int64").to_numpy()
+    else:
+        numbers = pd.to_numeric(column, errors="coerce")
+        bad = numbers.isna()
+        exact = numbers.dtype.kind in "iu" and units[keys[0]] == 1
+        counted = numbers if exact else (numbers.fillna(0) * units[keys[0]]).round()
+        time_ns = counted.astype("int64").to_numpy() + (start_ns if keys[0] == "time_s" else 0)
+    if bad.any():
+        row = int(np.argmax(bad.to_numpy()))
+        raise LogError(f"{path}: row {row + 2}: {column.iloc[row]!r} is no time ({lower[keys[0]]})", path=path)
+    others = table.drop(columns=[lower[keys[0]]])
+    return SampleTimes(np.asarray(time_ns, dtype=np.int64), [str(row + 1) for row in range(len(table))], others)
+
+
+def _topic(name: str, log: Path) -> SampleTimes:
+    reader = open_configured(log, Request()).reader
+    topic = find_topic(reader.topics(), name)
+    if topic is None:
+        listed = ", ".join(one.name for one in reader.topics()[:20])
+        raise UsageError(f"{name} is no file, no folder and no topic of {log} (its topics: {listed})")
+    stamp = "header.stamp"
+    blocks = [block for _, block in blocks_of(reader, {topic.name: [stamp] if topic.has(stamp) else []})]
+    times = [block.columns.get(stamp, block.received_ns) for block in blocks]
+    time_ns = np.concatenate([np.empty(0, dtype=np.int64), *times])
+    return SampleTimes(time_ns, [str(row + 1) for row in range(len(time_ns))], pd.DataFrame(index=range(len(time_ns))))
+
+
+def _photos(folder: Path) -> SampleTimes:
+    """Return when the photos of a folder were taken, by EXIF; without a zone their times are UTC."""
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PHOTOS)
+    if not files:
+        raise LogError(f"{folder} holds no photo ({', '.join(PHOTOS)})", path=folder)
+    times = {file.name: _taken_ns(file) for file in files}
+    untimed = [name for name, time_ns in times.items() if time_ns is None]
+    if untimed:
+        more = f" and {len(untimed) - 1} more" if len(untimed) > 1 else ""
+        raise LogError(f"{folder}: {untimed[0]}{more} states no time (EXIF DateTimeOriginal)", path=folder)
+    time_ns = np.array([found for found in times.values() if found is not None], dtype=np.int64)
+    return SampleTimes(time_ns, list(times), pd.DataFrame(index=range(len(times))))
+
+
+def _taken_ns(file: Path) -> int | None:
+    from PIL import Image  # comes with matplotlib
+
+    try:
+        with Image.open(file) as image:
+            tags = image.getexif().get_ifd(EXIF)
+        moment = datetime.strptime(str(tags[TAKEN]).strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        zone = str(tags.get(ZONE, "")).strip("\0 ")
+        if zone:
+            sign, hours, minutes = -1 if zone[0] == "-" else 1, int(zone[1:3]), int(zone[4:6])
+            moment -= sign * timedelta(hours=hours, minutes=minutes)
+        fraction = str(tags.get(SUBSECOND, "")).strip("\0 ")
+    except (OSError, ValueError, KeyError, SyntaxError):
+        return None
+    nanoseconds = int(f"{fraction:0<9}"[:9]) if fraction.isdigit() else 0
+    return int(moment.timestamp()) * 1_000_000_000 + nanoseconds

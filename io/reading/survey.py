@@ -1,0 +1,73 @@
+"""What a log holds and how it would be interpreted, also if it cannot be replayed as is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.conventions.clock_parts import PartsError
+from usbldr.io.findings import Finding
+from usbldr.io.log import Log
+from usbldr.io.reader import TopicInfo
+from usbldr.io.reading.opening import Request, open_configured
+from usbldr.io.reading.read import read, require, roles_of
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """A log's topics, their roles, and the log itself or why it cannot be read."""
+
+    path: Path
+    format: str
+    configuration: Path | None
+    topics: tuple[TopicInfo, ...]
+    roles: Mapping[str, str]  # role -> topic
+    findings: tuple[Finding, ...]
+    log: Log | None  # without the undecided roles; None: see fault
+    fault: str  # why it cannot be replayed as is; a log without any sensor needs no reason
+    unreadable: bool = False  # whether the messages of a sensor's topic cannot be read
+
+    @property
+    def complete(self) -> bool:
+        """Return whether all topics of sensors could be read, and nothing of the file was lost."""
+        return not self.unreadable and not any(finding.lost_data for finding in self.findings)
+
+
+def survey(path: Path, request: Request) -> Survey:
+    """Survey a log; raise LogError if it is not a log, UsageError if the configuration is invalid."""
+    opened = open_configured(path, request)
+    reader = opened.reader
+    topics = reader.topics()
+    found = roles_of(topics, request, opened)
+    roles, undecided = found.chosen, dict.fromkeys(found.unresolved, "none")
+    more: tuple[Finding, ...] = ()
+    log, fault = None, "; ".join(unresolved.text_beside(path) for unresolved in found.unresolved.values())
+    try:
+        log = read(opened, replace(request, topics={**request.topics, **undecided}))
+        if roles and not fault:
+            require(log, ("dvl", "compass"))  # without fixes, dead reckoning is still possible
+    except UsbldrError as err:
+        fault = fault or err.text_beside(path)
+        more = (err.finding,) if isinstance(err, PartsError) else ()
+    return Survey(
+        path=path,
+        format=reader.format,
+        configuration=opened.file,
+        topics=topics,
+        roles={role: choice.topic.name for role, choice in roles.items()},
+        findings=log.findings if log else (*reader.findings(), *more),
+        log=log,
+        fault=fault,
+        unreadable=any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values()),
+    )
+
+
+def survey_of(log: Log) -> Survey:
+    """Survey a log that has no file, such as a simulated one."""
+    topics: list[TopicInfo] = []
+    for role, table in log.tables.items():
+        received = [log.start_ns + round(t * 1e9) for t in (table["received_s"].min(), table["received_s"].max())]
+        p = log.provenance[role]
+        topics.append(TopicInfo(p.topic, p.type, log.format, len(table), received[0], received[1]))
+    roles = {role: log.provenance[role].topic for role in log.tables}
+    return Survey(log.path, log.format, None, tuple(topics), roles, log.findings, log, "")

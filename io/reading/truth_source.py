@@ -1,0 +1,118 @@
+"""Where the truth comes from, of which kind it is, and whether its place on the map of the fixes is known."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from usbldr.filters.errors import LogError, UsageError, did_you_mean
+from usbldr.io.conventions.truth import find_truth_file
+from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
+from usbldr.io.geodesy import Origin, OriginKind
+from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.roles import TopicChoice, find_topic, topic_named
+from usbldr.io.provenance import Provenance
+from usbldr.io.reader import TopicInfo
+from usbldr.io.reading.opening import Request
+from usbldr.io.settings.sensor_sections import Configuration, GpsSection
+
+KINDS_BY_NAME = {
+    "slam": re.compile(r"slam|graph_vertices|pose_graph"),
+    "simulated": re.compile(r"(^|[/_])(sim|simulated|simulator|gazebo|stonefish|holoocean)($|[/_.])"),
+}
+"""Words of the names of local truths."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthSource:
+    """The source of the truth: a file, a topic, none (off), else the GPS."""
+
+    file: Path | None = None
+    topic: TopicChoice | None = None
+    off: bool = False
+    chosen_by: str = "configuration"
+
+
+def truth_source(
+    path: Path, topics: Sequence[TopicInfo], request: Request, configuration: Configuration
+) -> TruthSource:
+    """Return the source: of the option, else of [truth], else the simulator's own topic, else the GPS.
+
+    Raises LogError if a file or topic is not there.
+    """
+    section, option = configuration.truth, request.truth
+    if option == "none" or (option is None and section.topic == "none"):
+        return TruthSource(off=True)
+    if option is not None:
+        file = find_truth_file(option, path, from_option=True)
+        if file is not None:
+            return TruthSource(file, chosen_by="option")
+        if find_topic(topics, option) is None:
+            hint = did_you_mean(option, [topic.name for topic in topics], 3)
+            raise LogError(f"truth {option} is neither a file, here or beside the log, nor a topic{hint}", path=path)
+        return TruthSource(topic=topic_named(path, topics, "truth", option, "option"), chosen_by="option")
+    if section.file is not None:
+        file = find_truth_file(section.file, path, from_option=False)
+        if file is None:
+            raise LogError("no such truth file ([truth] file)", path=path.resolve().parent / section.file)
+        return TruthSource(file)
+    if section.topic is not None:
+        return TruthSource(topic=topic_named(path, topics, "truth", section.topic, "configuration"))
+    own = [topic for topic in topics if topic.type == "usbldr/truth"]
+    return TruthSource(
+        topic=topic_named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None
+    )
+
+
+def refuse_as_sensor(path: Path, choices: Mapping[str, TopicChoice], truth_role: str | None) -> None:
+    """Raise UsageError if a sensor of the filter reads the topic of the truth."""
+    if truth_role is None or truth_role not in choices:
+        return
+    for role in ("dvl", "compass", "usbl", SHIP, SHIP_HEADING):
+        if role not in choices or choices[role].topic.name != choices[truth_role].topic.name:
+            continue
+        fields, true_fields = (set(choices[who].layout.required.values()) for who in (role, truth_role))
+        if (
+            fields & true_fields or not choices[role].layout.by_columns
+        ):  # by columns, one topic may hold several sensors
+            raise UsageError(
+                f"{choices[role].topic.name} cannot be the {role} and the truth at once: "
+                'name another --truth, or "none"',
+                path=path,
+            )
+
+
+def truth_section(configuration: Configuration, raws: Mapping[str, RawRecords], truth_by: str) -> GpsSection:
+    """Return how a truth topic is read: as the GPS, if it is that, else by [truth] frame.
+
+    A topic of latitudes that an option puts instead of the configured truth does not have that truth's frame.
+    """
+    same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
+    section = configuration.gps if same else GpsSection()
+    if truth_by == "option" and "lat_deg" in raws["truth"].layout.required:
+        return section
+    return msgspec.structs.replace(section, frame=configuration.truth.frame or section.frame)
+
+
+def truth_kind(source: TruthSource, request: Request, configuration: Configuration) -> str:
+    """Return the kind of truth: as stated, unless an option names another source; else by type, then by name."""
+    section = configuration.truth
+    if section.kind is not None and (source.chosen_by != "option" or request.truth in (section.topic, section.file)):
+        return section.kind
+    named = source.file.name if source.file else source.topic.topic.name if source.topic else ""
+    by_name = next((kind for kind, words in KINDS_BY_NAME.items() if words.search(named.lower())), None)
+    if source.file is not None or (source.topic is not None and source.topic.layout.defaults.get("frame") != "latlon"):
+        return by_name or "other"
+    return "gps"
+
+
+def place_unknown(provenance: Mapping[str, Provenance], origin: Origin | None) -> bool:
+    """Return whether only one of fixes and truth has latitudes, and the origin of the other's map is not stated."""
+    if "usbl" not in provenance or origin is None:
+        return False
+    truth = provenance["truth" if "truth" in provenance else "gps"]
+    fixes_latlon, truth_latlon = provenance["usbl"].geodetic, truth.convention("frame").value == "latlon"
+    stated = (OriginKind.MAP, OriginKind.HEAD, OriginKind.BEACON) if truth_latlon else (OriginKind.MAP,)
+    return fixes_latlon != truth_latlon and origin.kind not in stated

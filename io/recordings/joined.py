@@ -1,0 +1,169 @@
+"""Several logs as one: the parts of a split recording, or the files of one dive, each with a clock of its own."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
+from usbldr.io.decoding.definitions import ros2_name
+from usbldr.io.findings import Finding
+from usbldr.io.messages.registry import STAMPS
+from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo, blocks_of
+from usbldr.io.recordings.counts import count_findings
+
+UNDATED = ("NMEA-DATE", "NO-DATE")
+"""Codes of the finding that the times of a log have no date."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogPart:
+    """A log, and its clock minus the clock of the joined log, which is subtracted from its times."""
+
+    reader: Reader
+    offset_ns: int = 0
+    dated: bool = False  # whether the offset has the date that the log lacks
+    name: str = ""  # what its findings are told apart by; "": its file
+
+
+@dataclass(frozen=True, slots=True)
+class JoinedLog:
+    """Logs read as one; topics of the same name and type are one topic."""
+
+    path: Path
+    format: str
+    parts: tuple[LogPart, ...]
+    joining_findings: tuple[Finding, ...] = ()  # findings of the parts together
+    stated_messages: int | None = None  # number of messages that the parts should hold together
+    time_units_ns: Mapping[str, int] = field(default_factory=dict[str, int])  # of the fields that the user calls times
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics of all parts."""
+        found: dict[tuple[str, str], TopicInfo] = {}
+        for part in self.parts:
+            for topic in (_shifted(topic, part.offset_ns) for topic in part.reader.topics()):
+                key = _key(topic)
+                found[key] = _together(found[key], topic) if key in found else topic
+        return tuple(found.values())
+
+    def with_columns(self, configured: Sequence[Any]) -> "JoinedLog":
+        """Return this log with the columns of its tables that the configuration states."""
+        faults: dict[int, UsageError] = {}  # columns -> why a part does not have them
+        parts: list[LogPart] = []
+        accepted: set[int] = set()
+        for part in self.parts:
+            if not isinstance(part.reader, NamedColumns):
+                parts.append(part)
+                continue
+            fitting: list[int] = []
+            for number, one in enumerate(configured):
+                try:
+                    part.reader.with_columns([one]).topics()
+                    fitting.append(number)
+                except UsageError as fault:
+                    faults.setdefault(number, fault)
+            accepted |= set(fitting)
+            named = part.reader.with_columns([configured[number] for number in fitting])
+            parts.append(replace(part, reader=named))
+        for number in faults.keys() - accepted:
+            raise faults[number]
+        return replace(self, parts=tuple(parts))
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read each part, shift its times, and put the records in the order of log time."""
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Read one part after the other block by block, and shift its times."""
+
+        def rank(topic: TopicInfo) -> tuple[int, int]:
+            return sum(topic.has(path) for path in wanted.get(topic.name, ())), topic.count
+
+        largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=rank)}
+        for part in self.parts:
+            present = {_key(topic) for topic in part.reader.topics() if topic.count}
+            own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
+            for topic, records in blocks_of(part.reader, own) if own else ():
+                yield topic, _moved(records, part.offset_ns, self.time_units_ns)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report what was lost or unusual in each part."""
+        own = [
+            finding if not part.name and part.reader.path == self.path else _of(part, finding)
+            for part in self.parts
+            for finding in part.reader.findings()
+            if not (part.dated and finding.code in UNDATED)
+        ]
+        counted: list[Finding] = []
+        if self.stated_messages is not None and not any(finding.lost_data for finding in own):
+            found = sum(topic.count for topic in self.topics())
+            counted = count_findings("metadata.yaml", {"": self.stated_messages}, {"": found})
+        return (*self.joining_findings, *counted, *own)
+
+
+def readable_parts(
+    files: Sequence[Path], open_file: Callable[[Path], Reader], names: Sequence[str] = ()
+) -> tuple[tuple[LogPart, ...], list[Finding]]:
+    """Return the files that can be read, and a finding for each other; raise LogError if there is none.
+
+    ``names``: what they are told apart by, if not their files.
+    """
+    parts: list[LogPart] = []
+    unread: list[Finding] = []
+    faults: list[LogError] = []
+    for file, name in zip(files, names or [file.name for file in files], strict=True):
+        try:
+            reader = open_file(file)
+            reader.topics()
+            parts.append(LogPart(reader, name=name))
+        except LogError as fault:
+            unread.append(Finding("DAMAGED", f"{name} cannot be read: {fault.text}", lost_data=True))
+            faults.append(fault)
+    if not parts and faults:
+        raise faults[0]
+    return tuple(parts), unread
+
+
+def _of(part: LogPart, finding: Finding) -> Finding:
+    return replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
+
+
+def _key(topic: TopicInfo) -> tuple[str, str]:
+    """Return the key of a topic: its name and its type, which ROS 1 and ROS 2 spell differently."""
+    return topic.name, ros2_name(topic.type)
+
+
+def _shifted(topic: TopicInfo, offset_ns: int) -> TopicInfo:
+    if topic.first_ns is None or topic.last_ns is None:
+        return topic
+    return replace(topic, first_ns=topic.first_ns - offset_ns, last_ns=topic.last_ns - offset_ns)
+
+
+def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
+    firsts = [t for t in (a.first_ns, b.first_ns) if t is not None]
+    lasts = [t for t in (a.last_ns, b.last_ns) if t is not None]
+    return replace(
+        a,
+        count=a.count + b.count,
+        first_ns=min(firsts, default=None),
+        last_ns=max(lasts, default=None),
+        fields=tuple(f for f in a.fields if f in b.fields) if a.count and b.count else (a if a.count else b).fields,
+        problem=a.problem or b.problem,
+        arrays=a.arrays | b.arrays,
+    )
+
+
+def _moved(records: Records, offset_ns: int, units_ns: Mapping[str, int]) -> Records:
+    """Subtract a clock's offset from log times and stamps; a stamp of zero is unset and stays so."""
+    if not offset_ns:
+        return records
+    columns = dict(records.columns)
+    for path in (STAMPS | units_ns.keys()) & columns.keys():
+        unit_ns = units_ns.get(path, 1)
+        if columns[path].dtype.kind in ("iu" if path in STAMPS else "iuf"):
+            offset = offset_ns if unit_ns == 1 else offset_ns / unit_ns
+            columns[path] = np.where(columns[path] == 0, 0, columns[path] - offset)
+    return Records(records.received_ns - offset_ns, columns)

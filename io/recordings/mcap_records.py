@@ -1,0 +1,186 @@
+"""The records of an MCAP file (https://mcap.dev/spec), read front to back; the file may be truncated or damaged."""
+
+import struct
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from io import BufferedReader, BytesIO
+from typing import NamedTuple, TypeAlias
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Schema, Statistics
+
+from usbldr.io.limits import UnpackingBudget
+from usbldr.io.recordings.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReader, crc32
+
+MAGIC = b"\x89MCAP0\r\n"
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
+INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records of a chunk
+LATEST = (1 << 63) - 1  # [ns] in the year 2262; a later log time is a flipped bit
+STEP = 1 << 20  # [bytes] read at once for a checksum
+
+
+class McapMessage(NamedTuple):
+    """One message; its bytes are valid until the next record is read."""
+
+    channel: int
+    time_ns: int  # log time
+    data: memoryview
+
+
+Record: TypeAlias = Schema | Channel | McapMessage
+
+
+class CutError(EOFError):
+    """The bytes end inside a record."""
+
+
+@dataclass(slots=True)
+class McapScan:
+    """One pass over a file: an iterator over its records that records what was damaged."""
+
+    file: BufferedReader
+    size: int
+    chunks: Mapping[int, ChunkIndex] = field(default_factory=dict[int, ChunkIndex])  # by place, as far as known
+    complete: bool = False  # the end of the data was reached
+    finished: bool = False  # so was the end of the file
+    messages: int = 0
+    undated: int = 0  # messages with a log time after the year 2262, or outside their altered chunk's
+    found: Counter[int] = field(default_factory=Counter[int])  # number of messages by channel
+    stated: Mapping[int, int] = field(default_factory=dict[int, int])  # the same according to the file's statistics
+    expected_messages: int | None = None  # number of messages according to the file's statistics
+    good_until: int = len(MAGIC)  # byte after the last complete record
+    broken_at: int | None = None  # first byte of the first damaged record
+    unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
+    oversized: bool = False  # lost chunks are beyond the limit of a chunk
+    lost_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # log times from, to
+    altered_chunks: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # read despite their checksum
+    altered_data: bool = False  # the data as a whole have another checksum than the file states
+
+    def __iter__(self) -> Iterator[Record]:
+        """Yield schemas, channels and messages in the order of the file.
+
+        After damage it continues at the next chunk in the index.
+        """
+        while not self.finished:
+            self.file.seek(self.good_until)
+            try:
+                yield from self._records()
+            except DAMAGE:
+                if self.complete:
+                    return
+                start = self.good_until
+                self.broken_at = start if self.broken_at is None else self.broken_at
+                next_chunk = min((place for place in self.chunks if place > start), default=None)
+                if next_chunk is None:
+                    return
+                inside = [chunk for place, chunk in self.chunks.items() if place <= start < place + chunk.chunk_length]
+                self.lost_chunks += [(chunk.message_start_time, chunk.message_end_time) for chunk in inside]
+                self.good_until = next_chunk
+
+    def _records(self) -> Iterator[Record]:
+        chunks = ChunkReader(self.file)
+        while not self.finished:
+            op, length = HEAD.unpack(self._exactly(HEAD.size))
+            left = self.size - self.good_until - HEAD.size
+            if op == Opcode.CHUNK:
+                yield from self._chunk(chunks, length, left)
+            elif length > left:
+                raise CutError
+            elif op in READ and not (self.complete and op == Opcode.MESSAGE):
+                record = self._record(op, memoryview(self._exactly(length)))
+                if record is not None:
+                    yield record
+            elif op == Opcode.DATA_END:
+                (checksum,) = struct.unpack_from("<I", self._exactly(length))
+                self.complete = True
+                self._compare(checksum)
+            else:
+                self.file.seek(length, 1)
+                self.finished = op == Opcode.FOOTER and self._exactly(len(MAGIC)) == MAGIC
+            self.good_until += HEAD.size + length
+
+    def _compare(self, checksum: int) -> None:
+        """Compare the checksum of all bytes before this record with the stated one; 0 states none."""
+        if not checksum or self.broken_at is not None or self.lost_chunks or self.altered_chunks:
+            return
+        here, left, computed = self.file.tell(), self.good_until, 0
+        self.file.seek(0)
+        while left:
+            block = self._exactly(min(left, STEP))
+            computed, left = crc32(block, computed), left - len(block)
+        self.altered_data = computed != checksum
+        self.file.seek(here)
+
+    def _exactly(self, count: int) -> bytes:
+        data = self.file.read(count)
+        if len(data) < count:
+            raise CutError
+        return data
+
+    def _chunk(self, chunks: ChunkReader, length: int, left: int) -> Iterator[Record]:
+        """Yield the records of a chunk; of a truncated one, the complete records.
+
+        If its checksum is wrong, its records are read only if they fill it exactly, at times within its own.
+        """
+        chunk = chunks.read(length, left)
+        sound = chunk.sound
+        times = chunk.first_ns, min(chunk.last_ns, LATEST)
+        try:
+            if not chunk.altered:
+                yield from self._inside(chunk.data, chunks.budget)
+            elif sound := _filled(chunk.data):
+                self.altered_chunks.append(times)
+                yield from self._inside(chunk.data, chunks.budget, times)
+        except DAMAGE:
+            sound = False
+        if not chunk.whole:
+            raise CutError
+        if not sound:
+            self.unknown |= {chunk.compression} - set(COMPRESSIONS)
+            self.oversized |= chunk.oversized
+            self.lost_chunks.append(times)
+
+    def _inside(
+        self, data: memoryview, budget: UnpackingBudget, times: tuple[int, int] = (0, LATEST)
+    ) -> Iterator[Record]:
+        at, end = 0, len(data)
+        while at < end:
+            op, length = HEAD.unpack_from(data, at)
+            budget.take_record()
+            body, at = at + HEAD.size, at + HEAD.size + length
+            if at > end or not op:
+                raise CutError
+            record = self._record(op, data[body:at], times)
+            if record is not None:
+                yield record
+
+    def _record(self, op: int, body: memoryview, times: tuple[int, int] = (0, LATEST)) -> Record | None:
+        if op == Opcode.MESSAGE:
+            channel, _, time_ns, _ = MESSAGE.unpack_from(body)
+            self.found[channel] += 1
+            if times[0] <= time_ns <= times[1]:
+                self.messages += 1
+                return McapMessage(channel, time_ns, body[MESSAGE.size :])
+            self.undated += 1
+        elif op == Opcode.SCHEMA:
+            return Schema.read(ReadDataStream(BytesIO(body)))
+        elif op == Opcode.CHANNEL:
+            return Channel.read(ReadDataStream(BytesIO(body)))
+        elif op == Opcode.STATISTICS:
+            statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+            self.stated, self.expected_messages = statistics.channel_message_counts, statistics.message_count
+        return None
+
+
+def _filled(data: memoryview) -> bool:
+    """Return whether records of a chunk fill the bytes exactly."""
+    at = 0
+    while at + HEAD.size <= len(data):
+        op, length = HEAD.unpack_from(data, at)
+        if op not in INSIDE:
+            return False
+        at += HEAD.size + length
+    return at == len(data)

@@ -1,0 +1,220 @@
+"""CSV logs: a folder with one text file for each topic, or one file; its stem is the topic ("dvl.csv" is "/dvl").
+
+A "__" in a stem is a "/" of the topic. One long file may hold several sensors: its column ``sensor`` names each row's
+sensor, which is the topic. csv_sheets lists the columns that are understood.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.io.findings import Finding
+from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
+from usbldr.io.messages.registry import FRAMES
+from usbldr.io.reader import Records, TopicInfo, name_of
+from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.tables.csv_text import (
+    ParsedColumn,
+    header_and_row,
+    nanoseconds,
+    numbers,
+    raw_header,
+    read_texts,
+    text_files,
+    times,
+)
+from usbldr.io.tables.date_times import foreign_time, with_iso_times
+from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
+from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
+
+Value = TypeVar("Value")
+WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
+"""Fields of messages that are texts."""
+
+
+@dataclass(frozen=True, slots=True)
+class CsvSource:
+    """The file and rows that hold the records of one topic."""
+
+    file: Path
+    header: tuple[str, ...]  # names as written
+    sensor: str | None = None  # of a file with several sensors: whose rows
+    shown: TopicSheet = TopicSheet("", None)  # how its columns are interpreted
+
+    @property
+    def sheet(self) -> Sheet | None:
+        """The meaning of each column, None if they match no sensor."""
+        return self.shown.sheet
+
+
+class CsvLog:
+    """A folder of CSV files, or one such file."""
+
+    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = (), copies: Sequence[Path] = ()) -> None:
+        """Take a file or a folder, and the decompressed copies of the folder's compressed files."""
+        self.path, self._copies = path, copies
+        self._configured = tuple(configured)
+        self._read: dict[Path, TextTable] = {}
+        self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
+
+    @property
+    def format(self) -> str:
+        """The name of the format as shown to a user."""
+        return "CSV folder" if self.path.is_dir() else "CSV file"
+
+    def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "CsvLog":
+        """Return this log with the columns that the configuration states."""
+        return CsvLog(self.path, configured, self._copies)
+
+    @cached_property
+    def _sources(self) -> Mapping[str, CsvSource]:
+        """The files, and one source for each sensor of a file whose columns name several."""
+        heads = {topic: self._head(source) for topic, source in self._files.items()}
+        found = topic_sheets(heads, self._configured, self.path)
+        return {topic: replace(self._files[one.table], shown=one) for topic, one in found.items()}
+
+    def _head(self, source: CsvSource) -> TableHead:
+        file, header = source.file, source.header
+        if source.sensor is None:
+            first_row = self._row(file)
+            return TableHead(file, file.stem, header, sheet_of(file.stem, header), first_row)
+        names = self._table(file).columns
+        filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
+        return TableHead(file, file.stem, header, sheet_of(source.sensor.replace("/", "__"), filled))
+
+    @property
+    def _formats(self) -> Mapping[str, str]:
+        """The columns of times whose format the configuration states."""
+        of_times = [(one, key) for one in self._configured if one.time_format for key in TIME_UNITS_NS]
+        return {plain(one.columns[key]): one.time_format for one, key in of_times if key in one.columns}
+
+    def _row(self, file: Path) -> Sequence[str]:
+        """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
+        cells = header_and_row(file)[1]
+        if not (self._formats or any(map(foreign_time, cells))) or not len(self._table(file).lines):
+            return cells
+        return [next(iter(column)) for column in self._table(file).columns.values()]
+
+    @cached_property
+    def _files(self) -> Mapping[str, CsvSource]:
+        found: dict[str, CsvSource] = {}
+        for file in (*text_files(self.path), *self._copies) if self.path.is_dir() else [self.path]:
+            for topic, source in self._topics_of(file).items():
+                if topic in found:
+                    raise LogError(
+                        f"{found[topic].file.name} and {file.name} are both {topic}; rename one",
+                        path=self.path,
+                    )
+                found[topic] = source
+        return found
+
+    def _topics_of(self, file: Path) -> Mapping[str, CsvSource]:
+        header = tuple(raw_header(file))
+        if "sensor" not in map(plain, header):
+            return {"/" + name_of(file.stem.replace("__", "/")): CsvSource(file, header)}
+        sensors = dict.fromkeys(self._table(file).columns["sensor"])
+        return {"/" + name_of(sensor.lstrip("/")): CsvSource(file, header, sensor) for sensor in sensors if sensor}
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics; one whose columns match no sensor has no type."""
+        return tuple(self._info(topic, source) for topic, source in self._sources.items())
+
+    def _info(self, topic: str, source: CsvSource) -> TopicInfo:
+        sheet = source.sheet
+        if sheet is None:
+            problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
+            return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
+        if sheet.received is None:
+            problem = f"{source.file.name} {sheet.problem}"
+            row = () if source.shown.by_name else self._first_row(source)
+            return TopicInfo(topic, sheet.type, "csv", 0, None, None, problem=problem, first_row=row)
+        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
+        times, faults = self._times(source, sheet.received)
+        lines = self._lines(source)
+        times = np.delete(times, list(faults))
+        problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
+        first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
+        return TopicInfo(topic, sheet.type, "csv", len(times), first, last, fields, problem)
+
+    def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
+        """Return the columns and first cells of a file with one sensor."""
+        cells = () if source.sensor else self._row(source.file)
+        return tuple(zip(plain_names(source.header), cells, strict=False))
+
+    def _only_faults(self, topic: str, source: CsvSource, lines: Sequence[int], faults: Mapping[int, str]) -> str:
+        """Keep the faults of a topic without one good row; return the first."""
+        self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+        row = min(faults)
+        return f"{source.file}: line {lines[row]}: {faults[row]}"
+
+    def _table(self, file: Path) -> TextTable:
+        if file not in self._read:
+            read = read_texts(file)
+            self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats))
+        return self._read[file]
+
+    def _lines(self, source: CsvSource) -> Sequence[int]:
+        return self._own_rows(source, self._table(source.file).lines)
+
+    def _cells(self, source: CsvSource, name: str) -> Sequence[str]:
+        return self._own_rows(source, self._table(source.file).columns[name])
+
+    def _own_rows(self, source: CsvSource, values: Sequence[Value]) -> Sequence[Value]:
+        """Return the values of a file's rows that belong to the sensor."""
+        if source.sensor is None:
+            return values
+        sensors = self._table(source.file).columns["sensor"]
+        return [value for value, sensor in zip(values, sensors, strict=True) if sensor == source.sensor]
+
+    def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
+        cells = self._cells(source, clock.column)
+        return nanoseconds(cells, clock.column) if clock.unit_ns == 1 else times(cells, *clock)
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read the wanted columns; rows with an invalid cell in one of them are left out."""
+        return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
+
+    def _records(self, topic: str, paths: Sequence[str]) -> Records:
+        source, sheet = self._sources[topic], self._sources[topic].sheet
+        if sheet is None or sheet.received is None:
+            raise LogError(f"{topic} cannot be read: its columns match no sensor; {ADVICE}", path=self.path)
+        received = self._times(source, sheet.received)
+        columns = {path: self._column(source, sheet, path) for path in paths}
+        faults: dict[int, str] = {}
+        for parsed in (received, *columns.values()):
+            faults = {**parsed.faults, **faults}
+        lines = self._lines(source)
+        if faults and len(faults) == len(lines):
+            raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
+        self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+        good = np.delete(np.arange(len(lines)), list(faults))
+        return Records(received.values[good], {path: parsed.values[good] for path, parsed in columns.items()})
+
+    def _column(self, source: CsvSource, sheet: Sheet, path: str) -> ParsedColumn:
+        if path == "header.stamp" and sheet.stamp:
+            return self._times(source, sheet.stamp)
+        name = sheet.columns[path]
+        cells = self._cells(source, name)
+        if path in WORDS | sheet.texts:
+            return ParsedColumn(np.array(list(cells)), {})
+        parsed = numbers(cells, name)
+        return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report the rows that are left out."""
+        found: list[Finding] = []
+        for topic, source in self._sources.items():
+            if source.shown.by_name and source.sheet and source.sheet.stamp and topic in self._left_out:
+                named = {**source.sheet.columns, "time": source.sheet.stamp.column}
+                text = ", ".join(f"{key} from {column}" for key, column in named.items())
+                found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))
+            if self._left_out.get(topic):
+                found += row_findings(source.file, self._table(source.file), self._left_out[topic], topic)
+        for file, table in self._read.items():
+            found += [*row_findings(file, table, table.left_out), *cut_findings(file, table)]
+        return tuple(found)

@@ -1,0 +1,271 @@
+"""How the columns of a CSV file are interpreted: by usbldr's own names, by rostopic's, or by the configuration.
+
+- Own names: the columns of log.COLUMNS with integer ``time_ns`` (and, if known, ``received_ns``) in place of the times
+  in seconds. A file belongs to the sensor that its stem names, else to the only one that its columns match.
+- `rostopic echo -p`: ``%time`` and ``field.`` names; they determine the message type.
+- Any: ``columns`` of a sensor's section of the configuration name the column of each quantity.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
+from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
+from usbldr.io.tables.text_table import MAX_CHARACTERS
+from usbldr.io.units import spellings
+
+SECOND_NS = 1_000_000_000  # fixed: nanoseconds
+SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
+PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
+NAME_THEM = "name its columns with the key columns of a sensor's section"
+ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
+"""A date and time."""
+CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
+
+
+class TimeColumn(NamedTuple):
+    """A column of times."""
+
+    column: str
+    unit_ns: int = 1  # 1: whole nanoseconds; else with decimals
+    at_1970: int = 0  # the time 1970-01-01 in this unit
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """The meaning of each column of a file."""
+
+    type: str
+    columns: Mapping[str, str]  # field path -> column
+    received: TimeColumn | None = None  # log time; None: the file cannot be read because of problem
+    stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
+    problem: str = ""
+    lacks_time: bool = False  # whether the problem is that there is no column of times by usbldr's own name
+    texts: frozenset[str] = frozenset()  # field paths that are texts
+    scale: Mapping[str, float] = field(default_factory=dict[str, float])  # field path -> factor to its own unit
+
+
+class OwnColumns(NamedTuple):
+    """The columns besides time_ns of a file with usbldr's own names."""
+
+    choices: tuple[frozenset[str], ...]  # the columns of at least one of these are required
+    optional: frozenset[str]
+
+
+def _kind(choices: Sequence[str], optional: str = "") -> OwnColumns:
+    return OwnColumns(tuple(frozenset(c.split()) for c in choices), frozenset(optional.split()))
+
+
+OWN_COLUMNS: Mapping[str, OwnColumns] = {
+    "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps valid"),
+    "compass": _kind(["heading_deg"], "sd_deg roll_deg pitch_deg"),
+    "usbl": _kind(
+        ["east_m north_m", "lat_deg lon_deg", "slant_range_m bearing_deg"],
+        "elevation_deg depth_m sd_m cov_ee_m2 cov_en_m2 cov_nn_m2",
+    ),
+    "gps": _kind(["lat_deg lon_deg", "east_m north_m"], "sd_m lat_deg lon_deg"),
+    "depth": _kind(["depth_m"]),
+    "truth": _kind(["east_m north_m", "lat_deg lon_deg"], "sd_m lat_deg lon_deg"),
+}
+"""One line per sensor."""
+
+ROSTOPIC: Mapping[str, str] = {
+    "nav_msgs/Odometry": "pose.pose.position.x twist.twist.linear.x",
+    "geometry_msgs/TwistWithCovarianceStamped": "twist.twist.linear.x twist.covariance.0",
+    "geometry_msgs/TwistStamped": "twist.linear.x",
+    "geometry_msgs/PoseWithCovarianceStamped": "pose.pose.position.x pose.covariance.0",
+    "geometry_msgs/PoseStamped": "pose.position.x pose.orientation.x",
+    "geometry_msgs/PointStamped": "point.x",
+    "ds_sensor_msgs/Dvl": "velocity.x velocity_covar.0 coordinate_mode",
+    "marine_acoustic_msgs/Dvl": "velocity.x velocity_covar.0 num_good_beams",
+    "dvl_msgs/DVL": "velocity.x velocity_valid",
+    "uuv_sensor_ros_plugins_msgs/DVL": "velocity.x velocity_covariance.0",
+    "waterlinked_dvl/TransducerReportStamped": "report.vx report.velocity_valid",
+    "cola2_msgs/LinkquestDvl": "velocityInst.0 velocityInstFlag",
+    "cola2_msgs/TeledyneExplorerDvl": "bi_x_axis bi_status",
+    "sensor_msgs/Imu": "orientation.x angular_velocity.x",
+    "compass_msgs/Azimuth": "azimuth orientation reference",
+    "ds_sensor_msgs/Compass": "heading is_true_heading",
+    "cola2_msgs/NavSts": "orientation.yaw",
+    "geometry_msgs/QuaternionStamped": "quaternion.w",
+    "geometry_msgs/Vector3Stamped": "vector.z",
+    "sensor_msgs/MagneticField": "magnetic_field.x",
+    "dmac/mUSBLFix": "relative_position.x source_id",
+    "stonefish_ros/BeaconInfo": "relative_position.x beacon_id",
+    "vehicle_interface/AcousticModemUSBLLONG": "E N propagation_time",
+    "evologics_ros_sync/EvologicsUsbllong": "e n propagation_time",
+    "mvp_acomm/EvologicsUsbllong": "enu.x propagation_time",
+    "sonardyne_msgs/Position": "latitude longitude age",
+    "vehicle_interface/AcousticLocalization": "latitude longitude sender_address",
+    "geographic_msgs/GeoPointStamped": "position.latitude",
+    "cola2_msgs/GPSData": "latitude longitude fix_quality",
+    "ds_sensor_msgs/UbloxNav": "latitude longitude accuracy_horz",
+    "mavros_msgs/GPSRAW": "lat lon fix_type",
+    "nmea_msgs/Gpgga": "lat lon lat_dir",
+    "gps_common/GPSFix": "latitude longitude err_horz",
+    "sensor_msgs/NavSatFix": "latitude longitude",
+    "sensor_msgs/FluidPressure": "fluid_pressure",
+    "ds_sensor_msgs/DepthPressure": "depth pressure",
+    "riptide_msgs/Depth": "depth variance",
+    "uuv_sensor_msgs/Depth": "depth depth_variance",
+    "sensor_msgs/Range": "range radiation_type",
+    "std_msgs/Float64": "data",
+}
+"""The type of a message by some of its fields; the first match is used."""
+
+
+def sheet_of(stem: str, header: Sequence[str]) -> Sheet | None:
+    """Return how a file's column names are interpreted, None if they match no sensor and no message."""
+    if header and header[0].replace(" ", "") == "%time":
+        return _rostopic(header)
+    return _own(stem, plain_names(header))
+
+
+def plain_names(header: Sequence[str]) -> list[str]:
+    """Return the plain names of a file's columns; rostopic's %time keeps its mark if messages have a time, too."""
+    names = [plain(name) for name in header]
+    return ["%" + name if i == 0 and names.count(name) > 1 else name for i, name in enumerate(names)]
+
+
+def _rostopic(header: Sequence[str]) -> Sheet:
+    log_time, *names = plain_names(header)
+    columns = {name: name for name in names}
+    for name in names:
+        array = re.fullmatch(r"(.*[a-z_])(\d+)", name)
+        if array and f"{array[1]}0" in columns:
+            columns[f"{array[1]}.{array[2]}"] = name
+    stamp = TimeColumn("header.stamp") if columns.pop("header.stamp", None) else None
+    fitting = (kind for kind, paths in ROSTOPIC.items() if set(paths.split()) <= set(columns))
+    return Sheet(next(fitting, ""), columns, TimeColumn(log_time), stamp)
+
+
+def _own(stem: str, header: Sequence[str]) -> Sheet | None:
+    sensor = _sensor(stem, set(header))
+    if sensor is None:
+        return None
+    kind = OWN_COLUMNS[sensor]
+    known = kind.optional.union(*kind.choices)
+    columns = {name: name for name in header if name in known}
+    missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
+    if missing:
+        problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
+        return Sheet(CANONICAL + sensor, columns, problem=problem, lacks_time=missing == ["time_ns"])
+    received = "received_ns" if "received_ns" in header else "time_ns"
+    return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))
+
+
+def _sensor(stem: str, header: set[str]) -> str | None:
+    """Return the sensor that a file's stem names, else the one whose columns match and, of several, is in its stem."""
+    name = stem.lower().split("__")[-1]
+    if name in OWN_COLUMNS:
+        return name
+    fitting = [s for s, kind in OWN_COLUMNS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
+    named = [sensor for sensor in fitting if sensor in name] or fitting
+    return named[0] if len(named) == 1 else None
+
+
+def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -> Mapping[str, Sheet]:
+    """Return sensor -> how its columns are interpreted by their names and units; empty if no sensor is there.
+
+    A time may be a date and time instead of a number with a unit, which ``first_row`` shows. Columns besides, by
+    usbldr's own names, are the sensor's.
+    """
+    names = plain_names(header)
+    found = dict(sensors_by_name(names, stem.lower()))
+    times: Mapping[str, Sequence[NamedColumn]] = found.pop("", {})
+    if not any(column.unit.unit for columns in found.values() for same in columns.values() for column in same):
+        return {}
+    cells = dict(zip(names, first_row, strict=False))
+    stamps, arrivals = (times.get(key, []) for key in ("time", "received"))
+    faults = [_no_time(stamps, arrivals, cells), *(_fault(columns) for columns in found.values())]
+    fault = next((text for text in faults if text), "")
+    if fault:
+        return {sensor: Sheet(CANONICAL + sensor, {}, problem=fault) for sensor in found}
+    stamp, *arrived = (TimeColumn(one.name, _unit_ns(one, cells) or SECOND_NS) for one in (*stamps, *arrivals))
+    taken = {same[0].name for columns in found.values() for same in columns.values()}
+    own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
+    return {
+        sensor: Sheet(
+            CANONICAL + sensor,
+            {key: same[0].name for key, same in columns.items()} | {name: name for name in own[sensor]},
+            arrived[0] if arrived else stamp,
+            stamp,
+            scale={key: same[0].factor for key, same in columns.items()},
+        )
+        for sensor, columns in found.items()
+    }
+
+
+def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cells: Mapping[str, str]) -> str:
+    for what, columns in (("time", stamps), ("arrival", arrivals)):
+        if len(columns) > 1 or (what == "time" and not columns):
+            names = ", ".join(column.name for column in columns) or "none"
+            return f"has not one column of {what} ({names}); {NAME_THEM}"
+        for column in columns:
+            if _unit_ns(column, cells) is None:
+                return _unknown_time(column.name, cells.get(column.name, ""))
+    return ""
+
+
+def _unknown_time(name: str, cell: str) -> str:
+    with suppress(ValueError):
+        float(cell)
+        return f'has a column {name} without a known unit; write it behind the name ("Time [s]")'
+    stopped = f'has "{cell[:MAX_CHARACTERS]}" in the first row of the column {name}'
+    return f"{stopped}, which is neither a date and time nor a number; state time_format"
+
+
+def _unit_ns(column: NamedColumn, cells: Mapping[str, str]) -> int | None:
+    """Return the unit of a time: that of its name, of a date and time, or the one by which it lies in this century."""
+    cell = cells.get(column.name, "")
+    if column.known or ISO.fullmatch(cell):
+        return round(column.factor) if column.known else SECOND_NS
+    with suppress(ValueError):
+        units = (1, 1_000, 1_000_000, SECOND_NS)
+        return next((unit for unit in units if SINCE_NS <= float(cell) * unit < UNTIL_NS), None)
+    return None
+
+
+def _fault(columns: Mapping[str, Sequence[NamedColumn]]) -> str:
+    """Return why the columns of a sensor cannot be read, empty if they can."""
+    for same in columns.values():
+        if len(same) > 1:
+            return f"has columns for the same quantity ({', '.join(column.name for column in same)}); {NAME_THEM}"
+        if not same[0].known:
+            units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
+            return f"has a column {same[0].name} without a known unit ({units})"
+    return ""
+
+
+def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str], file: Path, topic: str) -> Sheet:
+    """Return how the configuration interprets a file: its columns by their own names, and the one time of all sensors.
+
+    Raises UsageError if a column is missing, or if not exactly one time is named.
+    """
+    names = plain_names(header)
+    columns: dict[str, str] = {}
+    clocks: dict[tuple[TimeColumn, TimeColumn], str] = {}
+    texts: set[str] = set()
+    for stated in sensors:
+        fields = named_fields(stated, topic, names, (), file)
+        times = [key for key in TIME_UNITS_NS if key in fields]
+        if len(times) != 1:
+            raise UsageError(
+                f"[{stated.sensor}] columns must name exactly one of {', '.join(TIME_UNITS_NS)}", path=file
+            )
+        stamp = TimeColumn(fields[times[0]], TIME_UNITS_NS[times[0]], AT_1970.get(times[0], 0))
+        arrivals = [TimeColumn(fields[key], unit_ns) for key, unit_ns in ARRIVALS.items() if key in fields]
+        clocks.setdefault((arrivals[0] if arrivals else stamp, stamp), stated.sensor)
+        columns |= {name: name for name in fields.values()}
+        texts |= {fields["target"]} if "target" in fields else set()
+    if len(clocks) > 1:
+        which = " and ".join(f"[{sensor}]" for sensor in clocks.values())
+        raise UsageError(f"{which} name different times of one file; name the same", path=file)
+    received, stamp = next(iter(clocks))
+    kind = CANONICAL + "+".join(stated.sensor for stated in sensors)
+    return Sheet(kind, columns, received, stamp, texts=frozenset(texts))

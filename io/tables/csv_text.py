@@ -1,0 +1,313 @@
+"""The texts of CSV files as columns: names, integer nanoseconds and numbers; faults name the line."""
+
+import csv
+import re
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
+from decimal import Decimal, InvalidOperation
+from itertools import chain, islice, pairwise
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.io.file_access.decompression import compression_of, first_bytes
+from usbldr.io.file_access.open_file import HEAD_BYTES, head_lines, opened, text_lines
+from usbldr.io.reader import MAX_TIME_NS, Column
+from usbldr.io.tables.csv_sheets import ISO, plain_names
+from usbldr.io.tables.text_table import MAX_CHARACTERS, TextColumn, TextTable, listed
+from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
+
+SECOND = 1_000_000_000  # fixed: nanoseconds
+PREAMBLE = 100  # [lines] among which the column names are looked for
+COMMENT = "# "  # what the column names may follow
+PIECE = 10_000  # [rows] split into cells at once: some megabytes
+BLANKS = " \t\v\f\xa0"  # that may surround a cell
+WORDS = {"": "nan", "true": "1", "false": "0"}
+Number = TypeVar("Number", int, float)
+
+
+def text_files(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder that look like CSV, by name."""
+    from usbldr.io.instruments.json_lines_log import looks_like_json_lines
+    from usbldr.io.instruments.nmea_log import form_of
+    from usbldr.io.instruments.pd6_log import looks_like_pd6
+
+    others = (form_of, looks_like_json_lines, looks_like_pd6)
+    for file in sorted(folder.iterdir()):
+        if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
+            if not file.stat().st_size:
+                continue  # of endless files of the system the size is zero, too
+            with opened(file) as content:
+                head = content.read(HEAD_BYTES)
+            if looks_like_csv(head) and not any(holds(head) for holds in others):
+                yield file
+
+
+def compressed_texts(folder: Path) -> dict[Path, str]:
+    """Return the compressed files of a folder whose contents look like CSV, and their compressions.
+
+    Files whose decompressed copies lie beside them do not count. One that is named .csv and cannot be decompressed
+    does, so that its damage is an error.
+    """
+    found: dict[Path, str] = {}
+    for file in sorted(folder.iterdir()):
+        if not file.is_file() or file.name.startswith(".") or file.with_suffix("").is_file():
+            continue
+        with opened(file) as content:
+            if compression := compression_of(content.peek(16)):
+                head = first_bytes(content, compression, HEAD_BYTES)
+                if looks_like_csv(head) if head else Path(file.stem).suffix == ".csv":
+                    found[file] = compression
+    return found
+
+
+def looks_like_csv(head: bytes) -> bool:
+    """Return whether a file's first bytes are text with a line of column names."""
+    header = _header(head_lines(head))
+    printable = header.replace("\t", " ").isprintable()
+    return _separator(header) in header and printable and any(char.isalpha() for char in header)
+
+
+def lacks_header(head: bytes) -> bool:
+    """Return whether a file's first bytes are columns of numbers without names."""
+    first = next(iter(head_lines(head)), "")
+    cells = first.split(_separator(first))
+    return len(cells) > 1 and all(map(_is_value, cells))
+
+
+def _is_value(cell: str) -> bool:
+    cell = cell.strip()
+    return is_number(_with_point(cell)) or ISO.fullmatch(cell) is not None
+
+
+def _header(lines: Sequence[str]) -> str:
+    return lines[_header_place(lines)] if lines else ""
+
+
+def _header_place(lines: Sequence[str]) -> int:
+    """Return the place of the column names among the first lines: before the first row, known by a number in it.
+
+    Comments and a title may precede them, units follow. If no row is found, it is the first line that is not blank.
+    """
+    filled = [k for k, line in enumerate(lines) if line.strip()]
+    names, width = filled[0] if filled else 0, 0
+    for k, following in pairwise(filled):
+        separator = _separator(lines[k])
+        cells, row = (_cells(lines[place].lstrip(COMMENT), separator) for place in (k, following))
+        if any(map(_is_value, cells)):
+            width = 0
+            continue
+        if len(cells) != width or lines[names].startswith("#"):
+            names, width = k, len(cells)
+        if 1 < len(cells) == len(row) and any(map(_is_value, row)):
+            return names
+    return filled[0] if filled else 0
+
+
+def _separator(line: str) -> str:
+    """Return the separator of a file's columns by its first line; with semicolons, numbers have a decimal comma."""
+    return max(",;\t", key=line.count)
+
+
+def _with_point(cell: str) -> str:
+    return cell.replace(",", ".") if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
+
+
+def raw_header(file: Path) -> list[str]:
+    """Return a file's column names as written."""
+    return header_and_row(file)[0]
+
+
+def header_and_row(file: Path) -> tuple[list[str], list[str]]:
+    """Return a file's column names as written, and the cells of its first row."""
+    first, lines, _ = _begun(file)
+    separator = _separator(first)
+    return [name.strip() for name in _cells(first, separator)], _cells(next(lines, ""), separator)
+
+
+def _begun(file: Path) -> tuple[str, Iterator[str], int]:
+    """Return the line of a file's column names, the lines behind it, and its number."""
+    lines = text_lines(file)
+    begun = list(islice(lines, PREAMBLE))
+    place = _header_place([line.replace("\0", "") for line in begun])
+    first = begun[place].replace("\0", "").lstrip(COMMENT) if begun else ""
+    return first, chain(begun[place + 1 :], lines), place + 1
+
+
+class _Rows:
+    """Which of a file's lines are rows of its table, and their cells in the order of its columns."""
+
+    def __init__(self, header: Sequence[str], separator: str | None) -> None:
+        self._header, self._separator = header, separator
+        self._order: Sequence[int] | None = None  # of the columns behind another line of names
+        self._other = ""  # why rows are those of another table
+
+    def cells(self, line: str) -> Sequence[str] | str:
+        """Return the cells of a row, of another line why it is none; empty if it holds no data."""
+        cells = _cells(line, self._separator)
+        if len(cells) > len(self._header) and not any(cells[len(self._header) :]):
+            cells = cells[: len(self._header)]  # separators at the end of the line
+        if line.count('"') % 2:
+            return "a quotation mark is missing"
+        if cells[0].lstrip(COMMENT) in self._header and not any(map(_is_value, cells)):
+            return self._names_again([cells[0].lstrip(COMMENT), *cells[1:]])
+        if self._other:
+            return self._other
+        if len(cells) != len(self._header):
+            return f"it has {len(cells)} cells, the first line {len(self._header)}"
+        return cells if self._order is None else [cells[place] for place in self._order]
+
+    def _names_again(self, cells: list[str]) -> str:
+        """Take another line of column names, as files that were joined have; their columns may have another order."""
+        names = plain_names(cells)
+        self._order, self._other = None, ""
+        if sorted(names) == sorted(self._header):
+            self._order = None if names == list(self._header) else [names.index(name) for name in self._header]
+            return ""
+        self._other = f"it belongs to a table of other columns ({listed(names)})"
+        return self._other
+
+
+def read_texts(file: Path) -> TextTable:
+    """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
+
+    A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
+    file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows.
+    """
+    first, lines, begin = _begun(file)
+    separator = _separator(first) if _separator(first) in first else None
+    header = plain_names([name.strip() for name in _cells(first, separator)])
+    known = unnamed_columns(file, header if separator is None else ())
+    if known is not None:
+        lines, separator, header, begin = text_lines(file), None, list(known), 0
+    twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
+    if twice:
+        raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
+    texts = {name: TextColumn() for name in header}
+    rows: list[Sequence[str]] = []
+    numbered = array("q")
+    left_out: dict[int, str] = {}
+    cut = 0
+    table = _Rows(header, separator)
+    for number, line in enumerate(lines, start=begin + 1):
+        if not line.strip() or line.startswith("#") or (known is not None and line.split() == header):
+            continue
+        cut = 0 if line.endswith("\n") or known is not None else number
+        cells = "" if cut else table.cells(line)
+        if isinstance(cells, str):
+            left_out |= {number: cells} if cells else {}
+            continue
+        rows.append(cells)
+        numbered.append(number)
+        if len(rows) == PIECE:
+            _add(texts, rows, separator)
+            rows = []
+    _add(texts, rows, separator)
+    return TextTable(texts, numbered, left_out, cut)
+
+
+def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:
+    for column, cells in zip(texts.values(), zip(*rows, strict=True), strict=bool(rows)):
+        column.add(cells if separator in (",", None) else [_with_point(cell) for cell in cells])
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    if '"' in line:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    cells = line.rstrip("\r\n").split(separator)
+    return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells
+
+
+def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
+    """Return one column; raise LogError with the header if it is missing."""
+    if name not in texts:
+        raise LogError(f"has no column {name} (its columns: {listed(list(texts))})", path=file)
+    return texts[name]
+
+
+class ParsedColumn(NamedTuple):
+    """The values of a column."""
+
+    values: Column  # (n,)
+    faults: Mapping[int, str]  # row -> what is wrong with its cell; its value means nothing
+
+    def checked(self, file: Path, lines: Sequence[int]) -> Column:
+        """Return the values; raise LogError with the line of the first fault. ``lines``: those of the rows."""
+        for row, text in self.faults.items():
+            raise LogError(f"line {lines[row]}: {text}", path=file)
+        return self.values
+
+
+def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of integer nanoseconds, never through float."""
+    return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
+
+
+def seconds(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of seconds with decimals, or of dates and times, as nanoseconds."""
+    return times(texts, name, SECOND)
+
+
+def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> ParsedColumn:
+    """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds since 1970.
+
+    ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not representable in float64.
+    """
+
+    def exact(text: str) -> int:
+        if ISO.fullmatch(text):
+            return _in_range(_iso_ns(text))
+        return _in_range(int(((Decimal(text) - at_1970) * unit_ns).to_integral_value()))
+
+    what = "a number of seconds" if unit_ns == SECOND else "a number or a date and time"
+    return _parsed(texts, name, exact, 0, what)
+
+
+def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
+
+    def number(text: str) -> float:
+        return float(WORDS.get(text.lower(), text))
+
+    return _parsed(texts, name, number, float("nan"), "a number")
+
+
+def _parsed(
+    texts: Sequence[str], name: str, parse: Callable[[str], Number], unknown: Number, what: str
+) -> ParsedColumn:
+    faults: dict[int, str] = {}
+
+    def values() -> Iterator[Number]:
+        for row, text in enumerate(texts):
+            value = unknown
+            try:
+                if "_" in text:  # which Python takes for part of a number
+                    raise ValueError
+                value = parse(text)
+            except (InvalidOperation, ValueError, OverflowError):
+                faults[row] = f'{name} is "{text[:MAX_CHARACTERS]}", not {what}'
+            yield value
+
+    kind = np.int64 if isinstance(unknown, int) else np.float64
+    return ParsedColumn(np.fromiter(values(), dtype=kind, count=len(texts)), faults)
+
+
+def _in_range(time_ns: int) -> int:
+    """Return a time; raise OverflowError if differences of such times would exceed 64 bits."""
+    if abs(time_ns) >= MAX_TIME_NS:
+        raise OverflowError
+    return time_ns
+
+
+def _iso_ns(text: str) -> int:
+    """Return a date and time as nanoseconds since 1970; without a zone it is UTC."""
+    match = ISO.fullmatch(text)
+    assert match is not None
+    date, clock, fraction, zone = match.groups()
+    moment = datetime.fromisoformat(f"{date}T{clock}{zone or 'Z'}")
+    return int(moment.timestamp()) * 1_000_000_000 + int((fraction or "").ljust(9, "0"))

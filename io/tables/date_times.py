@@ -1,0 +1,99 @@
+"""Dates and times of day as programs export them, turned into ISO text: "18.05.2026 12:30:00,5" or two columns.
+
+pandas reads the dates. Of "05/06/2026" the day comes first if any date of the column shows it, and else unless the
+parts are between slashes; the key ``time_format`` states it. Without a zone a time is UTC. A time of day without a date
+counts from 1970-01-01, over midnights.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from types import MappingProxyType
+
+import numpy as np
+import pandas as pd
+
+from usbldr.io.tables.csv_sheets import ISO
+
+DATE = r"\d{1,4}(?P<part>[./-])(\d{1,2}|[A-Za-z]{3,9})(?P=part)\d{2,4}|\d{1,2} [A-Za-z]{3,9} \d{4}"
+CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9})?)?( ?[AaPp][Mm])?"
+ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}))?"
+DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
+DATE_TIME = re.compile(rf"({DATE})[T ,]+{CLOCK}{ZONE}")
+SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
+SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
+DAY_S = 86400  # fixed
+
+
+def foreign_time(cell: str) -> bool:
+    """Return whether a cell is a date, a time of day or both, in another notation than ISO's."""
+    whole = any(kind.fullmatch(cell) for kind in (DATE_ONLY, CLOCK_ONLY, DATE_TIME))
+    return whole and not ISO.fullmatch(cell)
+
+
+def with_iso_times(
+    columns: Mapping[str, Sequence[str]], stated: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Sequence[str]]:
+    """Return the columns of a table with dates and times as ISO text; a column of dates goes into that of its times.
+
+    ``stated``: column -> its format by strptime.
+    """
+    found = dict(columns)
+    dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
+    for name, cells in columns.items():
+        if name in stated:
+            moments = pd.to_datetime(
+                pd.Series(list(cells), dtype="str"), format=stated[name], utc=True, errors="coerce"
+            )
+            found[name] = _as_text(moments, cells)
+        elif _are(cells, DATE_TIME):
+            found[name] = _iso(list(cells), cells)
+        elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and SECONDS_OF_DAY.search(name.lower())):
+            found[name] = _on_days(cells, columns[dates[0]]) if len(dates) == 1 else _without_date(cells)
+    return found
+
+
+def _are(cells: Sequence[str], kind: re.Pattern[str]) -> bool:
+    shown = [cell for cell in islice(iter(cells), SHOWN_ROWS) if cell]
+    return bool(shown) and all(kind.fullmatch(cell) and not ISO.fullmatch(cell) for cell in shown)
+
+
+def _on_days(cells: Sequence[str], dates: Sequence[str]) -> list[str]:
+    """Return times of day, or seconds of it, with their dates."""
+    clocks = [_clock(cell) for cell in cells]
+    return _iso([f"{day} {clock}" for day, clock in zip(dates, clocks, strict=True)], cells)
+
+
+def _clock(cell: str) -> str:
+    """Return seconds of the day as hours, minutes and seconds; another text as it is."""
+    if not re.fullmatch(r"\d+(\.\d*)?", cell) or not 0 <= float(cell) < DAY_S:
+        return cell
+    whole, _, fraction = cell.partition(".")
+    minutes, second = divmod(int(whole), 60)
+    return f"{minutes // 60:02d}:{minutes % 60:02d}:{second:02d}.{fraction or '0'}"
+
+
+def _without_date(cells: Sequence[str]) -> list[str]:
+    texts = _iso([f"1970-01-01 {cell}" for cell in cells], cells)
+    moments = pd.to_datetime(pd.Series(texts), format="ISO8601", utc=True, errors="coerce")
+    back = (moments.diff() < -pd.Timedelta(seconds=DAY_S / 2)).cumsum()
+    later = (moments + pd.to_timedelta(back, unit="D")).dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
+    return [text if pd.isna(new) or not day else str(new) for text, new, day in zip(texts, later, back, strict=True)]
+
+
+def _iso(texts: list[str], cells: Sequence[str]) -> list[str]:
+    """Return dates and times as ISO text; the cell as it stands if it is none."""
+    plain = pd.Series(texts, dtype="str").str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
+    zoned = plain.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
+    first = plain.str.extract(r"^(\d{1,4})([./-])(\d{1,2})[./-]")
+    day, month = (pd.to_numeric(first[k], errors="coerce") for k in (0, 2))
+    day_first = bool((day > 12).any()) or not (bool((month > 12).any()) or bool((first[1] == "/").all()))
+    year_first = bool((day > 31).any())
+    moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first and not year_first, utc=True, errors="coerce")
+    return _as_text(moments, cells)
+
+
+def _as_text(moments: "pd.Series[pd.Timestamp]", cells: Sequence[str]) -> list[str]:
+    iso = moments.dt.strftime("%Y-%m-%dT%H:%M:%S.%f").to_numpy(dtype=object)
+    known = moments.notna().to_numpy(dtype=np.bool_)
+    return [str(new) if good else old for new, good, old in zip(iso, known, cells, strict=True)]

@@ -1,0 +1,92 @@
+"""Tables in MATLAB's .mat files: the vectors of a structure, or those that are in none.
+
+Source: MAT-File Format, The MathWorks. Files of version 7.3 are HDF5.
+"""
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from usbldr.io.file_access.decompression import deflated
+from usbldr.io.file_access.open_file import opened
+from usbldr.io.limits import UnpackingBudget
+from usbldr.io.reader import Column
+from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_tables
+from usbldr.io.tables.mat_objects import objects_of, refuse_objects, unread
+from usbldr.io.tables.table_library import library, reading
+from usbldr.io.tables.table_log import Array, Table, tables_of
+
+NAME = "MATLAB"
+HEAD_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # fixed by the format
+MATRIX = 14  # fixed: the type of an element that may hold others
+MATRICES = 4000  # [matrices] that SciPy reads even if each is in the one before; its stack ends at some 15,000
+USER_BLOCK_BYTES = 512  # fixed: before the HDF5 data of version 7.3
+ENDIAN = {b"\x00\x01IM": "little", b"\x01\x00MI": "big"}  # version 1 and the order of bytes, at byte 124
+
+
+def looks_like_mat(head: bytes) -> bool:
+    """Return whether a file is one of MATLAB's."""
+    return head[124:HEAD_BYTES] in ENDIAN or head[USER_BLOCK_BYTES:].startswith(MAGIC)
+
+
+def mat_tables(file: Path) -> list[Table]:
+    """Return the tables of a file; raise LogError if it cannot be read, UsageError without SciPy (or h5py)."""
+    with opened(file) as content:
+        head = content.read(USER_BLOCK_BYTES + len(MAGIC))
+    if head[USER_BLOCK_BYTES:].startswith(MAGIC):
+        return hdf5_tables(file, NAME)
+    scipy = library("scipy.io", "MATLAB files", "mat", file)
+    matrices = _checked(file, ENDIAN[head[124:HEAD_BYTES]])
+    with reading(file, NAME):
+        variables = scipy.loadmat(file, simplify_cells=True) if matrices < MATRICES else _loaded_apart(file)
+    tables = list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
+    if not tables:
+        refuse_objects(file, unread(objects_of(variables)))
+    return tables
+
+
+def _checked(file: Path, order: Any) -> int:
+    """Return how many matrices a file may hold, those in others included; raise LogError if it is too large, or cut."""
+    budget, found = UnpackingBudget(file, file.stat().st_size), 0
+    with opened(file) as content, reading(file, NAME):
+        content.seek(HEAD_BYTES)
+        while tag := content.read(TAG_BYTES):
+            kind, length = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))
+            data = content.read(length)
+            if len(tag) < TAG_BYTES or len(data) < length:
+                raise EOFError("it ends within a variable")
+            pieces = deflated(data, budget) if kind == COMPRESSED else [data]
+            found += sum(piece.count(MATRIX.to_bytes(4, order)) for piece in pieces)
+    return found
+
+
+def _loaded_apart(file: Path) -> Mapping[str, Any]:
+    """Return the variables of a file, read in a process of its own: it ends if they are nested too deeply for SciPy."""
+    command = "import pickle, sys, scipy.io; f = scipy.io.loadmat(sys.argv[1], simplify_cells=True)"
+    command += "; pickle.dump(f, sys.stdout.buffer)"
+    safe = "-P"  # a module in the current folder is not imported
+    done = subprocess.run([sys.executable, safe, "-c", command, str(file)], capture_output=True, check=False)
+    if done.returncode:
+        raise ValueError("its cells are nested too deeply, or damaged")
+    return pickle.loads(done.stdout)
+
+
+def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Table]:
+    arrays: list[Array] = []
+    for label, value in variables.items():
+        if isinstance(value, dict):
+            yield from _tables(
+                file, label if name == file.stem else f"{name}/{label}", cast("Mapping[str, Any]", value)
+            )
+            continue
+        values: Column = np.asarray(value)
+        if values.dtype.kind in "biuf":
+            arrays.append((label, values.shape or (1,), np.atleast_1d(values).__getitem__))
+    for table in tables_of(file, name, arrays):
+        yield replace(table, unread=unread(objects_of(variables)))

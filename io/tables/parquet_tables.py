@@ -1,0 +1,67 @@
+"""Tables in Parquet files: a file is a table, a folder of files is a log. Members of structures are named with dots."""
+
+from collections.abc import Iterator
+from io import SEEK_END
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from usbldr.io.file_access.open_file import opened
+from usbldr.io.limits import UnpackingBudget
+from usbldr.io.reader import Column
+from usbldr.io.tables.table_library import library, reading
+from usbldr.io.tables.table_log import Table
+
+MAGIC = b"PAR1"
+NAME = "Parquet"
+
+
+def parquet_files(folder: Path) -> Iterator[Path]:
+    """Yield the Parquet files of a folder by name that begin and end as such."""
+    for file in sorted(folder.glob("*.parquet")):
+        with opened(file) as content:
+            begin = content.read(len(MAGIC))
+            content.seek(-min(len(MAGIC), file.stat().st_size), SEEK_END)
+            if begin == content.read() == MAGIC:
+                yield file
+
+
+def parquet_table(file: Path) -> Table:
+    """Return the table of a file; raise LogError if it cannot be read, UsageError without pyarrow."""
+    arrow = library("pyarrow", "Parquet files", "parquet", file)
+    budget = UnpackingBudget(file, file.stat().st_size)
+    parquet = library("pyarrow.parquet", "Parquet files", "parquet", file)
+    with reading(file, NAME):
+        content = parquet.ParquetFile(file, page_checksum_verification=True)
+        leaves = [content.schema.column(k) for k in range(len(content.schema))]
+        places = {leaf.path: k for k, leaf in enumerate(leaves) if leaf.max_repetition_level == 0}
+        dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("TIMESTAMP", "DATE"))
+        dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
+        rows = int(content.metadata.num_rows)
+
+    def column(path: str) -> Column:
+        groups = (content.metadata.row_group(k) for k in range(content.metadata.num_row_groups))
+        budget.take_bytes(sum(group.column(places[path]).total_uncompressed_size for group in groups))
+        read = content.read([path])
+        while arrow.types.is_struct(read.schema.field(0).type):
+            read = read.flatten()
+        return _values(arrow, read.column(0).combine_chunks())
+
+    columns = {path: lambda path=path: column(path) for path in places}
+    return Table(file, file.stem.replace("__", "/"), rows, columns, dated)
+
+
+def _values(arrow: Any, column: Any) -> Column:
+    """Return a column as NumPy has it; masked, if it holds integers and rows without a value."""
+    kinds, kind = arrow.types, column.type
+    if kinds.is_timestamp(kind) or kinds.is_date(kind):
+        return column.cast(arrow.timestamp("ns")).to_numpy(zero_copy_only=False)
+    if kinds.is_decimal(kind):
+        column = column.cast(arrow.float64())
+    elif kinds.is_boolean(kind):
+        column = column.cast(arrow.uint8())
+    if not column.null_count or not kinds.is_integer(column.type):
+        return column.to_numpy(zero_copy_only=False)
+    empty = column.is_null().to_numpy(zero_copy_only=False)
+    return np.ma.array(column.fill_null(0).to_numpy(zero_copy_only=False), mask=empty)

@@ -1,0 +1,229 @@
+"""Logs of tables in binary files: Parquet, HDF5 (also netCDF-4) and MATLAB, read like the columns of CSV files.
+
+Each kind of file lists its tables; what their columns mean, topic_sheets says. A column may be masked: those rows have
+no value.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.filters.errors import LogError
+from usbldr.io.findings import Finding
+from usbldr.io.limits import BeyondLimitError, UnpackingBudget
+from usbldr.io.messages.configured import ConfiguredColumns
+from usbldr.io.messages.field_names import named_column, sensors_by_name
+from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
+from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.tables.table_library import reading
+from usbldr.io.tables.text_table import listed
+from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
+
+MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
+Mask: TypeAlias = NDArray[np.bool_]
+Array: TypeAlias = tuple[str, tuple[int, ...], Callable[[Any], Column]]
+"""Its name, its shape, and a function that reads a part of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of a file, whose columns are read one by one."""
+
+    file: Path
+    topic: str
+    rows: int
+    columns: Mapping[str, Callable[[], Column]]  # name as written -> a function that reads it, (rows,)
+    dated: frozenset[str] = frozenset()  # columns of dates and times, datetime64[ns]
+    unread: Sequence[str] = ()  # what else is there
+
+
+def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[str] = frozenset()) -> list[Table]:
+    """Return the tables of a group from its arrays.
+
+    Arrays of one length are the columns of one table. A matrix is as many columns as its shorter side: "velocity.0".
+    Arrays of one element are no columns, unless there are no others.
+    """
+    by_length: dict[int, dict[str, Callable[[], Column]]] = {}
+    for label, shape, read in arrays:
+        sides = [side for side in shape if side != 1] or [1]
+        if len(sides) == 1 and len(shape) <= 2:
+            by_length.setdefault(sides[0], {})[label] = lambda read=read: np.ravel(read(()))
+        elif len(shape) == 2 and min(shape) <= MOST_ELEMENTS:
+            for k in range(min(shape)):
+                part = (slice(None), k) if shape[0] >= shape[1] else (k, slice(None))
+                by_length.setdefault(max(shape), {})[_element(label, k)] = lambda read=read, part=part: read(part)
+    if len(by_length) > 1:
+        by_length.pop(1, None)
+    several = len(by_length) > 1
+    topics = {rows: f"{name}/{rows}_rows" if several else name for rows in by_length}
+    return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
+
+
+def _element(label: str, k: int) -> str:
+    """Return the name of a column of a matrix; a unit in brackets stays at the end."""
+    name, bracket, unit = label.partition(" [")
+    return f"{name}.{k}{bracket}{unit}"
+
+
+class TableLog:
+    """A log of tables."""
+
+    def __init__(
+        self, path: Path, kind: str, tables: Sequence[Table], configured: Sequence[ConfiguredColumns] = ()
+    ) -> None:
+        """Take the tables of a file, or of the files of a folder."""
+        self.path, self.format = path, kind
+        self._configured = tuple(configured)
+        self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
+        self._columns: dict[tuple[str, str], Column] = {}
+        self._all = [table for table in tables if table.rows > 1] or tables  # else they are parameters
+        sizes = {table.file: table.file.stat().st_size for table in tables}
+        self._budget = UnpackingBudget(path, sum(sizes.values()))
+
+    def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "TableLog":
+        """Return this log with the columns that the configuration states."""
+        return TableLog(self.path, self.format, self._all, configured)
+
+    @cached_property
+    def _tables(self) -> Mapping[str, Table]:
+        found: dict[str, Table] = {}
+        for table in self._all:
+            topic = "/" + name_of(table.topic)
+            if topic in found:
+                raise LogError(f"has two tables {topic}; rename one", path=self.path)
+            found[topic] = table
+        return found
+
+    @cached_property
+    def _topics(self) -> Mapping[str, TopicSheet]:
+        heads: dict[str, TableHead] = {}
+        for topic, table in self._tables.items():
+            stem, names = table.topic.rpartition("/")[2], list(table.columns)
+            date = ["1970-01-01 00:00:00" if name in table.dated else "" for name in names]
+            timed = "" in sensors_by_name(names, stem)
+            alike = [one for one in self._all if one.rows == table.rows and one is not table]
+            elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
+            heads[topic] = TableHead(table.file, stem, names, sheet_of(stem, names), date if timed else None, elsewhere)
+        return topic_sheets(heads, self._configured, self.path)
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the tables, or their parts."""
+        return tuple(self._info(topic, one) for topic, one in self._topics.items())
+
+    def _info(self, topic: str, one: TopicSheet) -> TopicInfo:
+        table, sheet = self._tables[one.table], one.sheet
+        if sheet is None or sheet.received is None:
+            unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {ADVICE}"
+            problem = f"{table.topic} {sheet.problem}" if sheet else unknown
+            row = () if one.by_name else self._first_row(table)
+            kind = sheet.type if sheet else ""
+            return TopicInfo(topic, kind, "table", 0, None, None, problem=problem, first_row=row)
+        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
+        try:
+            times, good = self._times(table, sheet.received)
+        except BeyondLimitError:
+            raise
+        except LogError as fault:
+            return TopicInfo(topic, sheet.type, "table", 0, None, None, fields, fault.text)
+        times = times[good]
+        none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
+        first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
+        return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields, "" if len(times) else none)
+
+    def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
+        """Return the columns, and the first value of those that may be times; the others are not read."""
+        plain = dict(zip(table.columns, plain_names(list(table.columns)), strict=True))
+        times = {column.name for column in map(named_column, plain) if column and column.rule.dimension == "time"}
+        return tuple((short, self._first_value(table, short) if name in times else "") for name, short in plain.items())
+
+    def _first_value(self, table: Table, name: str) -> str:
+        """Return the first value of a column as text, empty if there is none or it cannot be read."""
+        values: Column = np.empty(0)
+        with suppress(LogError):
+            values = self._column(table, name)[:1]
+        if values.dtype.kind == "M":
+            values = np.datetime_as_string(values, unit="ms")
+        return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read the wanted columns; rows without a time are left out."""
+        return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
+
+    def _records(self, topic: str, paths: Sequence[str]) -> Records:
+        table, sheet = self._tables[self._topics[topic].table], self._topics[topic].sheet
+        if sheet is None or sheet.received is None:
+            raise LogError(f"{topic} cannot be read: its columns match no sensor; {ADVICE}", path=self.path)
+        received, good = self._times(table, sheet.received)
+        columns: dict[str, Column] = {}
+        for path in paths:
+            if path == "header.stamp" and sheet.stamp:
+                columns[path], stamped = self._times(table, sheet.stamp)
+                good = good & stamped
+            else:
+                columns[path] = self._values(table, sheet, path)
+        if not good.all():
+            self._left_out[topic] = f"{int(np.sum(~good))} of {len(good)} rows have no time"
+        return Records(received[good], {path: column[good] for path, column in columns.items()})
+
+    def _values(self, table: Table, sheet: Sheet, path: str) -> Column:
+        values = self._column(table, sheet.columns[path])
+        if path in sheet.texts:
+            return np.array([str(value) for value in values])
+        if values.dtype.kind not in "biuf":
+            raise LogError(f"/{table.topic}: the column {sheet.columns[path]} holds no numbers", path=table.file)
+        if np.ma.isMaskedArray(values):
+            values = np.ma.filled(values.astype(np.float64), np.nan)
+        return values * sheet.scale[path] if path in sheet.scale else values
+
+    def _times(self, table: Table, clock: TimeColumn) -> tuple[Nanoseconds, Mask]:
+        """Return a column of times as nanoseconds since 1970, and which of them are times; integers stay exact."""
+        values = self._column(table, clock.column)
+        masked, values = np.ma.getmaskarray(values), np.ma.getdata(values)
+        if values.dtype.kind not in "iufM":
+            raise LogError(f"/{table.topic}: the column {clock.column} holds no times", path=table.file)
+        dated = values.dtype.kind == "M"
+        values = values.astype(np.float64) - clock.at_1970 if clock.at_1970 and not dated else values
+        values, unit_ns = (values.astype(np.int64), 1) if dated else (values, clock.unit_ns)
+        good = (np.abs(values.astype(np.float64)) * unit_ns < MAX_TIME_NS) & ~masked  # False for NaN, and for no date
+        values = np.where(good, values, 0)
+        whole = np.floor(values).astype(np.int64) if values.dtype.kind == "f" else values.astype(np.int64)
+        return whole * unit_ns + np.rint((values - whole) * unit_ns).astype(np.int64), good
+
+    def _column(self, table: Table, name: str) -> Column:
+        if (key := (table.topic, name)) not in self._columns:
+            self._budget.take_bytes(table.rows * 8)
+            with reading(table.file, self.format):
+                values = self._reader_of(table, name)()
+            if len(values) != table.rows:
+                count = f"{len(values)} of {table.rows} values"
+                raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
+            self._columns[key] = values
+        return self._columns[key]
+
+    def _reader_of(self, table: Table, name: str) -> Callable[[], Column]:
+        """Return the function that reads a column by its plain name, of another table by its full name."""
+        for plain_name, read in zip(plain_names(list(table.columns)), table.columns.values(), strict=True):
+            if plain_name == name:
+                return read
+        other = next(
+            one for one in self._all if name.startswith(f"/{one.topic}/") and name[len(one.topic) + 2 :] in one.columns
+        )
+        return other.columns[name[len(other.topic) + 2 :]]
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report the rows that are left out, and what the names of columns were taken for."""
+        found: list[Finding] = []
+        for topic, one in self._topics.items():
+            if one.by_name and one.sheet and one.sheet.stamp:
+                named = {**one.sheet.columns, "time": one.sheet.stamp.column}
+                text = ", ".join(f"{key} from {column}" for key, column in named.items())
+                found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))
+            if why := self._left_out.get(topic):
+                found.append(Finding("UNDECODED", f"{topic}: {why}; left out", topic, lost_data=True))
+        return tuple(found)

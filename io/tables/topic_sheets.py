@@ -1,0 +1,84 @@
+"""The topics of a log of tables: each table by usbldr's own names, by names with units, or by the configuration."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
+from usbldr.io.tables.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
+
+ADVICE = "name them with the key columns in the sensor's section of usbldr.toml, which usbldr init proposes"
+
+
+@dataclass(frozen=True, slots=True)
+class TableHead:
+    """What a table's columns are called."""
+
+    file: Path
+    stem: str  # the table's name, which may suggest the sensor
+    names: Sequence[str]  # as written
+    own: Sheet | None  # how they are interpreted by usbldr's or rostopic's names
+    first_row: Sequence[str] | None = None  # cells, which may show a date and time; None: names with units do not count
+    elsewhere: Sequence[str] = ()  # columns of other tables, which only the configuration names
+
+
+class TopicSheet(NamedTuple):
+    """A topic: a table, or some of its columns."""
+
+    table: str  # its topic
+    sheet: Sheet | None  # None: its columns match no sensor
+    by_name: bool = False  # whether names and their units tell
+
+
+def topic_sheets(
+    tables: Mapping[str, TableHead], configured: Sequence[ConfiguredColumns], log: Path
+) -> Mapping[str, TopicSheet]:
+    """Return the topics of a log from its tables; a table whose columns name several sensors has a topic for each.
+
+    Raises UsageError if the columns that the configuration states do not exist, or in several tables.
+    """
+    stated: dict[str, list[ConfiguredColumns]] = {}
+    for one in configured:
+        topic = _topic(tables, one, log)
+        if topic is not None:
+            stated.setdefault(topic, []).append(one)
+    found: dict[str, TopicSheet] = {}
+    for topic, table in tables.items():
+        sensors = stated.get(topic, [])
+        by_name = {s: sheet for s, sheet in _foreign(table).items() if s not in [one.sensor for one in sensors]}
+        if sensors:
+            found[topic] = TopicSheet(
+                topic, configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
+            )
+        elif not by_name:
+            found[topic] = TopicSheet(topic, _own(table))
+        apart = sensors or len(by_name) > 1
+        found |= {f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True) for s, one in by_name.items()}
+    return found
+
+
+def _foreign(table: TableHead) -> Mapping[str, Sheet]:
+    """Return the sensors that a table's columns name with their units; empty if the columns are known otherwise."""
+    if table.first_row is None or (table.own is not None and not table.own.problem):
+        return {}
+    sheets = foreign_sheets(table.stem, table.names, table.first_row)
+    return {} if table.own is not None and any(sheet.problem for sheet in sheets.values()) else sheets
+
+
+def _own(table: TableHead) -> Sheet | None:
+    """Return how usbldr's names interpret a table; if they lack only the time, the problem is that of its times."""
+    if table.own is None or not table.own.lacks_time or table.first_row is None:
+        return table.own
+    sheets = foreign_sheets(table.stem, table.names, table.first_row).values()
+    return replace(table.own, problem=next((sheet.problem for sheet in sheets if sheet.problem), table.own.problem))
+
+
+def _topic(tables: Mapping[str, TableHead], stated: ConfiguredColumns, log: Path) -> str | None:
+    """Return the topic that the configuration names, None if it is not in this log."""
+    if stated.topic is not None:
+        slashed = "/" + stated.topic.lstrip("/")
+        last = "/" + slashed.rpartition("/")[2]
+        return next((topic for topic in (slashed, last) if topic in tables), None)
+    names = [(topic, plain_names([*table.names, *table.elsewhere]), ()) for topic, table in tables.items()]
+    return topic_with_columns(stated, names, log)

@@ -1,0 +1,189 @@
+"""Logs of MOOS as pLogger writes them: applications are topics, and their numbers are fields."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moos_recordings import COUNT, HEAD, line, write_alog
+from recordings import SECOND, T0
+from usbldr.filters.errors import LogError
+from usbldr.io.doctor.proposed_columns import proposed_columns
+from usbldr.io.formats.detect import open_log
+from usbldr.io.instruments.alog_log import AlogLog
+from usbldr.io.limits import VARIABLE
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+
+COLUMNS = """
+[dvl]
+columns = { x = "DVL_VEL_X", y = "DVL_VEL_Y" }
+axes = "FSU"
+[compass]
+columns = { heading = "COMPASS_HEADING" }
+[gps]
+columns = { lat_deg = "GPS_LATITUDE", lon_deg = "GPS_LONGITUDE" }
+"""
+
+
+def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:
+    (tmp_path / "usbldr.toml").write_text(COLUMNS)
+    log = read_log(write_alog(tmp_path / "a.alog"))
+
+    assert log.format == "MOOS log"
+    assert log.start_ns == T0 + SECOND // 4
+    np.testing.assert_array_equal(log.tables["dvl"]["forward_mps"], 1 + np.arange(COUNT) / 64)
+    np.testing.assert_array_equal(log.tables["dvl"]["starboard_mps"], 0.25)
+    np.testing.assert_array_equal(log.tables["dvl"]["time_s"], np.arange(COUNT))
+    np.testing.assert_allclose(log.tables["gps"]["time_s"], np.arange(COUNT) - 0.2, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], np.arange(COUNT) / 4)
+    np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 60 + np.arange(COUNT) * 1e-6, rtol=0, atol=1e-12)
+    assert not any(finding.lost_data for finding in log.findings)
+
+
+def test_topics_are_applications_and_fields_their_numbers(tmp_path: Path) -> None:
+    topics = {topic.name: topic for topic in open_log(write_alog(tmp_path / "a.alog")).topics()}
+
+    assert topics.keys() == {"/iCompass", "/iDVL", "/gGPS"}
+    assert topics["/iDVL"].fields == ("DVL_VEL_Y", "DVL_VEL_X", "DVL_TEMPERATURE")
+    assert topics["/iDVL"].count == COUNT
+    assert topics["/iDVL"].type == "moos/iDVL"
+
+
+def test_columns_are_proposed_for_the_usual_names(tmp_path: Path) -> None:
+    found = proposed_columns(write_alog(tmp_path / "a.alog"), Request())
+
+    assert {role: dict(one.columns) for role, one in found.items()} == {
+        "dvl": {"x": "DVL_VEL_X", "y": "DVL_VEL_Y"},
+        "compass": {"heading": "COMPASS_HEADING"},
+        "gps": {"lat_deg": "GPS_LATITUDE", "lon_deg": "GPS_LONGITUDE"},
+    }
+
+
+def test_types_may_be_marked_and_times_may_count_from_1970(tmp_path: Path) -> None:
+    texts = ["D:1.5", "S:2.5", "TRUE", "D:3.5"]
+    rows = "".join(line(T0 / SECOND + k, "V", "app", text) for k, text in enumerate(texts))
+    (tmp_path / "a.alog").write_text(f"%% LOGSTART {T0 // SECOND}.00\n%% DATATYPE MARKING ON\n{rows}")
+    records = open_log(tmp_path / "a.alog").read({"/app": ["V"]})["/app"]
+
+    assert records.columns["V"].tolist() == [1.5, 2.5, 1.0, 3.5]
+    assert (records.received_ns - T0).tolist() == [k * SECOND for k in range(4)]
+
+
+def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
+    """The report is that of pNodeReporter's documentation; of a name that comes twice the first counts."""
+    report = "NAME=alpha,TYPE=UUV,UTC_TIME=1252348077.59,X=51.71,Y=-35.50,LAT=43.824981,LON=-70.329755,SPD=2.00,"
+    report += "HDG=118.85,YAW=118.84754,DEP=4.63,LENGTH=3.8,MODE=MODE@ACTIVE:LOITERING"
+    texts = [("NODE_REPORT_LOCAL", report), ("USBL_FIX", "S:who=7, x = 1.5 ,y=-2,ok=true,x=9"), ("USBL_FIX", "x=2.5")]
+    texts += [("POLYGON", "pts={0,0:10,20},label=one,edge=3"), ("EMPTY", "a=,=5,b,c==1,1=2,-d=3")]
+    text = "".join(line(k, variable, "app", value) for k, (variable, value) in enumerate(texts))
+    (tmp_path / "a.alog").write_text(HEAD + text)
+    log = open_log(tmp_path / "a.alog")
+
+    (topic,) = log.topics()
+    records = log.read({"/app": topic.fields})["/app"].columns
+
+    assert {path: column[0] for path, column in records.items() if path.startswith("NODE")} == {
+        "NODE_REPORT_LOCAL.UTC_TIME": 1252348077.59,
+        "NODE_REPORT_LOCAL.X": 51.71,
+        "NODE_REPORT_LOCAL.Y": -35.5,
+        "NODE_REPORT_LOCAL.LAT": 43.824981,
+        "NODE_REPORT_LOCAL.LON": -70.329755,
+        "NODE_REPORT_LOCAL.SPD": 2.0,
+        "NODE_REPORT_LOCAL.HDG": 118.85,
+        "NODE_REPORT_LOCAL.YAW": 118.84754,
+        "NODE_REPORT_LOCAL.DEP": 4.63,
+        "NODE_REPORT_LOCAL.LENGTH": 3.8,
+    }
+    others = {path: column[1:] for path, column in records.items() if not path.startswith("NODE")}
+    nan = np.nan
+    expected = {"x": [1.5, 2.5, nan], "y": [-2.0, nan, nan], "ok": [1.0, nan, nan], "who": [7.0, nan, nan]}
+    assert others.keys() == {"POLYGON.edge", *(f"USBL_FIX.{name}" for name in expected)}
+    for name, values in expected.items():
+        np.testing.assert_array_equal(others[f"USBL_FIX.{name}"], values)
+    np.testing.assert_array_equal(others["POLYGON.edge"], [nan, nan, 3.0])
+
+
+def test_positions_within_a_text_are_fixes(tmp_path: Path) -> None:
+    rows = [line(k + 0.5, "USBL_REPORT", "iUSBL", f"T={T0 // SECOND + k},X={k},Y={-2 * k}") for k in range(COUNT)]
+    (tmp_path / "a.alog").write_text(HEAD + "".join(rows))
+    columns = '{ time_unix_s = "USBL_REPORT.T", x = "USBL_REPORT.X", y = "USBL_REPORT.Y" }'
+    (tmp_path / "usbldr.toml").write_text(f"[usbl]\ncolumns = {columns}\n")
+
+    fixes = read_log(tmp_path / "a.alog").tables["usbl"]
+
+    np.testing.assert_array_equal(fixes[["east_m", "north_m"]], [[k, -2 * k] for k in range(COUNT)])
+    np.testing.assert_array_equal(np.diff(fixes["time_s"]), 1.0)
+
+
+def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path) -> None:
+    """Of five readings the second lacks Y, the third X; the others are 5 ms apart: no record has values of two."""
+    rows = [(0.0, "X", 1), (0.001, "Y", 2), (0.1, "X", 3), (0.2, "Y", 4)]
+    rows += [(0.3, "X", 5), (0.3, "Y", 6), (0.305, "X", 7), (0.305, "Y", 8)]
+    text = "".join(line(time_s, name, "app", value) for time_s, name, value in rows)
+    (tmp_path / "a.alog").write_text(HEAD + text)
+    columns = open_log(tmp_path / "a.alog").read({"/app": ["X", "Y"]})["/app"].columns
+
+    np.testing.assert_array_equal(columns["X"], [1, 3, np.nan, 5, 7])
+    np.testing.assert_array_equal(columns["Y"], [2, np.nan, 4, 6, 8])
+
+
+def test_a_moos_log_cut_anywhere_lacks_only_its_last_line_and_says_so(tmp_path: Path) -> None:
+    whole, rng = write_alog(tmp_path / "a.alog").read_text(), random.Random(3)
+    for end in (rng.randrange(len(HEAD) + 200, len(whole)) for _ in range(60)):
+        (tmp_path / "a.alog").write_text(whole[:end])
+        log = AlogLog(tmp_path / "a.alog")
+        records = log.read({"/iDVL": ["DVL_VEL_X"]})["/iDVL"]
+
+        values = records.columns["DVL_VEL_X"]
+        np.testing.assert_array_equal(values, 1 + np.arange(len(values)) / 64)
+        assert any(finding.lost_data for finding in log.findings()) == (whole[end - 1] != "\n")
+
+
+def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:
+    (tmp_path / "a.alog").write_text(HEAD[:-5])
+    log = AlogLog(tmp_path / "a.alog")
+
+    assert log.topics() == ()
+    assert any(finding.lost_data for finding in log.findings())
+
+
+def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
+    text = HEAD + line(0, "X", "app", 1.5) + "a text\nof two lines\n" + line(1, "X", "app", 2.5)
+    (tmp_path / "a.alog").write_text(text)
+    log = open_log(tmp_path / "a.alog")
+
+    assert log.read({"/app": ["X"]})["/app"].columns["X"].tolist() == [1.5, 2.5]
+    (finding,) = log.findings()
+    assert finding.lost_data
+    assert finding.text == "a.alog: 2 lines have no time, variable and source, the first is line 6; left out"
+
+
+def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
+    whole, value = write_alog(tmp_path / "a.alog").read_text(), "iDVL:driver     1.500000"
+    text = whole.replace(value, value.replace(".", "x"), 1)
+    assert text != whole
+    (tmp_path / "a.alog").write_text(text)
+    log = open_log(tmp_path / "a.alog")
+
+    values = log.read({"/iDVL": ["DVL_VEL_X"]})["/iDVL"].columns["DVL_VEL_X"]
+    assert values.tolist() == [1 + k / 64 for k in range(COUNT) if k != 32]
+    (finding,) = log.findings()
+    assert finding.lost_data
+    assert finding.text == "/iDVL: 1 values of DVL_VEL_X are no numbers; left out"
+
+
+def test_a_variable_of_texts_that_seldom_is_a_number_is_no_number(tmp_path: Path) -> None:
+    rows = [line(k, "MODE", "app", "1" if k == 3 else "survey") + line(k, "X", "app", k) for k in range(9)]
+    (tmp_path / "a.alog").write_text(HEAD + "".join(rows))
+
+    assert open_log(tmp_path / "a.alog").topics()[0].fields == ("X",)
+
+
+def test_variables_without_end_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.alog").write_text(HEAD + "".join(line(k, f"V{k}", "app", k) for k in range(2001)))
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    with pytest.raises(LogError, match="has more than 2000 variables; --limits 10 raises the limits tenfold"):
+        read_log(tmp_path / "a.alog")

@@ -1,0 +1,216 @@
+"""Telemetry logs and onboard logs of autopilots, against pymavlink's own readers."""
+
+import random
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink import DFReader, mavutil
+from pymavlink.generator.mavcrc import x25crc
+
+from autopilot_recordings import COUNT, onboard, packets, row, write_bin, write_tlog
+from recordings import SECOND, T0
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.instruments.dataflash_log import DataflashLog
+from usbldr.io.instruments.tlog_log import TelemetryLog
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+
+
+def value_of(message: Any, path: str) -> Any:
+    name, _, element = path.removeprefix("message.").partition(".")
+    value = getattr(message, name)
+    return value[int(element)] if element else value
+
+
+@pytest.mark.parametrize("version_1", [False, True])
+def test_a_telemetry_log_has_the_values_of_pymavlink(tmp_path: Path, version_1: bool) -> None:
+    file = write_tlog(tmp_path / "dive.tlog", version_1)
+    log = open_log(file)
+    oracle: dict[str, list[Any]] = {}
+    connection: Any = mavutil.mavlink_connection(str(file), dialect="ardupilotmega")
+    while (message := connection.recv_match()) is not None:
+        sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+        oracle.setdefault(f"mavlink/{sender}/{message.get_type()}", []).append(message)
+
+    assert {topic.name: topic.count for topic in log.topics()} == {name: len(found) for name, found in oracle.items()}
+    for topic in log.topics():
+        paths = [path for path in topic.fields if path not in topic.arrays]
+        paths += [f"{path}.{k}" for path in topic.arrays for k in range(3)]
+        records = log.read({topic.name: paths})[topic.name]
+        for path in paths:
+            assert records.columns[path].tolist() == [value_of(message, path) for message in oracle[topic.name]]
+        times = [message._timestamp for message in oracle[topic.name]]
+        np.testing.assert_allclose(records.received_ns / 1e9, times, rtol=0, atol=1e-6)
+    assert log.findings() == ()
+
+
+def test_a_telemetry_log_is_a_dive(tmp_path: Path) -> None:
+    log = read_log(write_tlog(tmp_path / "dive.tlog"))
+
+    assert log.format == "MAVLink telemetry log"
+    assert log.start_ns == T0
+    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], (0.2 + np.arange(COUNT) / 100) * 5, rtol=1e-6)
+    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], np.degrees(np.arange(COUNT) / 20), atol=1e-4)
+    assert len(log.tables["gps"]) == COUNT
+    np.testing.assert_allclose(
+        log.tables["depth"]["depth_m"], (150050 + 100 * np.arange(COUNT) - 101325) / (1025 * 9.80665), atol=1e-3
+    )
+
+
+def test_without_pymavlink_the_sentence_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_tlog(tmp_path / "dive.tlog")
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20.ardupilotmega", None)
+
+    with pytest.raises(UsageError) as fault:
+        open_log(file)
+    assert str(fault.value) == f"{file}: telemetry logs need pymavlink: pip install 'usbldr[mavlink]'"
+
+
+def test_a_packet_with_a_flipped_bit_is_lost_and_reported(tmp_path: Path) -> None:
+    file, rng = tmp_path / "dive.tlog", random.Random(5)
+    parts = packets()
+    for _ in range(60):
+        spoilt = rng.randrange(5, len(parts))
+        bent = bytearray(parts[spoilt])
+        bent[rng.randrange(8, len(bent))] ^= 1 << rng.randrange(8)
+        file.write_bytes(b"".join([*parts[:spoilt], bytes(bent), *parts[spoilt + 1 :]]))
+        log = open_log(file)
+        assert len(parts) - 4 < sum(topic.count for topic in log.topics() if not topic.problem) < len(parts)
+        (finding,) = log.findings()  # a packet of another number is one of another dialect, whose checksums are unknown
+        assert finding.lost_data or "or damaged; not read" in finding.text
+
+
+def foreign(payload: bytes) -> bytes:
+    """Return a packet of another dialect, whose definition has the byte 77."""
+    head = bytes([0xFD, len(payload), 0, 0, 7, 1, 1]) + b"\xff\xff\x7f"
+    checksum = x25crc(head[1:] + payload + bytes([77])).crc
+    return struct.pack(">Q", T0 // 1000) + head + payload + struct.pack("<H", checksum)
+
+
+def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Path) -> None:
+    parts = packets()
+    unknown = foreign(b"ab")
+    (tmp_path / "a.tlog").write_bytes(b"".join([parts[0], unknown, *parts[1:]]))
+    log = open_log(tmp_path / "a.tlog")
+
+    problems = {topic.name: topic.problem for topic in log.topics() if topic.problem}
+    assert problems == {"mavlink/1/1/UNKNOWN_8388607": "its message 8388607 is not in the dialect ardupilotmega"}
+    (finding,) = log.findings()
+    assert finding.text == "1 messages are not in the dialect ardupilotmega, or damaged; not read"
+
+
+def test_without_pymavlink_the_sentence_of_an_onboard_log_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
+
+    with pytest.raises(UsageError, match=r"onboard logs need pymavlink: pip install 'usbldr\[mavlink\]'"):
+        open_log(write_bin(tmp_path / "a.BIN"))
+
+
+def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:
+    file = write_bin(tmp_path / "00000001.BIN")
+    log = open_log(file)
+    oracle: dict[str, list[Any]] = {}
+    reader: Any = DFReader.DFReader_binary(str(file))
+    while (message := reader.recv_match(type=["ATT", "GPS", "BARO", "VISO", "MSG"])) is not None:
+        name = message.get_type()
+        instance = f"[{message.I}]" if name in ("GPS", "BARO") else ""
+        oracle.setdefault(name.partition("[")[0] + instance, []).append(message)
+    topics = {topic.name: topic for topic in log.topics() if topic.name != "FMTU"}
+
+    assert {name: topic.count for name, topic in topics.items()} == {name: len(found) for name, found in oracle.items()}
+    for name, topic in topics.items():
+        records = log.read({name: topic.fields})[name]
+        for path in topic.fields:
+            values = [getattr(message, path) for message in oracle[name]]
+            texts = isinstance(values[0], str)
+            assert records.columns[path].tolist() == (values if texts else pytest.approx(values, rel=1e-15))
+    times = [message._timestamp for message in oracle["ATT"]]
+    np.testing.assert_allclose(log.read({"ATT": ["Yaw"]})["ATT"].received_ns / 1e9, times, rtol=0, atol=1e-5)
+    assert log.findings() == ()
+
+
+def test_an_onboard_log_is_a_dive(tmp_path: Path) -> None:
+    file = write_bin(tmp_path / "00000001.BIN")
+    log = read_log(file)
+
+    topics = {role: provenance.topic for role, provenance in log.provenance.items()}
+    assert topics == {"dvl": "VISO", "compass": "ATT", "gps": "GPS[0]", "depth": "BARO[1]"}
+    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], (0.2 + np.arange(COUNT) / 100) * 5, rtol=1e-6)
+    assert log.tables["dvl"]["valid"].tolist() == [k != 4 for k in range(COUNT)]
+    assert log.tables["compass"]["heading_deg"].tolist() == [(350 + k) % 360 + 0.25 for k in range(COUNT)]
+    assert len(log.tables["gps"]) == COUNT - 2
+    assert log.tables["depth"]["depth_m"].iloc[0] == pytest.approx(1e4 / (1025 * 9.80665))
+    inside = read_log(file, Request(topics={"depth": "BARO[0]"}))
+    assert inside.tables["depth"]["depth_m"].iloc[0] == pytest.approx(0.0)
+
+
+def test_an_onboard_log_without_gps_is_timed_from_power_on(tmp_path: Path) -> None:
+    log = open_log(write_bin(tmp_path / "a.BIN", onboard(gps=False)))
+
+    assert log.read({"ATT": ["Yaw"]})["ATT"].received_ns[:2].tolist() == [5 * SECOND, 6 * SECOND]
+
+
+@pytest.mark.parametrize("rest", [b"\0" * 300, b"\xff" * 300])
+def test_the_unused_end_of_a_page_is_no_loss(tmp_path: Path, rest: bytes) -> None:
+    assert open_log(write_bin(tmp_path / "a.BIN", [*onboard(), rest])).findings() == ()
+
+
+def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
+    parts = [*onboard(), row(130, "QccffC", 1 << 63, 0, 0, 0, 0, 0)]
+    log = open_log(write_bin(tmp_path / "a.BIN", parts))
+
+    assert next(topic.count for topic in log.topics() if topic.name == "ATT") == COUNT
+    (finding,) = log.findings()
+    assert finding.text == "1 messages have an impossible time; left out"
+
+
+@pytest.mark.parametrize("write", [write_tlog, write_bin])
+@pytest.mark.parametrize("kind", ["cuts", "flips"])
+def test_no_damage_of_an_autopilots_log_is_a_traceback_or_a_silent_loss(tmp_path: Path, write: Any, kind: str) -> None:
+    file = write(tmp_path / "dive")
+    whole, rng = file.read_bytes(), random.Random(kind)
+    total = sum(topic.count for topic in open_log(file).topics())
+    for _ in range(40):
+        if kind == "cuts":
+            spoilt = whole[: rng.randrange(len(whole))]
+            at_end = spoilt in boundaries(write)
+        else:
+            bent, at_end = bytearray(whole), False
+            for _ in range(rng.choice([1, 1, 5, 50])):
+                bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
+            spoilt = bytes(bent)
+        file.write_bytes(spoilt)
+        try:
+            log = open_log(file)
+            count = sum(topic.count for topic in log.topics())
+            said = any(topic.problem for topic in log.topics()) or bool(log.findings())
+        except UsbldrError:
+            continue
+        assert said or at_end or count >= total
+
+
+def boundaries(write: Any) -> set[bytes]:
+    """Return the files that end after a message: whole ones, to all appearances."""
+    parts = packets() if write is write_tlog else onboard()
+    return {b"".join(parts[:k]) for k in range(len(parts))}
+
+
+def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "a.tlog").write_bytes(packets()[0][:-1])
+    with pytest.raises(LogError, match=r"holds no messages \(63 of 63 bytes are damaged or cut"):
+        read_log(tmp_path / "a.tlog")
+    (tmp_path / "a.BIN").write_bytes(onboard()[0])
+    with pytest.raises(LogError, match="holds no messages"):
+        read_log(tmp_path / "a.BIN")
+
+
+def test_the_readers_are_found_by_the_first_bytes(tmp_path: Path) -> None:
+    assert isinstance(open_log(write_tlog(tmp_path / "a.csv")), TelemetryLog)
+    assert isinstance(open_log(write_bin(tmp_path / "b.csv")), DataflashLog)

@@ -1,0 +1,197 @@
+"""Files of Doppler logs written by the book: PD0, PD6, JSON lines; and a PD0 file of a river boat."""
+
+import csv
+import json
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvl_recordings import COUNT, ensemble, write_json, write_pd0, write_pd6
+from recordings import SECOND, T0
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.log import Log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+
+
+@pytest.mark.parametrize("coordinates", [1, 2])
+def test_bottom_track_of_pd0_is_the_bottoms_motion(tmp_path: Path, coordinates: int) -> None:
+    log = read_log(write_pd0(tmp_path / "a.pd0", coordinates))
+    dvl = log.tables["dvl"]
+
+    assert log.format == "PD0"
+    assert log.start_ns == T0 - 40 * SECOND + 500_000_000
+    np.testing.assert_allclose(dvl["starboard_mps"], -0.25)
+    np.testing.assert_allclose(dvl["forward_mps"], 1.5)
+    np.testing.assert_allclose(dvl["up_mps"], -0.01)
+    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], (355 + np.arange(COUNT) / 2) % 360)
+    np.testing.assert_allclose(log.tables["depth"]["depth_m"], 10 + np.arange(COUNT) / 10)
+    gps = open_log(tmp_path / "a.pd0").read({"/gga": ["latitude", "longitude", "quality"]})["/gga"]
+    assert gps.columns["latitude"].tolist() == [64.5 + k * 1e-6 for k in range(COUNT)]
+    assert set(gps.columns["longitude"].tolist()) == {-149.0}
+    np.testing.assert_allclose(np.diff(dvl["time_s"]), 1.0)
+    np.testing.assert_allclose(dvl["time_s"] - log.tables["gps"]["time_s"], 0.25)
+
+
+def test_velocities_along_beams_become_those_of_the_instrument(tmp_path: Path) -> None:
+    """A vehicle that moves by (x, y, z) sees its velocity along each beam: the projection, away from the bottom."""
+    x, y, z = 0.6, -1.2, 0.1  # of the bottom
+    s, c = np.sin(np.radians(30)), np.cos(np.radians(30))
+    beams = (x * s + z * c, -x * s + z * c, -y * s + z * c, y * s + z * c)
+    file = write_pd0(tmp_path / "a.pd0", 0, tuple(round(1000 * v) for v in beams))  # type: ignore[arg-type]
+    dvl = read_log(file).tables["dvl"]
+
+    np.testing.assert_allclose(dvl[["starboard_mps", "forward_mps", "up_mps"]].iloc[0], [-x, -y, -z], atol=2e-3)
+
+
+def test_a_beam_without_velocity_makes_an_invalid_record(tmp_path: Path) -> None:
+    parts = [ensemble(k, 0, (1, 2, 3, -32768 if k == 7 else 4)) for k in range(COUNT)]
+    (tmp_path / "a.pd0").write_bytes(b"".join(parts))
+
+    assert read_log(tmp_path / "a.pd0").tables["dvl"]["valid"].tolist() == [k != 7 for k in range(COUNT)]
+
+
+def test_velocities_of_pd0_in_earth_axes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"40 in earth coordinates; velocities along beams or in earth axes cannot be"):
+        read_log(write_pd0(tmp_path / "a.pd0", 3))
+
+
+def test_no_damage_of_pd0_is_silent(tmp_path: Path) -> None:
+    file, rng = write_pd0(tmp_path / "a.pd0"), random.Random(3)
+    whole, length = file.read_bytes(), len(ensemble(0, 1, (0, 0, 0, 0)))
+    for case in range(60):
+        bent = bytearray(whole)
+        at = rng.randrange(length, len(whole))
+        bent[at] ^= 1 << rng.randrange(8)
+        spoilt = bytes(bent) if case % 2 else whole[:at]
+        file.write_bytes(spoilt)
+        log = open_log(file)
+        count = next(topic.count for topic in log.topics())
+        records = log.read({"/bottom_track": ["x", "y"]})["/bottom_track"]
+        assert set(records.columns["x"].tolist()) == {0.25}
+        assert count == (COUNT - 1 if case % 2 else at // length)
+        assert [finding.lost_data for finding in log.findings()] == [True] * (case % 2 == 1 or at % length > 0)
+
+
+def test_a_river_boats_pd0_has_the_values_of_an_independent_reader(field_logs: Path) -> None:
+    """The CSV file is not ours: it has the velocities with four decimals, and none if a beam has none."""
+    folder = field_logs / "mhkit_riverpro"
+    log = open_log(folder / "RiverPro_test01.PD0")
+    (file,) = (folder / "csv").glob("*dvl.csv")
+    rows = list(csv.DictReader(file.open(encoding="utf-8")))
+    track = log.read({"/bottom_track": ["x", "y", "z"]})["/bottom_track"].columns
+    heading = log.read({"/heading": ["heading_deg"]})["/heading"].columns["heading_deg"]
+
+    assert [topic.count for topic in log.topics()][:2] == [273, 273]
+    assert log.findings() == ()
+    for axis, name, sign in (("x", "port_mps", 1), ("y", "forward_mps", -1), ("z", "up_mps", -1)):
+        expected = np.array([float(row[name] or "nan") for row in rows])
+        whole = np.isfinite(track["x"] + track["y"])
+        np.testing.assert_allclose(np.where(whole, sign * track[axis], np.nan), expected, atol=6e-5)
+    np.testing.assert_allclose(heading, [float(row["heading_magnetic_deg"]) for row in rows], atol=1e-9)
+
+
+def test_pd6_is_read_in_ships_axes(tmp_path: Path) -> None:
+    log = read_log(write_pd6(tmp_path / "a.pd6"))
+    dvl = log.tables["dvl"]
+
+    assert log.start_ns == T0
+    assert {role: p.topic for role, p in log.provenance.items()} == {"dvl": "/BS", "compass": "/SA", "depth": "/TS"}
+    np.testing.assert_allclose(dvl["starboard_mps"], -0.42)
+    np.testing.assert_allclose(dvl["forward_mps"], (100 + np.arange(COUNT)) / 1000)
+    assert dvl["valid"].tolist() == [k != 3 for k in range(COUNT)]
+    np.testing.assert_allclose(dvl["time_s"], np.arange(COUNT) / 100)
+    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], (355 + np.arange(COUNT) / 2) % 360)
+    np.testing.assert_allclose(log.tables["depth"]["depth_m"], 10 + np.arange(COUNT) / 10)
+    named = read_log(tmp_path / "a.pd6", Request(topics={"dvl": "/BI"})).tables["dvl"]
+    np.testing.assert_allclose(named[["starboard_mps", "forward_mps", "up_mps"]].iloc[0], [-0.42, 0.1, -2.0])
+    with pytest.raises(UsageError, match="it holds velocities in earth axes; record instrument or ship coordinates"):
+        read_log(tmp_path / "a.pd6", Request(topics={"dvl": "/BE"}))
+
+
+def test_sensors_of_pd6_that_write_zeros_are_none(tmp_path: Path) -> None:
+    log = open_log(write_pd6(tmp_path / "a.pd6", sensors=False))
+
+    assert [topic.name for topic in log.topics()] == ["/BI", "/BS", "/BE"]
+
+
+def test_cut_and_altered_lines_of_pd6_are_reported(tmp_path: Path) -> None:
+    file = write_pd6(tmp_path / "a.pd6")
+    whole, rng = file.read_bytes(), random.Random(1)
+    for _ in range(25):
+        cut = rng.randrange(400, len(whole))
+        file.write_bytes(whole[:cut])
+        log = open_log(file)
+        groups = whole[:cut].count(b":BS")
+        read = next(topic.count for topic in log.topics() if topic.name == "/BS")
+        assert read >= groups - 1
+        assert read == groups or log.findings() or whole[:cut].endswith(b"\n")
+    file.write_bytes(whole.replace(b"-420", b"-4x0", 1))
+    (finding,) = open_log(file).findings()
+    assert finding.text == "a.pd6: 1 lines are cut, altered or without a time, the first is line 4; left out"
+
+
+def test_reports_of_water_linked_are_read(tmp_path: Path) -> None:
+    file = write_json(tmp_path / "a.jsonl")
+    log = read_log(file)
+    dvl = log.tables["dvl"]
+
+    assert log.format == "JSON lines"
+    assert not any(finding.lost_data for finding in log.findings)
+    np.testing.assert_allclose(dvl["forward_mps"], 0.5 + np.arange(COUNT) / 100)
+    np.testing.assert_allclose(dvl["starboard_mps"], -0.25)
+    np.testing.assert_allclose(dvl["up_mps"], -0.125)
+    assert dvl["valid"].tolist() == [k != 3 for k in range(COUNT)]
+    np.testing.assert_allclose(dvl["received_s"] - dvl["time_s"], 0.05, atol=1e-9)
+    for role, why in {"compass": "counts from where dead reckoning began", "usbl": "holds dead reckoning"}.items():
+        with pytest.raises(UsageError, match=why):
+            read_log(file, Request(topics={role: "/position_local"}))
+
+
+def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> None:
+    place = {
+        "cog": -1,
+        "fix_quality": 1,
+        "hdop": 1.9,
+        "lat": 63.4,
+        "lon": 10.4,
+        "numsats": 11,
+        "orientation": 42,
+        "sog": 0,
+    }
+    lines = [json.dumps({**place, "lat": 63.4 + k * 1e-6}) for k in range(COUNT)]
+    (tmp_path / "bare.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "timed.txt").write_text(
+        "".join(f"2020-09-13T12:26:40.{k:02d}Z {line}\n" for k, line in enumerate(lines)), encoding="utf-8"
+    )
+
+    (finding,) = open_log(tmp_path / "bare.txt").findings()
+    assert finding.text == "bare.txt: 40 lines have no time; log them with one before each line"
+    log = read_log(tmp_path / "timed.txt", Request(topics={"usbl": "/global"}))
+    assert len(log.tables["usbl"]) == COUNT
+    assert log.start_ns == T0
+
+
+def test_lines_that_are_no_json_are_reported(tmp_path: Path) -> None:
+    file = write_json(tmp_path / "a.jsonl")
+    whole, rng = file.read_bytes(), random.Random(2)
+    for _ in range(25):
+        cut = rng.randrange(600, len(whole))
+        file.write_bytes(whole[:cut])
+        try:
+            log = open_log(file)
+            count = next(topic.count for topic in log.topics())
+        except UsbldrError:
+            continue
+        assert count >= whole[:cut].count(b'"velocity",') - 1
+        assert log.findings() or whole[:cut].endswith((b"\n", b"}", b"\r"))
+
+
+def test_each_file_is_a_log(tmp_path: Path) -> None:
+    for file in (write_pd0(tmp_path / "a.csv"), write_pd6(tmp_path / "b.csv"), write_json(tmp_path / "c.csv")):
+        log = read_log(file)
+        assert isinstance(log, Log)
+        assert "dvl" in log.tables

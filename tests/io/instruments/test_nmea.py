@@ -1,0 +1,390 @@
+"""NMEA sentences, in files and in topics, against the manuals and recordings of their vendors."""
+
+import contextlib
+import math
+import random
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from logs import MAP, codes, logged_nmea
+from recordings import SECOND, T0, sentence, write_mcap
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
+from usbldr.io.formats.detect import open_log
+from usbldr.io.provenance import Convention
+from usbldr.io.reading.read import Request, read_log
+
+STRING = "std_msgs/msg/String"
+DAY = 86_400 * SECOND
+
+
+# recorded sentences of a HiPAP, a Ranger 2 and two GAPS with their own checksums
+RECORDED_GGA = "$GPGGA,075617.34,7002.968962,N,02938.350607,E,2,12,0.6,-0.52,M,20.34,M,7.0,0907*6F"
+NO_REPLY = "$PSIMSSB,083733.036,M17,A,NRy,C,N,F,0.000,0.000,0.000,20.000,T,0.003731,*08"
+NORTH_UP = "$PSIMSSB,180554.432,M44,A,,C,N,M,-61.300,39.017,34.026,0.072,T,0.050576,*47"
+RANGER = "$PSONLLD,133707.52,2401,A,51.3315406,-0.83563975,999.916,5.33,5.33,0.00,0.62,,,,*2A"
+RANGER_SHIP = "$PSONLLD,133707.59,Ship 1,A,51.3306281,-0.83499295,0.000,0.08,0.08,0.00,0.01,,,,*1D"
+GAPS = "$PTSAG,#16068,124544.449,18,12,2017,1,4305.25355,N,00631.76852,E,F,1013.10,1,9999.00*23"
+GAPS_SHIP = "$PTSAG,#16071,124546.173,18,12,2017,0,4305.25123,N,00631.79102,E,F,0002.89,1,9999.00*25"
+GAPS_WEST = "$PTSAG,#2374110,055648.831,05,04,2018,3,2718.19917,N,01747.61373,W,F,0005.8,1,9999.0*"
+
+
+def test_a_recorded_gga_is_seventy_degrees_north(tmp_path: Path) -> None:
+    gps = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}").tables["gps"]
+
+    assert gps["lat_deg"][0] == pytest.approx(70 + 2.968962 / 60, abs=1e-9)
+    assert gps["lon_deg"][0] == pytest.approx(29 + 38.350607 / 60, abs=1e-9)
+
+
+def test_the_time_of_day_is_placed_on_the_date_of_the_log_time(tmp_path: Path) -> None:
+    log = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}")
+
+    assert log.start_ns == np.datetime64("2026-05-23T07:56:17.340", "ns").astype(int)
+    assert log.tables["gps"]["received_s"][0] == pytest.approx(0.56)
+
+
+def test_times_around_midnight_fall_on_either_side_of_it() -> None:
+    midnight = 20_000 * DAY
+    before, after = midnight - 2 * SECOND, midnight + 2 * SECOND
+
+    of_yesterday = on_nearest_date(np.array([DAY - SECOND]), np.array([after]))
+    of_tomorrow = on_nearest_date(np.array([SECOND]), np.array([before]))
+
+    assert of_yesterday == [midnight - SECOND]
+    assert of_tomorrow == [midnight + SECOND]
+
+
+def test_without_log_times_midnight_is_the_jump_back_of_the_clock(tmp_path: Path) -> None:
+    """One RMC holds the date; a GGA after midnight is of the next day."""
+    lines = [
+        sentence("GPRMC,235959.00,A,4500.000,N,00700.000,E,1.0,90.0,311219,,,A"),
+        sentence("GPGGA,235959.50,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"),
+        sentence("GPGGA,000000.50,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"),
+    ]
+
+    log = logged_nmea(tmp_path, *lines)
+
+    assert log.start_ns == np.datetime64("2019-12-31T23:59:59.500", "ns").astype(int)
+    np.testing.assert_allclose(log.tables["gps"]["time_s"], [0, 1])
+
+
+def test_without_any_date_the_first_day_is_1970_and_is_reported(tmp_path: Path) -> None:
+    log = logged_nmea(tmp_path, RECORDED_GGA)
+
+    assert log.start_ns == (7 * 3600 + 56 * 60 + 17) * SECOND + 340_000_000
+    assert "1970-01-01" in codes(log)["NMEA-DATE"]
+
+
+def test_sentences_without_a_time_are_spaced_evenly_between_those_with_one() -> None:
+    received, dated = times_from_sentences(np.array([10, NO_TIME, NO_TIME, NO_TIME, 14]) * 1, np.full(5, NO_TIME))
+
+    assert received.tolist() == [10, 11, 12, 13, 14]
+    assert not dated
+
+
+@pytest.mark.parametrize(
+    ("prefix", "time_ns"),
+    [
+        ("1600000000.123456789 ", T0 + 123_456_789),
+        ("1600000000 ", T0),
+        ("[1600000000123] ", T0 + 123_000_000),
+        ("1600000000123456,", T0 + 123_456_000),
+        ("1600000000123456789,", T0 + 123_456_789),
+        ("2020-09-13T12:26:40.5Z ", T0 + SECOND // 2),
+        ("2020/09/13 12:26:40,5\t", T0 + SECOND // 2),
+        ("2020-09-13 14:26:40+02:00 ", T0),
+        ("2020-09-13 09:56:40 -0230 ", T0),
+        ("9999-09-13 12:26:40 ", NO_TIME),
+        ("9999999999999999999,", NO_TIME),
+        ("12:26:40 ", NO_TIME),
+        ("COM1: ", NO_TIME),
+    ],
+)
+def test_lines_begin_with_their_log_time_in_many_ways(prefix: str, time_ns: int) -> None:
+    assert prefixed_ns(prefix) == time_ns
+
+
+def test_wrong_checksums_are_dropped_and_counted(tmp_path: Path) -> None:
+    bad = RECORDED_GGA.replace("7002", "7003")
+
+    log = logged_nmea(
+        tmp_path, *(f"{1600000000 + k} {line}" for k, line in enumerate([RECORDED_GGA, bad, RECORDED_GGA]))
+    )
+
+    assert codes(log)["NMEA-CHECKSUM"] == ("ship.nmea: 1 of 3 sentences are cut or have a wrong checksum; left out")
+    assert log.provenance["gps"].messages == 2
+
+
+def test_a_sentence_without_the_fields_of_its_kind_is_lost_and_counted(tmp_path: Path) -> None:
+    log = logged_nmea(
+        tmp_path, *(f"{1600000000 + k} {sentence(f'HEHDT,{h},T')}" for k, h in enumerate(["12.5", "north"]))
+    )
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [12.5]
+    (lost,) = [finding for finding in log.findings if finding.lost_data]
+    assert (lost.code, lost.text) == (
+        "UNDECODED",
+        "/HEHDT: 1 sentences do not have the fields of their type; left out",
+    )
+
+
+def test_a_line_without_checksum_is_used_and_counted(tmp_path: Path) -> None:
+    log = logged_nmea(tmp_path, "1600000000 " + RECORDED_GGA.partition("*")[0])
+
+    assert codes(log)["NMEA-UNCHECKED"] == "ship.nmea: 1 of 1 sentences have no checksum"
+    assert len(log.tables["gps"]) == 1
+
+
+def test_a_gga_of_quality_zero_is_no_fix(tmp_path: Path) -> None:
+    none = sentence("GPGGA,075618.34,,,,,0,00,,,M,,M,,")
+
+    log = logged_nmea(tmp_path, f"1600000000 {RECORDED_GGA}", f"1600000001 {none}")
+
+    assert len(log.tables["gps"]) == 1
+    assert "GPS-INVALID" in codes(log)
+
+
+GGA = "GPGGA,122640.00,4500.000,{},00700.000,{},{},10,0.8,1.0,M,48.0,M,,"
+
+
+@pytest.mark.parametrize(
+    ("body", "good", "bad"),
+    [
+        (GGA, ("N", "E", "1"), ("N", "E", "6")),
+        (GGA, ("N", "E", "4"), ("N", "E", "8")),
+        (GGA, ("N", "E", "1"), ("", "E", "1")),
+        (GGA, ("S", "W", "1"), ("S", "", "1")),
+        ("GPRMC,122640.00,{},4500.000,N,00700.000,E,1.0,90.0,130920,,,{}", "AA", "AS"),
+        ("GPRMC,122640.00,{},4500.000,N,00700.000,E,1.0,90.0,130920,,,{}", "AD", "AE"),
+        ("GPGLL,4500.000,N,00700.000,E,122640.00,{},{}", "AA", "AM"),
+        ("GPGNS,122640.00,4500.000,N,00700.000,E,{},10,0.8,1.0,48.0,,", ["NAN"], ["NEN"]),
+    ],
+)
+def test_a_position_that_was_not_measured_or_has_no_hemisphere_is_left_out(
+    tmp_path: Path, body: str, good: Sequence[str], bad: Sequence[str]
+) -> None:
+    log = logged_nmea(
+        tmp_path, *(f"{1600000000 + k} {sentence(body.format(*one))}" for k, one in enumerate((good, bad)))
+    )
+
+    assert len(log.tables["gps"]) == 1
+    assert "1 of 2 records are invalid and left out" in codes(log)["GPS-INVALID"]
+
+
+def test_a_target_in_the_south_is_in_the_south(tmp_path: Path) -> None:
+    line = sentence("RATLL,01,6300.000,S,00700.000,W,boat,122640.00,T,")
+
+    usbl = open_log(logged_nmea(tmp_path, line).path).read({"/RATLL": ["lat_deg", "lon_deg"]})["/RATLL"]
+
+    assert (usbl.columns["lat_deg"][0], usbl.columns["lon_deg"][0]) == (-63, -7)
+
+
+@settings(max_examples=25, deadline=None)
+@given(cold=st.integers(0, 30), warm=st.integers(2, 30), zda=st.booleans(), clock=st.integers(0, 86_000))
+def test_a_cold_start_neither_dates_nor_places(cold: int, warm: int, zda: bool, clock: int) -> None:
+    """The receiver counts from a time of its own in 1980 until it has a fix; a gyro is logged beside it."""
+    lines: list[str] = []
+    for k in range(cold + warm):
+        second = clock + k if k < cold else 44_800 + k
+        hms = f"{second // 3600 % 24:02d}{second // 60 % 60:02d}{second % 60:02d}.00"
+        date = ("060180", "06,01,1980") if k < cold else ("130920", "13,09,2020")
+        lines += [sentence(f"GPZDA,{hms},{date[1]},00,00")] if zda else []
+        lines.append(sentence(f"GPRMC,{hms},{'V' if k < cold else 'A'},4500.0,N,00700.0,E,1.0,90.0,{date[0]},,,A"))
+        lines.append(sentence(f"HEHDT,{k}.0,T"))
+
+    with TemporaryDirectory() as folder:
+        log = logged_nmea(Path(folder), *lines)
+
+    assert len(log.tables["gps"]) == warm
+    time_s = log.tables["compass"]["time_s"].to_numpy()
+    assert np.diff(time_s) == pytest.approx(np.ones(cold + warm - 1), abs=0.51)
+    assert abs(log.start_ns - T0) < SECOND
+
+
+def test_rmc_repeats_the_position_of_gga_and_is_used_if_that_is_missing(tmp_path: Path) -> None:
+    rmc = sentence("GPRMC,122640.00,A,4500.000,N,00700.000,E,1.0,90.0,130920,,,A")
+    gga = sentence("GPGGA,122640.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
+
+    both, alone = logged_nmea(tmp_path, rmc, gga), logged_nmea(tmp_path, rmc)
+
+    assert both.provenance["gps"].topic == "/GPGGA"
+    assert alone.provenance["gps"].topic == "/GPRMC"
+    assert alone.start_ns == T0
+
+
+def test_two_receivers_are_not_chosen_between(tmp_path: Path) -> None:
+    gga = "GGA,122640.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"
+
+    with pytest.raises(UsageError, match=r"2 topics could be the gps: /GPGGA .*; /INGGA"):
+        logged_nmea(tmp_path, sentence("GP" + gga), sentence("IN" + gga))
+
+
+@pytest.mark.parametrize(
+    ("body", "heading"),
+    [
+        ("HEHDT,35.25,T", 35.25),
+        ("GPTHS,35.25,A", 35.25),
+        ("HCHDG,30.0,2.0,W,7.25,E", 35.25),  # magnetic 30, deviation 2 west, variation 7.25 east
+    ],
+)
+def test_headings_are_degrees_clockwise_from_true_north(tmp_path: Path, body: str, heading: float) -> None:
+    log = logged_nmea(tmp_path, f"1600000000 {sentence(body)}")
+
+    assert log.tables["compass"]["heading_deg"][0] == pytest.approx(heading)
+
+
+def test_a_ths_that_calls_itself_invalid_is_left_out(tmp_path: Path) -> None:
+    lines = [f"{1600000000 + k} " + sentence(f"GPTHS,{10 + k}.0,{mode}") for k, mode in enumerate("AVA")]
+
+    assert logged_nmea(tmp_path, *lines).tables["compass"]["heading_deg"].tolist() == [10, 12]
+
+
+def test_a_hipap_north_up_has_x_north_and_y_east_of_the_head(tmp_path: Path) -> None:
+    log = logged_nmea(tmp_path, f"1600000000 {NORTH_UP}", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }")
+    usbl = log.tables["usbl"]
+
+    assert [usbl["east_m"][0], usbl["north_m"][0]] == pytest.approx([100 + 39.017, 200 - 61.300])
+    assert Convention("kind", "position", "type") in log.provenance["usbl"].conventions
+    assert Convention("frame", "NED", "type") in log.provenance["usbl"].conventions
+
+
+def test_no_reply_is_no_fix_even_with_status_a(tmp_path: Path) -> None:
+    lines = [f"1600000000 {NORTH_UP}", f"1600000001 {NO_REPLY.replace('M17', 'M44').partition('*')[0]}"]
+
+    log = logged_nmea(tmp_path, *lines, toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }")
+
+    assert len(log.tables["usbl"]) == 1
+
+
+def test_relative_fixes_without_a_head_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="/PSIMSSB_C_N holds positions relative to the head; state head"):
+        logged_nmea(tmp_path, f"1600000000 {NORTH_UP}")
+
+
+def test_ranger_has_decimal_degrees_and_its_ship_is_not_a_target(tmp_path: Path) -> None:
+    toml = "[map]\norigin_lat_deg = 51.3306281\norigin_lon_deg = -0.83563975\n"
+
+    log = logged_nmea(tmp_path, f"1600000000 {RANGER_SHIP}", f"1600000000 {RANGER}", toml=toml)
+
+    assert log.provenance["usbl"].topic == "/PSONLLD"
+    assert log.tables["usbl"]["north_m"][0] == pytest.approx(9.125e-4 * 111258, abs=0.02)  # metres a degree at 51.33
+    assert log.tables["usbl"]["cov_nn_m2"][0] == pytest.approx(5.33**2)
+
+
+def test_the_ellipse_of_ranger_is_along_its_direction(tmp_path: Path) -> None:
+    """Semi-axes 4 and 1 m, the long one 30 degrees clockwise from north."""
+    line = sentence("PSONLLD,122640.00,2401,A,45.0,7.0,10.0,4.0,1.0,30.0,0.6,,,,")
+    along, across = np.array([0.5, math.sqrt(3) / 2]), np.array([math.sqrt(3) / 2, -0.5])
+
+    usbl = logged_nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
+    R = usbl[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy()[0].reshape(2, 2)
+
+    assert along @ R @ along == pytest.approx(16)
+    assert across @ R @ across == pytest.approx(1)
+    assert along @ R @ across == pytest.approx(0, abs=1e-12)
+
+
+def test_gaps_holds_the_date_and_beacon_zero_is_the_ship(tmp_path: Path) -> None:
+    toml = f"[map]\norigin_lat_deg = {43 + 5.25355 / 60}\norigin_lon_deg = {6 + 31.76852 / 60}\n"
+
+    log = logged_nmea(tmp_path, GAPS, GAPS_SHIP, toml=toml)
+
+    assert log.provenance["usbl"].topic == "/PTSAG"
+    assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)
+    assert log.tables["usbl"][["east_m", "north_m"]].to_numpy()[0] == pytest.approx([0, 0], abs=1e-3)
+
+
+def test_west_and_south_are_negative(tmp_path: Path) -> None:
+    line = GAPS_WEST.partition("*")[0].replace(",N,", ",S,")
+    toml = f"[map]\norigin_lat_deg = {-27 - 18.19917 / 60}\norigin_lon_deg = {-17 - 47.61373 / 60}\n"
+
+    usbl = logged_nmea(tmp_path, line, toml=toml).tables["usbl"]
+
+    assert usbl[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([0, 0], abs=1e-3)
+
+
+def test_sentences_in_a_topic_of_text_are_topics_of_their_own(tmp_path: Path) -> None:
+    gga = sentence("GPGGA,122640.25,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
+    rows = [
+        (T0 + SECOND, "/nmea", STRING, {"data": gga + "\r\n" + sentence("HEHDT,12.5,T") + "\r\n"}),
+        (T0 + 2 * SECOND, "/nmea", STRING, {"data": "hello"}),
+        (T0 + 2 * SECOND, "/status", STRING, {"data": "diving"}),
+    ]
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", rows))
+
+    assert log.provenance["gps"].topic == "/nmea/GPGGA"
+    assert log.provenance["compass"].topic == "/nmea/HEHDT"
+    assert log.tables["compass"]["heading_deg"].tolist() == [12.5]
+    assert log.tables["gps"]["time_s"][0] - log.tables["compass"]["time_s"][0] == pytest.approx(-0.75)
+
+
+def test_a_gga_on_a_usbl_topic_is_the_target(tmp_path: Path) -> None:
+    gga = sentence("GPGGA,122640.00,4500.054,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
+    log_file = write_mcap(tmp_path / "dive.mcap", [(T0, "/usbl/nmea", STRING, {"data": gga})])
+    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
+
+    log = read_log(log_file)
+
+    assert list(log.tables) == ["usbl"]
+    assert log.tables["usbl"]["north_m"][0] == pytest.approx(0.054 / 60 * 111132, abs=0.1)
+
+
+def test_a_file_of_sentences_is_recognised_by_its_content(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"time,text\n1600000000.5,{RECORDED_GGA}\n1600000001.5,{GAPS}\n", encoding="utf-8")
+
+    log = open_log(tmp_path / "a.csv")
+
+    assert log.format == "NMEA text"
+    assert [topic.name for topic in log.topics()] == ["/GPGGA", "/PTSAG"]
+    assert log.topics()[0].first_ns == T0 + SECOND // 2
+
+
+@pytest.mark.parametrize("cut", range(1, 24))
+def test_a_file_cut_anywhere_gives_what_is_whole(tmp_path: Path, cut: int) -> None:
+    """Also if the cut leaves a shorter number: 12 of 123.5 is not a heading."""
+    whole = "".join(f"{1600000000 + k} {sentence('HEHDT,123.5,T')}\n" for k in range(3))
+    (tmp_path / "cut.txt").write_text(whole[:-cut], encoding="utf-8")
+
+    heading = read_log(tmp_path / "cut.txt").tables["compass"]["heading_deg"]
+
+    assert heading.tolist() == [123.5] * (3 if cut == 1 else 2)
+
+
+def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> None:
+    noise = bytes(range(128, 200))
+    lines = b"".join(b"%d %s\n" % (1600000000 + k, RECORDED_GGA.encode()) for k in range(3))
+    (tmp_path / "noisy.txt").write_bytes(lines + noise + b"\n")
+
+    log = read_log(tmp_path / "noisy.txt")
+
+    assert len(log.tables["gps"]) == 1  # the same time and place thrice
+    assert codes(log)["NMEA-OTHER"] == "noisy.txt: 1 lines hold no NMEA sentence"
+
+
+def test_an_impossible_date_is_none(tmp_path: Path) -> None:
+    log = logged_nmea(tmp_path, f"2017-12-18T12:45:46Z {GAPS.partition('*')[0].replace('2017', '9999')}", toml=MAP)
+
+    assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_flipped_bytes_end_in_a_log_or_in_a_sentence(tmp_path: Path, seed: int) -> None:
+    rng = random.Random(seed)
+    lines = [RECORDED_GGA, NORTH_UP, RANGER, GAPS, sentence("HEHDT,12.5,T"), "$GPRMC,122640.00,A,,,,,,,130920,,"]
+    unchecked = [line.partition("*")[0] for line in lines]
+    text = bytearray("".join(f"{1600000000 + k} {line}\n" for k, line in enumerate(unchecked * 3)), "ascii")
+    for _ in range(rng.choice([1, 10, 100])):
+        text[rng.randrange(len(text))] = rng.randrange(256)
+    (tmp_path / "noisy.txt").write_bytes(text[: rng.randrange(200, len(text))])
+    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
+
+    for usbl in ("/PSONLLD", "/PTSAG", "/PSIMSSB_C_N", "none"):
+        with contextlib.suppress(UsbldrError):
+            read_log(tmp_path / "noisy.txt", Request(topics={"usbl": usbl}))

@@ -1,0 +1,102 @@
+"""Files of VmDas (.ENR, .ENX, .STA, .LTA): PD0 ensembles that hold positions, and may lack bottom track."""
+
+import random
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from recordings import SECOND
+from usbldr.io.formats.detect import open_log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+from vmdas_recordings import COUNT, ZONE_S, fix, leaders, navigation, pd0_ensemble, write_enx
+
+MIDNIGHT = 1_597_795_200 * SECOND  # 2020-08-19
+STAMP = "header.stamp"
+
+
+def test_positions_have_the_utc_of_the_last_fix_and_headings_the_instruments_clock(tmp_path: Path) -> None:
+    log = open_log(write_enx(tmp_path / "a.ENX"))
+    found = log.read({"/navigation": [STAMP, "latitude", "longitude", "valid"], "/heading": ["heading_deg"]})
+    places, heading = found["/navigation"], found["/heading"]
+
+    assert log.format == "PD0"
+    assert [topic.name for topic in log.topics()] == ["/heading", "/navigation"]
+    assert log.findings() == ()
+    seconds = MIDNIGHT + (50_220 + np.arange(COUNT)) * SECOND
+    np.testing.assert_array_equal(places.columns[STAMP], seconds)
+    np.testing.assert_array_equal(places.received_ns, seconds + ZONE_S * SECOND + SECOND // 4)
+    north = np.array([48.125 + (50_220 + k) % 1000 * 180 / 2**31 for k in range(COUNT)])
+    np.testing.assert_allclose(places.columns["latitude"], north, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(places.columns["longitude"], -123.0, rtol=0, atol=1e-7)
+    assert places.columns["valid"].tolist() == [1] * COUNT
+    np.testing.assert_array_equal(heading.received_ns, places.received_ns)
+    np.testing.assert_allclose(heading.columns["heading_deg"], 234.05 + np.arange(COUNT) / 100)
+
+
+def test_the_clock_of_a_time_zone_is_brought_to_that_of_the_headings(tmp_path: Path) -> None:
+    log = read_log(write_enx(tmp_path / "a.ENX"))
+    by_log = tmp_path / "log.toml"
+    by_log.write_text('[gps]\ntime = "log"\n', encoding="utf-8")
+
+    np.testing.assert_allclose(log.tables["gps"]["time_s"], log.tables["compass"]["time_s"], atol=0.5)
+    assert "CLOCK-SHIFTED" in {finding.code for finding in log.findings}
+    of_ensembles = read_log(tmp_path / "a.ENX", Request(configuration=str(by_log)))
+    np.testing.assert_array_equal(of_ensembles.tables["gps"]["time_s"], of_ensembles.tables["compass"]["time_s"])
+
+
+def test_fixes_without_a_valid_position_or_time_are_marked(tmp_path: Path) -> None:
+    flags = [0b10_0010, 0b10_0000, 0b00_0010, 0]
+    parts = [pd0_ensemble([*leaders(k, k), fix(k + 1, flags=flag)]) for k, flag in enumerate(flags)]
+    parts.append(pd0_ensemble([*leaders(9, 9), navigation(day=0, month=0, year=0)]))  # before the first fix
+    (tmp_path / "a.STA").write_bytes(b"".join(parts))
+
+    places = open_log(tmp_path / "a.STA").read({"/navigation": ["valid"]})["/navigation"]
+    assert places.columns["valid"].tolist() == [1, 0, 0, 0]
+
+
+def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
+    block = navigation(day=31, month=12, year=2020, first=863_990_000, last=10_000, latitude=1, longitude=1, flags=34)
+    parts = [pd0_ensemble([*leaders(k, k), block]) for k in range(2)]
+    (tmp_path / "a.LTA").write_bytes(b"".join(parts))
+
+    stamps = open_log(tmp_path / "a.LTA").read({"/navigation": [STAMP]})["/navigation"].columns[STAMP]
+    assert set(stamps.tolist()) == {int(np.datetime64("2021-01-01T00:00:01", "ns").astype(np.int64))}
+
+
+def test_an_ensemble_without_data_is_left_out_and_counted(tmp_path: Path) -> None:
+    head = b"\x7f\x7f\6\0\0\0"
+    (tmp_path / "a.ENX").write_bytes(
+        head + sum(head).to_bytes(2, "little") + write_enx(tmp_path / "b.ENX").read_bytes()
+    )
+    log = open_log(tmp_path / "a.ENX")
+
+    assert [topic.count for topic in log.topics()] == [COUNT, COUNT]
+    assert [finding.text for finding in log.findings()] == ["1 ensembles have no leader or no valid time; left out"]
+
+
+def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path) -> None:
+    rng = random.Random(4)
+    clocks = [[rng.randrange(n) for n in (100, 14, 33, 25, 61, 61, 100)] for _ in range(400)]
+    clocks += [[20, 2, 29, 0, 0, 0, 0], [21, 2, 29, 0, 0, 0, 0], [0, 2, 29, 23, 59, 59, 99], [79, 12, 31, 1, 2, 3, 4]]
+    expected: list[int] = []
+    for year, *clock, hundredths in clocks:
+        with suppress(ValueError):
+            moment = datetime(year + (2000 if year < 80 else 1900), *clock, tzinfo=UTC)
+            expected.append(int(moment.timestamp()) * SECOND + hundredths * SECOND // 100)
+    parts: list[bytes] = []
+    for k, clock in enumerate(clocks):
+        fixed, variable = leaders(0, k)
+        parts.append(pd0_ensemble([fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)]))
+    (tmp_path / "a.ENX").write_bytes(b"".join(parts))
+    log = open_log(tmp_path / "a.ENX")
+    found = log.read({"/heading": ["heading_deg"], "/navigation": ["latitude"]})
+
+    assert found["/heading"].received_ns.tolist() == expected
+    assert found["/navigation"].received_ns.tolist() == expected
+    lost = len(clocks) - len(expected)
+    assert [finding.text for finding in log.findings()] == [
+        f"{lost} ensembles have no leader or no valid time; left out"
+    ]

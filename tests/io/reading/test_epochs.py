@@ -1,0 +1,327 @@
+"""The timeline against what each record's own stamp says."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import ArrayLike, NDArray
+
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.types import Outage
+from usbldr.io.log import Log
+from usbldr.io.messages import layouts
+from usbldr.io.reading.epochs import timeline, with_dvl_clock
+
+NAN = float("nan")
+
+
+def dvl_table(
+    time_s: ArrayLike, starboard: ArrayLike = 0.0, forward: ArrayLike = 1.0, **columns: object
+) -> pd.DataFrame:
+    t = np.asarray(time_s, dtype=float)
+    full = {"time_s": t, "received_s": t, "starboard_mps": starboard, "forward_mps": forward}
+    return pd.DataFrame(full | {"up_mps": 0.0, "sd_mps": 0.02, "valid": True} | columns)
+
+
+def compass_table(time_s: ArrayLike, heading_deg: ArrayLike = 0.0, **columns: object) -> pd.DataFrame:
+    t = np.asarray(time_s, dtype=float)
+    return pd.DataFrame({"time_s": t, "received_s": t, "heading_deg": heading_deg, "sd_deg": 0.1} | columns)
+
+
+def usbl_table(time_s: ArrayLike, east: ArrayLike = 0.0, north: ArrayLike = 0.0, **columns: object) -> pd.DataFrame:
+    t = np.asarray(time_s, dtype=float)
+    full = {"time_s": t, "received_s": t, "east_m": east, "north_m": north}
+    return pd.DataFrame(full | {"cov_ee_m2": 1.0, "cov_en_m2": 0.25, "cov_nn_m2": 2.0} | columns)
+
+
+def log(**tables: pd.DataFrame) -> Log:
+    return Log(Path("dive.mcap"), "", "MCAP", 10**18, tables, {}, Parameters())
+
+
+def grid(seconds: float, rate_hz: float = 5.0) -> NDArray[np.float64]:
+    return np.arange(round(seconds * rate_hz) + 1) / rate_hz
+
+
+def test_each_record_is_used_once_in_the_epoch_of_its_own_interval() -> None:
+    rng = np.random.default_rng(0)
+    for rate_hz in (0.7, 1.5, 5.0, 9.999, 37.0):
+        t = np.sort(rng.uniform(0, 100, size=round(100 * rate_hz)))
+        line = timeline(log(dvl=dvl_table(t, starboard=t, forward=-t), compass=compass_table(grid(100))))
+
+        assert line.dvl_count.sum() == len(t)
+        for k in range(len(line.time_s)):
+            own = t[(t >= line.time_s[k] - 0.1) & (t < line.time_s[k] + 0.1)]
+            assert line.dvl_count[k] == len(own)
+            if len(own):
+                np.testing.assert_allclose(line.dvl_mps[k], [own.mean(), -own.mean()])
+            else:
+                assert np.isnan(line.dvl_mps[k]).all()
+
+
+def test_a_slow_dvl_leaves_epochs_without_a_measurement_and_that_is_no_outage() -> None:
+    t = grid(60, 1.5)
+
+    line = timeline(log(dvl=dvl_table(t), compass=compass_table(grid(60)), usbl=usbl_table(grid(60, 1))))
+
+    assert np.isfinite(line.dvl_mps[:, 0]).sum() == len(t) == 91
+    assert len(line.time_s) == 301
+    assert np.isfinite(line.dr_mps).all()
+    assert line.outages == ()
+
+
+def test_a_record_on_the_border_belongs_to_the_later_epoch() -> None:
+    line = timeline(log(dvl=dvl_table([0.0, 0.1, 0.3, 0.5]), compass=compass_table(grid(1))))
+
+    assert line.dvl_count.tolist() == [1, 1, 1, 1, 0, 0]
+
+
+def test_dead_reckoning_interpolates_across_short_gaps_only() -> None:
+    t = np.array([0.0, 2.0, 5.0, 9.0, 10.0])
+    line = timeline(log(dvl=dvl_table(t, forward=[1.0, 3.0, 6.0, 0.0, 5.0]), compass=compass_table(grid(10))))
+
+    at = {round(float(s), 1): float(v) for s, v in zip(line.time_s, line.dr_mps[:, 1], strict=True)}
+    assert [at[1.0], at[2.0], at[4.0], at[5.0]] == pytest.approx([2.0, 3.0, 5.0, 6.0])  # gaps of 2 s and 3 s: lines
+    assert [at[5.2], at[7.0], at[8.0]] == [6.0, 6.0, 6.0]  # 4 s: the last one, which is held for 3 s
+    assert at[9.4] == pytest.approx(2.0)
+    assert Outage("dvl", 5.0, 9.0) in line.outages
+    assert line.dvl_count.sum() == 5
+
+
+def test_before_the_first_record_the_first_is_held_and_after_the_last_the_last_for_three_seconds() -> None:
+    line = timeline(log(dvl=dvl_table([4.0, 5.0], forward=[2.0, 3.0]), compass=compass_table(grid(12))))
+
+    assert line.dr_mps[0].tolist() == [0.0, 2.0]
+    assert line.dr_mps[40].tolist() == [0.0, 3.0]
+    assert [o for o in line.outages if o.sensor == "dvl"] == [Outage("dvl", 0.0, 4.0), Outage("dvl", 5.0, 12.0)]
+
+
+def test_in_a_long_gap_dead_reckoning_returns_to_the_mean_of_the_records_before_it() -> None:
+    t = np.concatenate([grid(99.8), grid(100, 1) + 900])
+    forward = np.where(t < 500, np.where(np.arange(len(t)) % 2, 1.3, 0.7), 5.0)
+    line = timeline(log(dvl=dvl_table(t, forward=forward), compass=compass_table(grid(1000))))
+
+    inside = line.dr_mps[(line.time_s > 99.8) & (line.time_s < 900), 1]
+    assert inside[0] == 1.3
+    assert (np.diff(inside) <= 0).all()
+    assert inside[-1] == pytest.approx(1.0, abs=1e-3)
+    assert line.dr_mps[-1, 1] == 5.0
+
+
+def test_invalid_records_are_neither_measured_nor_interpolated() -> None:
+    valid = np.array([True, False, True, True])
+    dvl = dvl_table([0.0, 1.0, 2.0, 3.0], forward=[1.0, 327.67, 1.0, NAN], valid=valid)
+
+    line = timeline(log(dvl=dvl, compass=compass_table(grid(3))))
+
+    assert line.dvl_count.sum() == 2
+    np.testing.assert_allclose(line.dr_mps[:, 1], 1.0)
+
+
+def test_the_order_of_the_records_in_the_file_does_not_matter() -> None:
+    rng = np.random.default_rng(1)
+    t = np.sort(rng.uniform(0, 50, size=300))
+    tables = {
+        "dvl": dvl_table(t, starboard=rng.normal(size=300)),
+        "compass": compass_table(t, heading_deg=rng.normal(0, 20, size=300) % 360),
+        "usbl": usbl_table(t, east=rng.normal(size=300)),
+    }
+    sorted_line = timeline(log(**tables))
+
+    shuffled = timeline(log(**{name: table.sample(frac=1, random_state=3) for name, table in tables.items()}))
+
+    for name in ("dvl_mps", "yaw_rad", "dr_mps", "dr_yaw_rad", "fix_time_s", "fix_m"):
+        np.testing.assert_array_equal(getattr(shuffled, name), getattr(sorted_line, name))
+
+
+def test_a_table_is_left_as_it_was() -> None:
+    usbl = usbl_table([3.0, 1.0, 2.0])
+    before = usbl.copy()
+
+    timeline(log(dvl=dvl_table(grid(3)), compass=compass_table(grid(3)), usbl=usbl))
+
+    pd.testing.assert_frame_equal(usbl, before)
+
+
+def test_yaw_is_minus_heading_and_starts_within_half_a_turn_of_north() -> None:
+    line = timeline(log(dvl=dvl_table(grid(1)), compass=compass_table(grid(1), heading_deg=355.0)))
+
+    np.testing.assert_allclose(line.yaw_rad, math.radians(5))
+
+
+def test_two_headings_either_side_of_north_average_to_north() -> None:
+    line = timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0, 0.05], heading_deg=[359.0, 1.0])))
+
+    np.testing.assert_allclose(line.yaw_rad, [0.0], atol=1e-12)
+    assert line.yaw_count.tolist() == [2]
+
+
+def test_a_spinning_vehicle_is_unwrapped_over_the_whole_log() -> None:
+    t = grid(100, 10.0)
+    heading = 30.0 * t  # 8.3 turns clockwise
+
+    line = timeline(log(dvl=dvl_table(grid(100)), compass=compass_table(t, heading_deg=heading % 360)))
+
+    np.testing.assert_allclose(line.dr_yaw_rad, np.radians(-30.0 * line.time_s), atol=1e-9)
+
+
+def test_several_records_of_an_epoch_are_averaged_and_counted() -> None:
+    t = [0.95, 1.0, 1.05, 2.0]
+    dvl = dvl_table(t, forward=[1.0, 2.0, 6.0, 4.0], sd_mps=[0.1, 0.2, 0.2, 0.3])
+
+    line = timeline(log(dvl=dvl, compass=compass_table(grid(2))))
+
+    assert line.dvl_count[[5, 10]].tolist() == [3, 1]
+    assert line.dvl_mps[5, 1] == pytest.approx(3.0)
+    assert line.dvl_sd_mps[5] == pytest.approx(math.sqrt(0.09 / 3))  # of one record, not of the mean
+
+
+def test_records_with_one_stamp_are_one_record() -> None:
+    dvl = dvl_table([0.0, 0.0, 1.0, 1.0], forward=[1.0, 1.0, 2.0, 4.0])
+    usbl = usbl_table([0.5, 0.5, 0.7, 0.7], east=[1.0, 1.0, 2.0, 3.0], received_s=[2.0, 1.5, 0.7, 0.7])
+
+    line = timeline(log(dvl=dvl, compass=compass_table(grid(1)), usbl=usbl))
+
+    assert line.dvl_count[[0, 5]].tolist() == [1, 1]
+    assert line.dvl_mps[5, 1] == 3.0
+    assert line.fix_m[:, 0].tolist() == [1.0, 2.0, 3.0]  # fixes with other values are all kept
+    assert line.fix_received_s.tolist() == [1.5, 0.7, 0.7]
+
+
+def test_a_fix_keeps_its_own_time_and_its_covariance_and_there_is_an_epoch_after_it() -> None:
+    usbl = usbl_table([0.33, 10.01], east=[1.0, 2.0], received_s=[NAN, 9.0])
+
+    line = timeline(log(dvl=dvl_table(grid(8)), compass=compass_table(grid(8)), usbl=usbl))
+
+    assert line.fix_time_s.tolist() == [0.33, 10.01]
+    assert line.fix_received_s.tolist() == [0.33, 10.01]  # never before it was true
+    assert line.fix_cov_m2[0].tolist() == [[1.0, 0.25], [0.25, 2.0]]
+    assert line.time_s[-1] == 10.2
+
+
+def test_records_from_before_time_0_belong_to_no_epoch() -> None:
+    t = grid(2) - 0.5
+
+    line = timeline(log(dvl=dvl_table(t), compass=compass_table(grid(2)), usbl=usbl_table([-0.7, 1.0])))
+
+    assert line.time_s[0] == 0.0
+    assert line.dvl_count.sum() == np.sum(t >= -0.1)
+    assert line.fix_time_s.tolist() == [-0.7, 1.0]
+
+
+def test_a_usbl_outage_is_measured_by_the_sensors_own_rate() -> None:
+    t = np.arange(0, 600, 20.0)  # every 20 s by design
+    present = t[(t < 200) | (t > 340)]
+    vehicle = {"dvl": dvl_table(grid(600)), "compass": compass_table(grid(600))}
+
+    slow = timeline(log(**vehicle, usbl=usbl_table(present)))
+    quick = timeline(log(**vehicle, usbl=usbl_table(np.concatenate([grid(100, 1), 112.0 + grid(488, 1)]))))
+    none = timeline(log(**vehicle))
+
+    assert slow.outages == (Outage("usbl", 180.0, 360.0),)
+    assert quick.outages == (Outage("usbl", 100.0, 112.0),)
+    assert none.outages == (Outage("usbl", 0.0, 600.0),)
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 100])
+def test_outages_are_found_in_blocks_of_any_length(length: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layouts, "BLOCK_RECORDS", length)
+    times = [6.0, 7.0, 8.0, 15.0, 16.0, 30.0, 31.0, 32.0]
+
+    made = timeline(log(dvl=dvl_table(times), compass=compass_table(np.arange(41))))
+
+    found = [(outage.start_s, outage.end_s) for outage in made.outages if outage.sensor == "dvl"]
+    assert found == [(0.0, 6.0), (8.0, 15.0), (16.0, 30.0), (32.0, 40.0)]
+
+
+def test_errors_are_taken_on_the_slow_grid() -> None:
+    tables = {"dvl": dvl_table(grid(10.4)), "compass": compass_table(grid(10.4))}
+
+    assert timeline(log(**tables)).slow.tolist() == list(range(0, 53, 5))
+    halves = timeline(log(**tables), fast_hz=10.0, slow_hz=0.5)
+    np.testing.assert_allclose(halves.time_s[halves.slow], [0, 2, 4, 6, 8, 10])
+
+
+@pytest.mark.parametrize(("fast_hz", "slow_hz"), [(5.0, 2.0), (1.0, 5.0), (0.0, 1.0), (5.0, -1.0), (5.0, NAN)])
+def test_rates_that_do_not_fit_are_refused(fast_hz: float, slow_hz: float) -> None:
+    with pytest.raises(UsageError, match=r"rate"):
+        timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0])), fast_hz, slow_hz)
+
+
+def test_an_unknown_dvl_sigma_is_estimated_from_the_native_records() -> None:
+    rng = np.random.default_rng(0)
+    t = grid(1000, 1.5)
+    noise = rng.normal(0, 0.2, size=(2, len(t)))
+    dvl = dvl_table(t, starboard=noise[0], forward=1 + noise[1], sd_mps=NAN)
+
+    line = timeline(log(dvl=dvl, compass=compass_table(grid(1000))))
+
+    np.testing.assert_allclose(line.dvl_sd_mps, 0.2, rtol=0.1)
+
+
+def test_a_sigma_is_never_zero_nor_unknown() -> None:
+    still = dvl_table(grid(10), sd_mps=NAN)
+
+    line = timeline(log(dvl=still, compass=compass_table(grid(10), sd_deg=NAN)))
+
+    assert line.dvl_sd_mps.min() == 1e-3
+    np.testing.assert_allclose(line.yaw_sd_rad, math.radians(0.3))
+
+
+def test_gps_keeps_its_native_times_and_loses_records_without_a_position() -> None:
+    gps = pd.DataFrame({"time_s": [2.5, 1.5, -0.5], "east_m": [3.0, NAN, 1.0], "north_m": [4.0, 2.0, 2.0]})
+    gps["sd_m"] = [0.7, 0.7, NAN]
+
+    line = timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0]), gps=gps))
+
+    assert line.gps_time_s.tolist() == [-0.5, 2.5]
+    assert line.gps_m.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    assert line.gps_sd_m is not None
+    np.testing.assert_array_equal(line.gps_sd_m, [NAN, 0.7])
+    assert line.time_s.tolist() == [0.0]
+
+
+def test_a_missing_sensor_measures_at_no_epoch() -> None:
+    line = timeline(log(dvl=dvl_table([0.0, 0.2])))
+
+    assert not line.yaw_count.any()
+    assert np.isnan(line.yaw_rad).all()
+    assert np.isnan(line.dr_yaw_rad).all()
+    assert line.dvl_count.tolist() == [1, 1]
+
+
+def test_a_log_without_any_sensor_or_truth_has_no_epochs() -> None:
+    with pytest.raises(LogError, match=r"^dive\.mcap: no dvl data \(sensors in this log: none\)"):
+        timeline(log())
+
+
+def test_a_sensor_without_a_valid_record_is_an_error() -> None:
+    with pytest.raises(LogError, match=r"none of the 2 dvl records is valid"):
+        timeline(log(dvl=dvl_table([0.0, 1.0], valid=False), compass=compass_table([0.0])))
+
+
+def test_records_of_a_dvl_whose_stamps_are_late_go_to_the_epochs_at_which_they_were_true() -> None:
+    """The forward velocity is the true time of the record, which is stamped 1.2 s late."""
+    true_s = grid(10.0)
+    late = log(dvl=dvl_table(true_s + 1.2, forward=true_s), compass=compass_table(grid(12.0)))
+
+    line = with_dvl_clock(late, timeline(late), 1.2)
+
+    measured = line.dvl_count > 0
+    assert line.dvl_mps[measured, 1] == pytest.approx(line.time_s[measured])
+    assert line.dr_mps[:51, 1] == pytest.approx(line.time_s[:51])
+    assert np.array_equal(line.time_s, timeline(late).time_s)
+
+
+def test_a_wrong_stamp_does_not_fill_the_memory() -> None:
+    with pytest.raises(LogError, match=r"stamps span 11574 days"):
+        timeline(log(dvl=dvl_table([0.0, 1e9]), compass=compass_table([0.0])))
+
+
+@pytest.mark.parametrize(("shrink", "unit"), [(1e-3, "us"), (1e-6, "ms"), (1e-9, "s")])
+def test_stamps_of_another_unit_are_refused_with_the_unit_that_fits(shrink: float, unit: str) -> None:
+    time_s = grid(60.0)
+    with pytest.raises(LogError, match=rf"log of 60 s; state columns = \{{ time_unix_{unit} = "):
+        timeline(log(dvl=dvl_table(time_s * shrink), compass=compass_table(time_s * shrink)))

@@ -1,0 +1,228 @@
+"""The door: what a log that cannot be used says, and what a half-readable one still gives."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from recordings import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
+from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import COLUMNS
+from usbldr.io.reading.read import Request, read_log, require
+
+
+def test_a_short_dive_becomes_canonical_tables(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+
+    log = read_log(file)
+
+    assert {role: tuple(table.columns) for role, table in log.tables.items()} == {
+        role: COLUMNS[role] for role in ("dvl", "compass", "usbl", "gps")
+    }
+    assert log.format == "MCAP"
+    assert log.start_ns == T0
+    assert log.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert log.configuration is None
+    assert {role: (p.messages, p.used) for role, p in log.provenance.items()} == {
+        "dvl": (11, 11),
+        "compass": (11, 11),
+        "usbl": (11, 11),
+        "gps": (1, 1),
+    }
+
+
+def test_the_configuration_beside_the_log_is_read_and_named(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive())
+    (tmp_path / "usbldr.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
+
+    beside, ignored = read_log(file), read_log(file, Request(configuration="none"))
+
+    assert beside.configuration == tmp_path / "usbldr.toml"
+    assert beside.tables["compass"]["sd_deg"].iloc[0] == 2.0
+    assert ignored.configuration is None
+    assert ignored.tables["compass"]["sd_deg"].iloc[0] == 0.3
+
+
+def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [yaw(T0, 0), point(T0, 1, 2)])
+    log = read_log(file)
+
+    require(log, ("compass", "usbl"))
+    with pytest.raises(LogError) as fault:
+        require(log, ("dvl", "compass"))
+
+    assert str(fault.value) == (
+        f"{file}: no dvl data (sensors in this log: compass, usbl); name its topic by --dvl TOPIC, "
+        "or add the file that holds it by --with FILE; without it, --filter usbl judges the raw fixes"
+    )
+
+
+def test_a_log_without_messages_says_so(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [])
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == f"{file}: holds no messages"
+
+
+def test_a_log_cut_before_its_first_message_says_both(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", short_dive())
+    file.write_bytes(file.read_bytes()[:60])
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == (
+        f"{file}: holds no messages (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"
+    )
+
+
+def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Path) -> None:
+    later = T0 + 3600 * SECOND
+    rows = [twist(T0, 1, 0), twist(T0 + SECOND, 1, 0), yaw(T0, 0), yaw(T0 + SECOND, 0), point(later, 0, 0)]
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+
+    with pytest.raises(LogError) as fault:
+        read_log(file)
+
+    assert str(fault.value) == (
+        f"{file}: the sensors do not overlap in time: "
+        "dvl 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
+        "compass 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
+        "usbl 2020-09-13T13:26:40.000Z to 2020-09-13T13:26:40.000Z; "
+        'if a clock is wrong, try time = "log" or state latency_s'
+    )
+
+
+def test_gps_without_any_fix_is_a_finding_not_an_error(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 0.0, 0.0, status=-1)])
+
+    log = read_log(file)
+
+    assert "gps" not in log.tables
+    assert log.truth is None
+    assert [f.text for f in log.findings if f.code == "GPS-INVALID"] == [
+        f"{file}: all 1 records of /gps/fix (gps) are invalid: 1 without fix (status below 0)"
+    ]
+
+
+def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+    head = "[usbl]\nhead = { lat_deg = 44.0, lon_deg = 7.0 }\n"
+    sources: list[tuple[float, str]] = []
+    for toml in ("[map]\norigin_lat_deg = 43.0\norigin_lon_deg = 7.0\n" + head, head, ""):
+        (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
+        origin = read_log(file).origin
+        assert origin is not None
+        sources.append((origin.lat_deg, origin.kind))
+
+    assert sources == [(43.0, "[map]"), (44.0, "usbl head"), (45.0, "first gps fix")]
+
+
+def test_without_any_latitude_the_origin_is_unknown(tmp_path: Path) -> None:
+    assert read_log(write_mcap(tmp_path / "dive.mcap", short_dive())).origin is None
+
+
+def test_unclear_roles_are_an_error(tmp_path: Path) -> None:
+    rows = [*short_dive(), point(T0, 0, 0, topic="/usbl_2"), point(T0 + SECOND, 0, 0, topic="/usbl_2")]
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+
+    with pytest.raises(UsageError, match="2 topics could be the usbl"):
+        read_log(file)
+    assert len(read_log(file, Request(topics={"usbl": "/usbl_2"})).tables["usbl"]) == 2
+    assert "usbl" not in read_log(file, Request(topics={"usbl": "none"})).tables
+
+
+def test_the_digest_of_a_folder_changes_with_its_files_and_not_with_its_configuration(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2")
+    first = read_log(folder).sha256
+    (folder / "usbldr.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
+    assert read_log(folder).sha256 == first
+
+    write_csv(folder, compass="time_ns,heading_deg\n1,3")
+    assert read_log(folder).sha256 != first
+
+
+def test_one_topic_may_serve_two_sensors(tmp_path: Path) -> None:
+    odometry = {"header.stamp": T0, "twist.twist.linear.x": 1.5, "pose.pose.orientation.w": 1.0}
+    file = write_mcap(tmp_path / "dive.mcap", [(T0, "/dvl/odom", "nav_msgs/msg/Odometry", odometry)])
+
+    log = read_log(file, Request(topics={"dvl": "/dvl/odom", "compass": "/dvl/odom"}))
+
+    assert log.tables["dvl"]["forward_mps"].iloc[0] == 1.5
+    assert log.tables["compass"]["heading_deg"].iloc[0] == 90.0
+
+
+def test_a_log_time_beyond_all_calendars_costs_only_its_message(tmp_path: Path) -> None:
+    beyond = (1 << 63, *twist(T0, 1.0, 0.0)[1:])
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), beyond]))
+
+    assert len(log.tables["dvl"]) == 11
+    assert [f.text for f in log.findings if f.lost_data] == ["1 messages have an impossible log time; left out"]
+
+
+def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Path) -> None:
+    file = write_payloads(
+        tmp_path / "dive.mcap", "/gps/fix", "json", ("foxglove.LocationFix", "jsonschema", b"{}"), [b"{}"]
+    )
+
+    assert dict(read_log(file).tables) == {}
+
+
+PLACE = (45.0, 7.0)
+IN_RADIANS = (0.7854, 0.1222)
+MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
+
+
+@pytest.mark.parametrize(
+    ("usbl", "gps", "toml", "sentence"),
+    [
+        (PLACE, PLACE, "", None),
+        (PLACE[::-1], PLACE, "", "/usbl/fix and /gps/fix are "),
+        (PLACE, IN_RADIANS, "", "/usbl/fix and /gps/fix are "),
+        (
+            PLACE,
+            PLACE,
+            "[map]\norigin_lat_deg = 46.0\norigin_lon_deg = 7.0",
+            "/usbl/fix and /gps/fix: 111 km from the map",
+        ),
+        (PLACE, PLACE, "[map]\norigin_lat_deg = 45.3\norigin_lon_deg = 7.0", None),
+    ],
+)
+def test_places_that_cannot_be_of_one_dive_are_told(
+    tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, sentence: str | None
+) -> None:
+    fixes = [
+        fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
+    ]
+    (tmp_path / "usbldr.toml").write_text(toml)
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", [*(r for r in short_dive() if r[1] != "/usbl"), *fixes]))
+
+    found = [finding.text for finding in log.findings if finding.code == "PLACES-APART"]
+    assert len(found) == (sentence is not None)
+    assert all(text.startswith(sentence or "") for text in found)
+
+
+def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usbl(tmp_path: Path) -> None:
+    fixes = [fix(T0 + k * SECOND, *PLACE, topic=name) for k in range(5) for name in ("/usbl/fix", "/gps/fix")]
+    log = write_mcap(tmp_path / "dive.mcap", [*(row for row in short_dive() if row[1] != "/usbl"), *fixes])
+    (tmp_path / "usbldr.toml").write_text(MAP.format(45.0))
+
+    right, swapped = read_log(log), read_log(log, Request(topics={"usbl": "/gps/fix"}))
+
+    assert right.truth is not None
+    assert (right.provenance["usbl"].topic, right.truth.source) == ("/usbl/fix", "/gps/fix")
+    assert swapped.truth is None
+
+
+def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
+    number = [(T0 + k * SECOND, "/compass_hdg", HEADING, {"data": 90.0}) for k in range(11)]
+
+    log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), *number]))
+
+    assert log.provenance["compass"].topic == "/compass_hdg"
+    (sentence,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
+    assert "its type is preferred to that of /imu (sensor_msgs/msg/Imu, 11 messages)" in sentence

@@ -1,0 +1,395 @@
+"""MCAP files as other writers make them, and as crashes leave them."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+from mcap.writer import CompressionType, Writer
+
+from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
+from usbldr.filters.errors import LogError
+from usbldr.io.recordings.mcap_log import McapLog
+
+CONTAINERS = [
+    (True, CompressionType.ZSTD),
+    (True, CompressionType.LZ4),
+    (True, CompressionType.NONE),
+    (False, CompressionType.NONE),
+]
+TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
+
+
+def many() -> list[Row]:
+    """1000 messages on one topic, every tenth of a second, x counting up; and a second topic."""
+    return [row for k in range(1000) for row in (twist(T0 + k * SECOND // 10, float(k), 0.0), yaw(T0 + k, 3.0))]
+
+
+def chunks_of(file: Path) -> list[ChunkIndex]:
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    return summary.chunk_indexes
+
+
+def bent_in(file: Path, number: int) -> int:
+    """Flip one bit in the middle of a chunk; return its place."""
+    chunk = chunks_of(file)[number]
+    at = chunk.chunk_start_offset + chunk.chunk_length // 2
+    bent = bytearray(file.read_bytes())
+    bent[at] ^= 0x10
+    file.write_bytes(bent)
+    return at
+
+
+@pytest.mark.parametrize("summary", [True, False])
+@pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
+def test_every_kind_of_container_gives_the_same_columns(
+    tmp_path: Path, chunked: bool, compression: CompressionType, summary: bool
+) -> None:
+    log = McapLog(write_mcap(tmp_path / "a.mcap", many(), compression, chunked, 4096, summary))
+
+    topics = {topic.name: topic for topic in log.topics()}
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    assert {name: topic.count for name, topic in topics.items()} == {"/dvl": 1000, "/imu": 1000}
+    assert topics["/dvl"].type == TWIST
+    assert topics["/dvl"].first_ns == T0
+    assert topics["/dvl"].last_ns == T0 + 999 * SECOND // 10
+    np.testing.assert_array_equal(dvl.columns["header.stamp"], T0 + np.arange(1000) * (SECOND // 10))
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    assert dvl.columns["header.stamp"].dtype == np.int64
+    assert log.findings() == ()
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_file_that_agrees_with_its_index_is_not_scanned(
+    tmp_path: Path, compression: CompressionType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 4096)
+    monkeypatch.setattr("usbldr.io.recordings.mcap_log.McapScan", None)
+    log = McapLog(file)
+
+    read = log.read({**TWIST_X, "/imu": ["header.stamp"]})
+
+    np.testing.assert_array_equal(read["/dvl"].columns["twist.linear.x"], np.arange(1000.0))
+    np.testing.assert_array_equal(read["/imu"].columns["header.stamp"], T0 + np.arange(1000))
+    assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 1000, "/imu": 1000}
+
+
+def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in range(500)]
+    rows += [yaw(T0 + k * SECOND, 3.0) for k in range(500)]
+    file = write_mcap(tmp_path / "a.mcap", rows, CompressionType.NONE, True, 4096)
+    at = bent_in(file, -1)
+    log = McapLog(file)
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    assert at > file.stat().st_size / 2
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(500.0))
+    assert log.findings() == ()
+    log.read({"/imu": ["header.stamp"]})
+    assert [finding.code for finding in log.findings()] == ["CHECKSUM"]
+
+
+def test_a_summary_with_a_wrong_checksum_is_not_used(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 4096)
+    whole = file.read_bytes()
+    at = whole.rindex(b"/dvl")  # in the summary; the data are compressed
+    file.write_bytes(whole[:at] + b"/dvk" + whole[at + 4 :])
+
+    assert {topic.name: topic.count for topic in McapLog(file).topics()} == {"/dvl": 1000, "/imu": 1000}
+
+
+@pytest.mark.parametrize("what", ["place", "time"])
+def test_a_wrong_index_is_not_used(tmp_path: Path, what: str) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
+    chunk = chunks_of(file)[3]
+    offset = min(chunk.message_index_offsets.values()) + 9 + 2 + 4 + (8 if what == "place" else 0)
+    bent = bytearray(file.read_bytes())
+    bent[offset] ^= 1
+    file.write_bytes(bent)
+
+    dvl = McapLog(file).read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
+    np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(1000) * (SECOND // 10))
+
+
+def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 8192)
+    broken = chunks_of(file)[3]
+    bent = bytearray(file.read_bytes())
+    bent[broken.chunk_start_offset : broken.chunk_start_offset + 30] = bytes(30)
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    lost = sorted(set(range(1000)) - set(x.astype(int)))
+    assert 5 < len(lost) < 100
+    assert lost == list(range(lost[0], lost[-1] + 1))
+    assert (finding.code, finding.lost_data) == ("DAMAGED", True)
+    assert finding.text.startswith("1 chunks are damaged (logged between 2020-09-13T12:2")
+
+
+def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
+    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
+    log = McapLog(write_mcap(tmp_path / "a.mcap", rows))
+
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 3, 1, 2])
+    np.testing.assert_array_equal(dvl.received_ns, T0 + np.array([0, 3, 1, 2]) * SECOND)
+
+
+@pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
+def test_a_file_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(
+    tmp_path: Path, chunked: bool, compression: CompressionType
+) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", many(), compression, chunked, 8192).read_bytes()
+    counts: list[int] = []
+    for end in range(8, len(whole), max(1, len(whole) // 31)):
+        file = tmp_path / "cut.mcap"
+        file.write_bytes(whole[:end])
+        log = McapLog(file)
+
+        names = [topic.name for topic in log.topics()]
+        x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
+        (finding,) = log.findings()
+
+        np.testing.assert_array_equal(x, np.arange(float(len(x))))
+        assert finding.code == "TRUNCATED"
+        assert finding.lost_data or len(x) == 1000, f"cut at {end}"
+        counts.append(len(x))
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] > 900
+
+
+def test_an_uncompressed_file_loses_only_the_message_it_is_cut_in(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", many(), CompressionType.NONE).read_bytes()
+    marker = struct.pack("<d", 500.0)  # x of the 501st message
+    (tmp_path / "cut.mcap").write_bytes(whole[: whole.index(marker)])
+    log = McapLog(tmp_path / "cut.mcap")
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+
+    np.testing.assert_array_equal(x, np.arange(500.0))
+    (finding,) = log.findings()
+    size = (tmp_path / "cut.mcap").stat().st_size
+    assert finding.text.endswith(f"of {size}: 1000 messages could be read, the last 49.9 s after the first")
+    assert finding.lost_data
+
+
+def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "whole.mcap", many()).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[:-20])
+    log = McapLog(tmp_path / "cut.mcap")
+
+    assert sum(topic.count for topic in log.topics()) == 2000
+    (finding,) = log.findings()
+    assert (finding.code, finding.lost_data) == ("TRUNCATED", False)
+    assert finding.text == "the file's index is missing; all 2000 messages could be read"
+
+
+@pytest.mark.parametrize("damaged", [0, 3])  # the first chunk holds the definitions
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_destroyed_chunk_costs_only_its_own_messages(
+    tmp_path: Path, compression: CompressionType, damaged: int
+) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
+    chunk = chunks_of(file)[damaged]
+    bent = bytearray(file.read_bytes())
+    middle = chunk.chunk_start_offset + chunk.chunk_length // 2
+    bent[middle : middle + 400] = b"\xff" * 400  # longer than any message
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    assert finding.code == "DAMAGED"
+    assert finding.lost_data
+    assert finding.text.startswith("1 chunks are damaged (logged between 2020-09-13T12:2")
+    assert finding.text.endswith(" of 2000 messages could be read")
+    lost = sorted(set(range(1000)) - set(x.astype(int)))
+    assert 5 < len(lost) < 100
+    assert lost == list(range(lost[0], lost[-1] + 1))
+
+
+@pytest.mark.parametrize("damaged", [0, 3])
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_chunk_with_a_wrong_checksum_is_read_and_reported(
+    tmp_path: Path, compression: CompressionType, damaged: int
+) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), compression, True, 8192)
+    at = chunks_of(file)[damaged].chunk_start_offset + 9 + 8 + 8 + 8  # opcode and length, two times, size
+    bent = bytearray(file.read_bytes())
+    bent[at] ^= 1
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    (finding,) = log.findings()
+
+    np.testing.assert_array_equal(x, np.arange(1000.0))
+    assert (finding.code, finding.lost_data) == ("CHECKSUM", True)
+    assert finding.text.startswith("the checksum of 1 chunks (logged between 2020-09-13T12:2")
+    assert finding.text.endswith("is wrong, but all messages could be read: values may be altered")
+
+
+def test_impossible_times_of_an_altered_chunk_and_of_its_message_are_left_out(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, True, 8192)
+    (chunk, *_) = chunks_of(file)
+    bent = bytearray(file.read_bytes())
+    end = chunk.chunk_start_offset + 9 + 8
+    message_time = bent.index(struct.pack("<Q", T0), end)
+    bent[end + 7] = bent[message_time + 7] = 0xFF  # the year 2554
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 999
+    assert "1 messages have an impossible log time; left out" in [finding.text for finding in log.findings()]
+
+
+def with_data_checksum(file: Path) -> Path:
+    """Write an unchunked file that states the checksum of its data."""
+    with file.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False, enable_data_crcs=True)
+        writer.start()
+        numbers = [
+            writer.register_channel(topic, "cdr", writer.register_schema(*FLOAT64)) for topic in ("/heading", "/depth")
+        ]
+        for k in range(50):
+            data = b"\0\1\0\0" + struct.pack("<d", float(k))
+            writer.add_message(numbers[k % 2], T0 + k * SECOND, data, T0 + k * SECOND)
+        writer.finish()
+    return file
+
+
+def test_an_altered_value_in_data_without_chunks_is_reported(tmp_path: Path) -> None:
+    file = with_data_checksum(tmp_path / "a.mcap")
+    assert McapLog(file).findings() == ()
+    file.write_bytes(file.read_bytes().replace(struct.pack("<d", 20.0), struct.pack("<d", 20.5)))
+    log = McapLog(file)
+
+    assert 20.5 in log.read({"/heading": ["data"]})["/heading"].columns["data"]
+    (finding,) = log.findings()
+    assert (finding.code, finding.lost_data) == ("CHECKSUM", True)
+    assert finding.text == ("the checksum of the data is wrong, but all messages could be read: values may be altered")
+
+
+@pytest.mark.parametrize("alteration", ["opcode", "channel"])
+def test_messages_that_the_statistics_count_and_the_data_lack_are_reported(tmp_path: Path, alteration: str) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, False)
+    bent = bytearray(file.read_bytes())
+    head = b"\x05" + struct.pack("<QH", 22 + len(ROS2.serialize_cdr(message(TWIST, {}), TWIST)), 1)
+    at = bent.index(head, len(bent) // 2)
+    at, value = (at, 0x7F) if alteration == "opcode" else (at + 9, 2)
+    bent[at] = value
+    file.write_bytes(bent)
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 999
+    finding = next(finding for finding in log.findings() if finding.code == "DAMAGED")
+    more = "" if alteration == "opcode" else " and 1 are not in the file's statistics"
+    assert finding.text == f"1 of 2000 messages in the file's statistics are missing{more}"
+    assert finding.lost_data
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("statistics", [True, False])
+@pytest.mark.parametrize("damaged", [True, False])
+def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(
+    tmp_path: Path, chunked: bool, statistics: bool, damaged: bool
+) -> None:
+    file = tmp_path / "a.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, use_chunking=chunked, repeat_schemas=False, use_statistics=statistics, chunk_size=100)
+        writer.start()
+        for k, topic in enumerate(("/heading", "/depth")):  # the second schema is in a later chunk than the first
+            number = writer.register_channel(topic, "cdr", writer.register_schema(*FLOAT64))
+            for i in range(10):
+                writer.add_message(number, T0 + k + i, b"\0\1\0\0" + struct.pack("<d", float(i)), T0 + k + i)
+        writer.finish()
+    if damaged:  # the end of the index
+        file.write_bytes(file.read_bytes()[:-3])
+    log = McapLog(file)
+
+    assert [(topic.name, topic.type, topic.count) for topic in log.topics()] == [
+        ("/heading", "std_msgs/msg/Float64", 10),
+        ("/depth", "std_msgs/msg/Float64", 10),
+    ]
+    read = log.read({"/heading": ["data"], "/depth": ["data"]})
+    for topic in ("/heading", "/depth"):
+        np.testing.assert_array_equal(read[topic].columns["data"], np.arange(10.0))
+    assert not any(finding.lost_data for finding in log.findings())
+
+
+def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -> None:
+    good = b"\0\1\0\0" + struct.pack("<d", 12.5)
+    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, (good, good[:7], good, b""))
+    log = McapLog(file)
+
+    heading = log.read({"/heading": ["data"]})["/heading"]
+
+    np.testing.assert_array_equal(heading.columns["data"], [12.5, 12.5])
+    (finding,) = log.findings()
+    assert finding.text == "/heading: 2 messages do not match their definition in the file"
+    assert finding.lost_data
+
+
+@pytest.mark.parametrize(("byte", "name"), [(3, "PL_CDR"), (7, "XCDR2"), (11, "XCDR2")])
+def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str) -> None:
+    payloads = [bytes([0, first, 0, 0]) + struct.pack("<d", 12.5) for first in (1, byte)]
+    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, payloads)
+    log = McapLog(file)
+
+    assert len(log.read({"/heading": ["data"]})["/heading"].received_ns) == 1
+    (finding,) = log.findings()
+    assert finding.text.endswith(f"their definition in the file: they are in {name}, not plain CDR")
+
+
+def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "a.mcap", many(), CompressionType.ZSTD, True, 1 << 20)
+    file.write_bytes(file.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0snap"))
+    log = McapLog(file)
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 0
+    (finding,) = log.findings()
+    assert "1 chunks are damaged or use an unknown compression (snap) (logged between" in finding.text
+    assert finding.text.endswith(": 0 of 2000 messages could be read")
+
+
+def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
+    whole = write_mcap(tmp_path / "a.mcap", many(), CompressionType.NONE, False, summary=False).read_bytes()
+    first_message = whole.index(b"\x05", 100)
+    future = b"\x7f" + struct.pack("<Q", 5) + b"what?"
+    while not whole[first_message : first_message + 9].endswith(b"\0" * 6):
+        first_message = whole.index(b"\x05", first_message + 1)
+    (tmp_path / "b.mcap").write_bytes(whole[:first_message] + future + whole[first_message:])
+    log = McapLog(tmp_path / "b.mcap")
+
+    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 1000
+    assert log.findings() == ()
+
+
+def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_path: Path) -> None:
+    file = write_payloads(
+        tmp_path / "a.mcap", "/fix", "flatbuffer", ("foxglove.LocationFix", "flatbuffer", b"{}"), [b"{}"]
+    )
+    log = McapLog(file)
+
+    (topic,) = log.topics()
+    assert topic.count == 1
+    with pytest.raises(LogError) as fault:
+        log.read({"/fix": ["latitude"]})
+
+    assert str(fault.value).startswith(
+        f"{file}: /fix cannot be read: encoding flatbuffer with flatbuffer definitions is not supported, only cdr with "
+    )

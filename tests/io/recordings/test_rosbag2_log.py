@@ -1,0 +1,360 @@
+"""rosbag2 recordings: folders, single files, parts, and what is wrong with them."""
+
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+
+from recordings import (
+    FLOAT64,
+    ROS2,
+    SECOND,
+    T0,
+    TWIST,
+    Row,
+    message,
+    short_dive,
+    twist,
+    write_payloads,
+    write_rosbag2,
+)
+from usbldr.filters.errors import LogError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE
+from usbldr.io.reading.read import read_log, require
+
+TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
+
+
+def stretch(first: int, last: int) -> list[Row]:
+    return [twist(T0 + k * SECOND, float(k), 0.0) for k in range(first, last)]
+
+
+def parts(folder: Path, *numbers: int) -> Path:
+    """Write parts of ten records each, without metadata.yaml."""
+    folder.mkdir()
+    for number in numbers:
+        made = write_rosbag2(folder.with_name(f"made{number}"), stretch(10 * number, 10 * number + 10))
+        shutil.move(made / f"made{number}.db3", folder / f"dive_{number}.db3")
+    return folder
+
+
+def x_of(path: Path) -> list[float]:
+    return open_log(path).read(TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("metadata", [True, False])
+def test_a_folder_is_read_with_and_without_its_metadata(tmp_path: Path, storage: StoragePlugin, metadata: bool) -> None:
+    folder = write_rosbag2(tmp_path / "dive", short_dive(), storage)
+    if not metadata:
+        (folder / "metadata.yaml").unlink()
+
+    log = open_log(folder)
+    dvl = log.read(TWIST_X)["/dvl"]
+
+    assert log.format == "rosbag2 folder"
+    assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 11, "/imu": 11, "/usbl": 11}
+    np.testing.assert_array_equal(dvl.columns["header.stamp"], T0 + np.arange(11) * SECOND)
+    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.ones(11))
+    assert log.findings() == ()
+
+
+def test_a_file_alone_is_read_and_nothing_is_written_beside_it(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    (file.parent / "metadata.yaml").unlink()
+    with sqlite3.connect(file) as database:
+        database.execute("PRAGMA journal_mode=wal")
+    database.close()
+
+    assert x_of(file) == [0, 1, 2, 3, 4]
+    assert [child.name for child in file.parent.iterdir()] == ["dive.db3"]
+
+
+def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    with sqlite3.connect(file, isolation_level=None) as database:
+        database.execute("PRAGMA journal_mode=wal")
+        more = "INSERT INTO messages SELECT 90 + id, topic_id, 50000000000 + timestamp, data FROM messages"
+        database.execute(more)
+        for name in ("dive.db3", "dive.db3-wal"):  # as they lie while the recorder still runs
+            shutil.copy(file.with_name(name), killed)
+    database.close()
+    before = {path: path.read_bytes() for path in killed.iterdir()}
+
+    log = open_log(killed / "dive.db3")
+
+    assert log.read(TWIST_X)["/dvl"].columns["twist.linear.x"].tolist() == [0, 1, 2, 3, 4] * 2
+    assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("JOURNAL", False)]
+    assert {path: path.read_bytes() for path in killed.iterdir()} == before
+    assert open_log(file).topics()[0].count == 10
+
+
+def test_a_journal_that_is_none_is_lost_data(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    (tmp_path / "dive" / "dive.db3-wal").write_bytes(b"rows")
+
+    (finding,) = open_log(file).findings()
+
+    assert x_of(file) == [0, 1, 2, 3, 4]
+    assert (finding.code, finding.lost_data) == ("JOURNAL", True)
+
+
+def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    with sqlite3.connect(file) as database:
+        database.execute("PRAGMA journal_mode=wal")
+    database.close()
+
+    (finding,) = open_log(file).findings()
+
+    assert (finding.code, finding.lost_data) == ("JOURNAL", False)
+    assert finding.text == (
+        "the file was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
+    )
+
+
+def test_parts_are_read_in_the_order_of_time(tmp_path: Path) -> None:
+    assert x_of(parts(tmp_path / "dive", 0, 10, 2, 1, 3, 4, 5, 6, 7, 8, 9)) == list(range(110))
+
+
+def test_a_missing_part_is_lost_data(tmp_path: Path) -> None:
+    folder = parts(tmp_path / "dive", 0, 2)
+
+    (finding,) = open_log(folder).findings()
+
+    assert x_of(folder) == [*range(10), *range(20, 30)]
+    assert (finding.code, finding.lost_data) == ("MISSING-PART", True)
+    assert finding.text == "part 1 is missing: the parts are numbered from 0"
+
+
+def named(folder: Path, *names: str) -> Path:
+    listed = "".join(f"    - {name}\n" for name in names)
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  relative_file_paths:\n{listed}")
+    return folder
+
+
+def test_a_part_that_metadata_names_and_is_not_there_is_lost_data(tmp_path: Path) -> None:
+    folder = named(parts(tmp_path / "dive", 0, 1), "dive_0.db3", "dive_1.db3", "dive_2.db3")
+
+    (finding,) = open_log(folder).findings()
+
+    assert x_of(folder) == list(range(20))
+    assert finding.text == "dive_2.db3 is missing: metadata.yaml names it"
+    assert finding.lost_data
+
+
+def test_a_renamed_file_is_read_in_place_of_the_one_named(tmp_path: Path) -> None:
+    folder = named(parts(tmp_path / "dive", 0), "old_0.db3")
+
+    (finding,) = open_log(folder).findings()
+
+    assert x_of(folder) == list(range(10))
+    assert (finding.code, finding.lost_data) == ("RENAMED", False)
+    assert finding.text == "metadata.yaml names old_0.db3, which is missing; dive_0.db3 is read instead"
+
+
+def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
+    folder = parts(tmp_path / "dive", 0)
+    (folder / "metadata.yaml").write_text("{ : [")
+
+    assert x_of(folder) == list(range(10))
+
+
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [
+        ([], "metadata.yaml names dive_0.db3, which is missing (the folder holds metadata.yaml)"),
+        (
+            ["dive_0.db3", "other_0.db3"],
+            "holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with",
+        ),
+    ],
+)
+def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
+    tmp_path: Path, files: list[str], sentence: str
+) -> None:
+    folder = parts(tmp_path / "dive", 0)
+    whole = (folder / "dive_0.db3").read_bytes()
+    (folder / "dive_0.db3").unlink()
+    for name in files:
+        (folder / name).write_bytes(whole)
+    if not files:
+        named(folder, "dive_0.db3")
+
+    with pytest.raises(LogError) as fault:
+        open_log(folder)
+
+    assert str(fault.value) == f"{folder}: {sentence}"
+
+
+def test_messages_compressed_one_by_one_are_read(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    with sqlite3.connect(file) as database:
+        for number, data in database.execute("SELECT id, data FROM messages").fetchall():
+            packed = zstandard.ZstdCompressor().compress(data)
+            database.execute("UPDATE messages SET data = ? WHERE id = ?", (packed, number))
+    database.close()
+
+    assert x_of(file) == [0, 1, 2, 3, 4]
+
+
+def compressed(folder: Path, storage: StoragePlugin, mode: CompressionMode) -> Path:
+    """Write ten messages as rosbag2 compresses them."""
+    writer = Writer2(folder, version=9, storage_plugin=storage)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/dvl", TWIST, typestore=ROS2)
+        for time_ns, _, _, values in stretch(0, 10):
+            writer.write(connection, time_ns, ROS2.serialize_cdr(message(TWIST, values), TWIST))
+    return folder
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_recording_that_rosbag2_compressed_is_read(
+    tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
+) -> None:
+    folder = compressed(tmp_path / "dive", storage, mode)
+    (part,) = (file for file in folder.iterdir() if file.name != "metadata.yaml")
+    assert part.name.endswith(".zstd") == (mode is CompressionMode.FILE)
+
+    for path in (folder, part):
+        assert x_of(path) == list(range(10))
+        assert open_log(path).findings() == ()
+    (folder / "metadata.yaml").unlink()
+    assert x_of(folder) == list(range(10))
+
+
+def test_a_compressed_part_beside_its_copy_is_read_once(tmp_path: Path) -> None:
+    folder = compressed(tmp_path / "dive", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    packed = folder / "dive.db3.zstd"
+    packed.with_suffix("").write_bytes(zstandard.ZstdDecompressor().decompressobj().decompress(packed.read_bytes()))
+
+    assert x_of(folder) == list(range(10))
+    packed.write_bytes(b"damaged")
+    assert x_of(folder) == list(range(10))
+
+
+def test_a_compressed_part_that_is_missing_or_cut_is_reported(tmp_path: Path) -> None:
+    folder = tmp_path / "dive"
+    parts(folder, 0, 1, 2)
+    for file in list(folder.glob("*.db3")):
+        file.with_name(file.name + ".zstd").write_bytes(zstandard.compress(file.read_bytes()))
+        file.unlink()
+    (folder / "dive_1.db3.zstd").unlink()
+
+    (finding,) = open_log(folder).findings()
+    assert finding.text == "part 1 is missing: the parts are numbered from 0"
+    (folder / "dive_2.db3.zstd").write_bytes(zstandard.compress(bytes(9))[:8])
+
+    log = open_log(folder)
+
+    assert [finding.text for finding in log.findings() if finding.lost_data][1:] == [
+        "dive_2.db3.zstd cannot be read: is damaged: no zstd data could be decompressed at byte 8 of 8"
+    ]
+    assert log.topics() == open_log(folder / "dive_0.db3.zstd").topics()
+
+
+def test_messages_of_an_mcap_file_that_decompress_to_too_much_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = zstandard.compress(bytes(2_000_000))
+    file = write_payloads(tmp_path / "a.mcap", "/speed", "cdr", FLOAT64, [data, data])
+    monkeypatch.setenv(VARIABLE, "0.01")
+    log = open_log(file)
+
+    assert len(log.read({"/speed": ["data"]})["/speed"].received_ns) == 0
+    (finding, _) = log.findings()
+    assert finding.text.startswith("messages decompress to more than 1.34 MB each and are left out (--limits 10")
+
+
+def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: Path) -> None:
+    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    with sqlite3.connect(file) as database:
+        database.execute("DROP TABLE message_definitions")
+        database.execute("INSERT INTO topics SELECT 9, '/x', 'my_msgs/msg/X', 'cdr', '', '' FROM topics")
+    database.close()
+
+    log = open_log(file)
+    problems = {topic.name: topic.problem for topic in log.topics()}
+
+    assert x_of(file) == [0, 1, 2, 3, 4]
+    assert problems["/dvl"] == ""
+    assert problems["/x"].startswith("the file holds no definition of its type my_msgs/msg/X")
+
+
+@pytest.mark.parametrize("keep", [0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
+def test_a_cut_db3_is_an_error_that_names_a_way_to_recover_it(tmp_path: Path, keep: float) -> None:
+    file = write_rosbag2(tmp_path / "dive", short_dive() * 50) / "dive.db3"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: round(keep * len(whole))])
+
+    with pytest.raises(LogError) as fault:
+        x_of(file)
+
+    assert str(fault.value).startswith(f"{file}: is not a readable rosbag2 recording (")
+    assert ".recover" in str(fault.value)
+
+
+def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "a.db3") as database:
+        database.execute("CREATE TABLE photos (id INTEGER)")
+    database.close()
+
+    with pytest.raises(LogError) as fault:
+        open_log(tmp_path / "a.db3").topics()
+
+    sentence = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
+    assert str(fault.value) == f"{tmp_path / 'a.db3'}: {sentence}"
+
+
+def test_a_topic_without_a_number_is_damage(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
+        database.execute("ALTER TABLE topics RENAME TO sound")
+        database.execute("CREATE TABLE topics AS SELECT NULL AS id, name, type, serialization_format FROM sound")
+
+    with pytest.raises(LogError, match="is not a readable rosbag2 recording"):
+        open_log(folder).topics()
+
+
+def test_a_part_that_is_named_twice_is_read_once(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    metadata = folder / "metadata.yaml"
+    text = metadata.read_text(encoding="utf-8")
+    metadata.write_text(text.replace("  - a.db3\n", "  - a.db3\n  - a.db3\n", 1), encoding="utf-8")
+    assert metadata.read_text(encoding="utf-8") != text
+    log = open_log(folder)
+
+    assert sum(topic.count for topic in log.topics()) == 33
+    (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
+    assert (finding.code, finding.level) == ("PART-TWICE", "warning")
+
+
+def test_messages_that_metadata_counts_and_the_parts_lack_are_reported(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
+        database.execute("DELETE FROM messages WHERE id = 7")
+    log = open_log(folder)
+
+    (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
+    assert finding.text == "1 of 33 messages in metadata.yaml are missing"
+    assert finding.lost_data
+
+
+def test_an_encoding_that_is_not_read_is_named_if_its_sensor_is_missing(tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
+        database.execute("UPDATE topics SET serialization_format = 'wrong' WHERE name = '/dvl'")
+
+    with pytest.raises(LogError, match=r"no dvl data .*; /dvl cannot be read: encoding wrong is not supported, only"):
+        require(read_log(folder), ["dvl"])

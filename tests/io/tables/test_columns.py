@@ -1,0 +1,97 @@
+"""CSV files whose columns only their owner knows: the configuration names them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings import T0, write_csv
+from usbldr.filters.errors import UsageError
+from usbldr.io.reading.read import read_log
+
+DVL = "epoch, vx, vy, vz, ok, sigma\n1600000000.5, 1000, -200, 30, 1, 40\n1600000001.000000001, 1100, 0, 0, 0, 40"
+CONFIGURATION = """
+[dvl]
+columns = { time_unix_s = "epoch", x = "vx", y = "vy", z = "vz", valid = "ok", sd_mps = "sigma" }
+axes = "FSD"
+unit = "mm/s"
+sd_mps = "message"
+[compass]
+columns = { time_ns = "t", received_ns = "heard", heading = "yaw" }
+convention = "ENU"
+unit = "rad"
+[usbl]
+columns = { time_ns = "t", x = "n", y = "e", sd_m = "acc" }
+frame = "NED"
+[depth]
+columns = { time_unix_s = "sec", pressure = "p" }
+unit = "bar"
+"""
+
+
+def dive(folder: Path, configuration: str = CONFIGURATION) -> Path:
+    write_csv(
+        folder,
+        velocities=DVL,
+        ahrs=f"t,heard,yaw\n{T0},{T0 + 4},0\n{T0 + 10**9},{T0 + 10**9},1.5707963267948966",
+        fixes=f"t,n,e,acc\n{T0 + 6 * 10**8},10,-20,1.5",
+        press=f"sec,p\n{T0 // 10**9},2.01325",
+    )
+    (folder / "usbldr.toml").write_text(configuration, encoding="utf-8")
+    return folder
+
+
+def test_columns_are_read_as_the_configuration_names_them(tmp_path: Path) -> None:
+    tables = read_log(dive(tmp_path / "dive")).tables
+
+    np.testing.assert_allclose(tables["dvl"]["forward_mps"], [1.0, 1.1], rtol=1e-15)
+    np.testing.assert_allclose(tables["dvl"]["starboard_mps"], [-0.2, 0.0], rtol=1e-15)
+    np.testing.assert_allclose(tables["dvl"]["up_mps"], [-0.03, 0.0], rtol=1e-15)
+    np.testing.assert_allclose(tables["dvl"]["sd_mps"], 0.04, rtol=1e-15)
+    assert list(tables["dvl"]["valid"]) == [True, False]
+    np.testing.assert_allclose(tables["compass"]["heading_deg"], [90.0, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(tables["usbl"][["east_m", "north_m"]], [[-20.0, 10.0]])
+    np.testing.assert_allclose(tables["usbl"]["cov_ee_m2"], 2.25)
+    np.testing.assert_allclose(tables["depth"]["depth_m"], 1e5 / (1025.0 * 9.80665), rtol=1e-12)
+
+
+def test_seconds_with_decimals_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
+    log = read_log(dive(tmp_path / "dive"))
+
+    stamps = [log.start_ns + round(t * 1e9) for t in log.tables["dvl"]["time_s"]]
+    assert stamps == [1600000000500000000, 1600000001000000001]
+    assert log.start_ns == T0
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (('x = "vx"', 'x = "vxx"'), "{0}: no topic has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]; "
+         "state topic, too"),
+        (('[dvl]', '[dvl]\ntopic = "/velocities"\n#'), None),
+        (('time_unix_s = "epoch", x', "x"), "{0}/velocities.csv: [dvl] columns must name exactly one of time_ns, "
+         "time_unix_us, time_unix_ms, time_unix_s, time_s, time_datenum"),
+    ],
+)  # fmt: skip
+def test_columns_that_are_not_there_are_named(tmp_path: Path, change: tuple[str, str], sentence: str | None) -> None:
+    folder = dive(tmp_path / "dive", CONFIGURATION.replace(*change, 1))
+    if sentence is None:
+        assert len(read_log(folder).tables["dvl"]) == 2
+        return
+
+    with pytest.raises(UsageError) as fault:
+        read_log(folder)
+
+    assert str(fault.value) == sentence.format(folder)
+
+
+def test_a_column_missing_from_the_file_named_is_an_error_with_its_header(tmp_path: Path) -> None:
+    text = CONFIGURATION.replace("[dvl]", '[dvl]\ntopic = "velocities"').replace('"vx"', '"u"')
+    folder = dive(tmp_path / "dive", text)
+
+    with pytest.raises(UsageError) as fault:
+        read_log(folder)
+
+    assert str(fault.value) == (
+        f"{folder / 'velocities.csv'}: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"
+    )

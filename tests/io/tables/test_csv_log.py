@@ -1,0 +1,280 @@
+"""The canonical CSV folder: written by hand, read back, and broken in the ways people break it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings import T0, write_csv
+from usbldr.filters.errors import LogError
+from usbldr.io.reading.read import Request, read_log
+from usbldr.io.tables import csv_text
+from usbldr.io.tables.csv_log import CsvLog
+
+DVL = f"time_ns,received_ns,starboard_mps,forward_mps\n{T0},{T0 + 7},0.1,1.25\n{T0 + 2},{T0 + 5},,-1e-3"
+
+
+def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> None:
+    folder = write_csv(
+        tmp_path / "dive",
+        dvl=DVL,
+        nav__imu_heading="time_ns,heading_deg\n1,359.5",
+        events="when,what\n12:00,launch",
+        depth="time_ns,depth_m\n1,3.5",
+    )
+    (folder / "notes.md").write_text("a, b\n", encoding="utf-8")
+    (folder / "usbldr.toml").write_text("# a, b\n", encoding="utf-8")
+
+    topics = {topic.name: topic for topic in CsvLog(folder).topics()}
+
+    assert {name: topic.type for name, topic in topics.items()} == {
+        "/depth": "usbldr/depth",
+        "/dvl": "usbldr/dvl",
+        "/events": "",
+        "/nav/imu_heading": "usbldr/compass",
+    }
+    assert topics["/dvl"].count == 2
+    assert (topics["/dvl"].first_ns, topics["/dvl"].last_ns) == (T0 + 5, T0 + 7)
+    assert topics["/events"].problem.startswith("its columns match no sensor (when, what); name them")
+
+
+def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: Path) -> None:
+    log = CsvLog(write_csv(tmp_path / "dive", dvl=DVL))
+
+    dvl = log.read({"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
+
+    np.testing.assert_array_equal(dvl.received_ns, [T0 + 7, T0 + 5])
+    np.testing.assert_array_equal(dvl.columns["header.stamp"], [T0, T0 + 2])
+    np.testing.assert_array_equal(dvl.columns["starboard_mps"], [0.1, np.nan])
+    np.testing.assert_array_equal(dvl.columns["forward_mps"], [1.25, -1e-3])
+
+
+@pytest.mark.parametrize(
+    "head", ["\ufefftime_ns, heading_deg ", "% time_ns,field.heading_deg", "%time_ns , heading_deg"]
+)
+def test_headers_may_carry_a_mark_blanks_and_rostopics_prefixes(tmp_path: Path, head: str) -> None:
+    log = CsvLog(write_csv(tmp_path / "dive", compass=f"{head}\n5,90.25"))
+
+    compass = log.read({"/compass": ["header.stamp", "heading_deg"]})["/compass"]
+
+    assert (compass.columns["header.stamp"][0], compass.columns["heading_deg"][0]) == (5, 90.25)
+
+
+def test_a_missing_column_is_an_error_that_lists_the_header(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", dvl="time_ns,starboard_mps,fwd\n1,2,3", compass="time_ns,heading_deg\n1,2")
+
+    with pytest.raises(LogError) as fault:
+        read_log(folder)
+
+    assert str(fault.value) == (
+        f"{folder}: /dvl cannot be read as dvl: dvl.csv has no column forward_mps "
+        "(its columns: time_ns, starboard_mps, fwd); usbldr init proposes the key columns, if their names are "
+        "unambiguous"
+    )
+    assert list(read_log(folder, Request(topics={"dvl": "none"})).tables) == ["compass"]
+
+
+@pytest.mark.parametrize(
+    ("cell", "shown"),
+    [("1.5e3", "1.5e3"), ("", ""), ("9" * 20, "9" * 20), ("9" * 5000, "9" * 60), ("1_0", "1_0")],
+    ids=["exponent", "empty", "late", "endless", "underscore"],
+)
+def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Path, cell: str, shown: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6")
+
+    log = read_log(folder)
+
+    assert list(log.tables["compass"]["heading_deg"]) == [2, 6]
+    (finding,) = [finding for finding in log.findings if finding.lost_data]
+    assert finding.text == (
+        f'compass.csv: 1 of 3 rows are left out: line 4: time_ns is "{shown}", not a whole number of nanoseconds'
+    )
+    assert finding.topic == "/compass"
+
+
+@pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])
+def test_seconds_beyond_all_calendars_are_left_out_and_named_by_their_line(tmp_path: Path, when: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=f"when,hdg\n1,2\n{when},4")
+    columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
+    (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
+
+    (finding,) = [finding for finding in read_log(folder).findings if finding.lost_data]
+
+    assert finding.text.endswith(f'line 3: when is "{when}", not a number of seconds')
+
+
+def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
+    rows = "".join(f"{T0 + k},{k}\n" for k in range(100))
+    bad = rows.replace(f"{T0 + 7},7", f"{T0 + 7},north").replace(f"{T0 + 50},50", f"{T0 + 50},5O")
+    bad = bad.replace(f"{T0 + 90},90", f"{T0 + 90}").replace(f"{T0 + 91},91", f"{T0 + 91},91,5")
+    bad = bad.replace(f"{T0 + 92},92", f'{T0 + 92},"92').replace(f"{T0 + 93},93", f"{T0 + 93},93,,")
+    log = read_log(write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n" + bad))
+
+    heading = log.tables["compass"]["heading_deg"].to_numpy()
+    texts = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
+
+    np.testing.assert_array_equal(heading, [float(k) for k in range(100) if k not in (7, 50, 90, 91, 92)])
+    assert texts == [
+        'compass.csv: 2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
+        "compass.csv: 3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
+    ]
+
+
+def test_without_one_good_row_the_first_fault_is_the_error(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,south\n2,north")
+
+    with pytest.raises(LogError) as fault:
+        read_log(folder)
+
+    assert str(fault.value) == f'{folder / "compass.csv"}: line 2: heading_deg is "south", not a number'
+
+
+@pytest.mark.long
+def test_a_csv_file_cut_anywhere_is_never_silently_wrong(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    east, north = rng.normal(0, 100, (2, 12))
+    lines = [f"{T0 + k * 1_000_000_000},{east[k]:.10f},{north[k]:.10f}\n" for k in range(12)]
+    whole = "time_ns,east_m,north_m\n" + "".join(lines)
+    file = tmp_path / "usbl.csv"
+    borders = {whole.index("\n") + 1 + sum(map(len, lines[:k])) for k in range(13)}  # there nothing shows
+
+    for end in range(len(whole)):
+        file.write_text(whole[:end], encoding="utf-8")
+        try:
+            log = read_log(file)
+        except LogError:
+            continue
+        assert log.tables["usbl"]["east_m"].isin(np.round(east, 10)).all(), f"cut at {end}"
+        assert log.tables["usbl"]["north_m"].isin(np.round(north, 10)).all(), f"cut at {end}"
+        assert end in borders or any(finding.lost_data for finding in log.findings), f"cut at {end}"
+
+
+def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
+    (tmp_path / "compass.csv").write_text("time_ns,heading_deg\n1,2\n2,3\n3,44", encoding="utf-8")
+
+    log = read_log(tmp_path / "compass.csv")
+
+    assert list(log.tables["compass"]["heading_deg"]) == [2, 3]
+    (finding,) = [finding for finding in log.findings if finding.lost_data]
+    assert (finding.code, finding.text) == (
+        "TRUNCATED",
+        "compass.csv: line 4, the last, has no line end and is left out: it may be cut; "
+        "append a line end if it is whole",
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time_ns;starboard_mps;forward_mps\n1;0,5;-1,25e-1\n2;,25;3",
+        "time_ns\tstarboard_mps\tforward_mps\n1\t0.5\t-0.125\n2\t0.25\t3",
+    ],
+)
+def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) -> None:
+    (tmp_path / "dvl.csv").write_text(text + "\n", encoding="utf-8")
+
+    dvl = read_log(tmp_path / "dvl.csv").tables["dvl"]
+
+    np.testing.assert_array_equal(dvl["starboard_mps"], [0.5, 0.25])
+    np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
+
+
+@pytest.mark.parametrize("rows", [1, 6, 7])
+def test_cells_that_are_kept_in_pieces_are_those_of_the_file(
+    tmp_path: Path, rows: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(csv_text, "PIECE", 3)
+    lines = [f"{T0 + k};{k},5;{-k}" for k in range(rows)]
+    lines[rows // 2] = f"{T0 + rows // 2};;1,25"
+    text = "\n".join(["time_ns;starboard_mps;forward_mps", *lines])
+
+    dvl = CsvLog(write_csv(tmp_path / "dive", dvl=text)).read({"/dvl": ["starboard_mps", "forward_mps"]})["/dvl"]
+
+    at = np.arange(rows)
+    np.testing.assert_array_equal(dvl.received_ns, T0 + at)
+    np.testing.assert_array_equal(dvl.columns["starboard_mps"], np.where(at == rows // 2, np.nan, at + 0.5))
+    np.testing.assert_array_equal(dvl.columns["forward_mps"], np.where(at == rows // 2, 1.25, -at))
+
+
+def test_a_column_that_is_there_twice_is_an_error(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg,heading_deg\n1,2,3")
+
+    with pytest.raises(LogError) as fault:
+        read_log(folder)
+
+    assert str(fault.value).endswith(
+        "compass.csv: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg)"
+    )
+
+
+def test_a_file_without_a_header_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "dvl.csv").write_text("1600000000,0.5,1.25\n1600000001,0.5,1.25\n", encoding="utf-8")
+
+    with pytest.raises(LogError) as fault:
+        read_log(tmp_path / "dvl.csv")
+
+    assert str(fault.value) == (
+        f"{tmp_path / 'dvl.csv'}: has no header: its first line holds numbers; insert a line with the column names"
+    )
+
+
+def test_times_may_be_dates(tmp_path: Path) -> None:
+    folder = write_csv(
+        tmp_path / "dive",
+        compass="when,hdg\n2020-09-13T12:26:40.123456789Z,1\n2020-09-13 14:26:41+02:00,2\n2020-09-13T12:26:42,3",
+    )
+    columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
+    (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
+
+    log = read_log(folder)
+
+    assert log.start_ns == T0 + 123_456_789
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], [0, 0.876543211, 1.876543211], atol=1e-9)
+
+
+def test_a_single_file_is_a_log_of_one_sensor(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", dvl=DVL)
+
+    assert [topic.name for topic in CsvLog(folder / "dvl.csv").topics()] == ["/dvl"]
+
+
+def test_words_may_state_whether_a_record_is_valid(tmp_path: Path) -> None:
+    text = "time_ns,starboard_mps,forward_mps,valid\n1,0,1,True\n2,0,1,False\n3,0,1,1\n4,0,1,0\n5,0,0,true"
+
+    log = read_log(write_csv(tmp_path / "dive", dvl=text))
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False, True, False, True]
+
+
+def test_gps_may_come_on_the_plane_or_by_latitude(tmp_path: Path) -> None:
+    plane = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0"
+    local = write_csv(tmp_path / "local", gps="time_ns,east_m,north_m,sd_m\n1,0,100.02,0.5")
+    geodetic = write_csv(tmp_path / "geodetic", gps="time_ns,lat_deg,lon_deg\n1,45.0009,7.0")
+    for folder in (local, geodetic):
+        (folder / "usbldr.toml").write_text(plane, encoding="utf-8")
+
+    by_metres, by_degrees = read_log(local).tables["gps"], read_log(geodetic).tables["gps"]
+
+    assert by_metres["lat_deg"].iloc[0] == pytest.approx(45.0009, abs=1e-7)
+    assert by_metres["sd_m"].iloc[0] == 0.5
+    assert by_degrees["north_m"].iloc[0] == pytest.approx(100.02, abs=0.05)
+    assert by_degrees["lat_deg"].iloc[0] == 45.0009
+
+
+def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
+    folder = write_csv(
+        tmp_path / "dive", compass="time_ns,heading_deg\n10,2\n20,2", truth="time_ns,east_m,north_m\n10,1,2\n20,3,4"
+    )
+
+    truth = read_log(folder).truth
+
+    assert truth is not None
+    np.testing.assert_array_equal(truth.position_m, [[1, 2], [3, 4]])
+    assert (truth.source, truth.kind) == ("/truth", "other")
+
+
+def test_a_folder_of_unknown_columns_is_an_error_with_advice(tmp_path: Path) -> None:
+    (tmp_path / "events.csv").write_text("when,what\n1,started\n2,ended\n")
+
+    with pytest.raises(LogError, match=r"no topic can be read: /events: .* name them with the key columns"):
+        read_log(tmp_path)

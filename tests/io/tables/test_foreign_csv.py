@@ -1,0 +1,249 @@
+"""CSV files that other programs wrote: their columns say what they hold, and in which unit."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from logs import MAP, codes, logged_csv
+from recordings import SECOND, T0, write_csv
+from usbldr.filters.errors import LogError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.tables.date_times import with_iso_times
+from usbldr.io.units import named_unit
+
+HEAD = "[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }\n"
+WIDE = f"""
+    "Time [s]", "DVL X [m/s]", "DVL Y [m/s]", "DVL Z [m/s]", "Heading (deg)", "Depth [m]", "Temperature [C]"
+    {T0 // SECOND}.25, 1.5, -0.25, 0.01, 30.5, 12.5, 8
+    {T0 // SECOND + 1}.25, 1.6, -0.35, 0.02, 31.5, 12.6, 8
+"""
+
+
+def test_a_wide_file_holds_several_sensors(tmp_path: Path) -> None:
+    log = logged_csv(tmp_path, '[dvl]\naxes = "FSD"', dive=WIDE)
+
+    dvl = log.tables["dvl"]
+    np.testing.assert_array_equal(
+        dvl[["forward_mps", "starboard_mps", "up_mps"]], [[1.5, -0.25, -0.01], [1.6, -0.35, -0.02]]
+    )
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [30.5, 31.5])
+    np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [12.5, 12.6])
+    assert log.start_ns == T0 + SECOND // 4
+    assert [p.topic for p in log.provenance.values()] == ["/dive/dvl", "/dive/compass", "/dive/depth"]
+    assert "/dive/dvl: read by the names of its columns: x_mps from DVL X [m/s], y_mps from DVL Y [m/s], " in next(
+        finding.text for finding in log.findings if finding.code == "COLUMNS-BY-NAME"
+    )
+
+
+def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
+    log = logged_csv(
+        tmp_path,
+        MAP + HEAD,
+        doppler="stamp_ms,Forward (mm/s),Port [cm/s],Down [knots],sigma [mm/s],velocity_valid\n"
+        f"{T0 // 10**6},1500,20,1,5,1\n{T0 // 10**6 + 500},1500,20,1,5,0",
+        ahrs=f"epoch_us,hdg_rad\n{T0 // 1000},1.5",
+        ctd="UTC,Pressure [dbar]\n2020-09-13T12:26:40Z,20.1325",
+        gnss=f"t_s,latitude_rad,longitude_rad,accuracy_cm\n{T0 // SECOND},0.7854,0.1222,150",
+        usbl=f"stamp_ns,received_ns,slant_range_mm,bearing_rad\n{T0},{T0 + SECOND},250000,0.5",
+    )  # fmt: skip
+
+    dvl = log.tables["dvl"]
+    wanted = [1.5, -0.2, -1852 / 3600, 0.005]
+    np.testing.assert_allclose(dvl[["forward_mps", "starboard_mps", "up_mps", "sd_mps"]].iloc[0], wanted, rtol=1e-12)
+    assert list(dvl["valid"]) == [True, False]
+    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], np.degrees(1.5), rtol=1e-12)
+    np.testing.assert_allclose(log.tables["depth"]["depth_m"], 1e5 / (1025.0 * 9.80665), rtol=1e-9)
+    np.testing.assert_allclose(log.tables["gps"][["lat_deg", "lon_deg"]], [np.degrees([0.7854, 0.1222])], rtol=1e-12)
+    np.testing.assert_allclose(log.tables["gps"]["sd_m"], 1.5)
+    assert log.start_ns == T0
+
+
+def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_path: Path) -> None:
+    at = T0 // SECOND
+    log = logged_csv(
+        tmp_path,
+        "",
+        dvl=f"t_s,starboard_mps,forward_mps,sd_mps,valid\n{at},0.1,1.5,0.02,1\n{at + 1},0.1,1.5,0.02,0",
+        compass=f"t_s,heading_deg,sd_deg\n{at},10,0.7\n{at + 1},11,0.7",
+        usbl=f"t_s,east_m,north_m,cov_ee_m2,cov_en_m2,cov_nn_m2,depth_m\n{at},1,2,4,1,9,20",
+    )
+
+    assert list(log.tables["dvl"]["valid"]) == [True, False]
+    assert log.convention("compass", "sd_deg").value == 0.7
+    np.testing.assert_allclose(log.tables["usbl"][["cov_ee_m2", "cov_en_m2", "cov_nn_m2"]], [[4.0, 1.0, 9.0]])
+
+
+def test_axes_that_no_name_states_are_a_default(tmp_path: Path) -> None:
+    log = logged_csv(tmp_path, "", dive=WIDE)
+
+    assert (log.convention("dvl", "axes").value, log.convention("dvl", "axes").chosen_by) == ("FLU", "default")
+
+
+def test_ranges_and_fixes_are_those_of_the_usbl(tmp_path: Path) -> None:
+    fix = f"Time (s),Range [m],Bearing [rad]\n{T0 // SECOND},100,{np.pi / 2}"
+    local = f"Time (s),USBL East [cm],USBL North [cm]\n{T0 // SECOND},4000,-2000"
+
+    by_range = logged_csv(tmp_path, HEAD, ranger=fix)
+    (tmp_path / "other").mkdir()
+    by_place = logged_csv(tmp_path / "other", "", fixes=local)
+
+    np.testing.assert_allclose(by_range.tables["usbl"][["east_m", "north_m"]], [[100.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(by_place.tables["usbl"][["east_m", "north_m"]], [[40.0, -20.0]])
+
+
+@pytest.mark.parametrize(
+    ("header", "why"),
+    [
+        ("Time [s],Heading [gon]", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
+        ("Time [s],Heading (deg),Depth", "has a column Depth without a known unit (m, dm, cm, mm, km, ft)"),
+        ("Time,Heading (deg)", 'has a column Time without a known unit; write it behind the name ("Time [s]")'),
+        ("Time [s],stamp_ns,Heading (deg)", "has not one column of time (Time [s], stamp_ns); name its columns with"),
+        ("Heading (deg),Roll (deg)", "has not one column of time (none); name its columns with the key columns of a"),
+        ("t_s,IMU Heading (deg),GPS Heading (deg)", "has columns for the same quantity (IMU Heading (deg)"),
+    ],
+)  # fmt: skip
+def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path: Path, header: str, why: str) -> None:
+    row = ",".join("1" for _ in header.split(","))
+    folder = write_csv(tmp_path / "dive", nav=f"{header}\n{row}", depth=f"time_ns,depth_m\n{T0},3")
+
+    (topic,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}
+
+    assert topic.startswith(f"nav.csv {why}")
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["t_s,Yaw (deg)", "t_s,Heading Rate (deg)", "t_s,Ship Heading (deg)", "t_s,Easting [m],Northing [m]",
+     "t_s,Surge [m/s],Sway [m/s]", "t_s,Forward [m/s]", "t_s,x [m],y [m]", "t_s,Water X [m/s],Water Y [m/s]",
+     "t_s,USBL true_east_m,USBL true_north_m", "t_s,Latitude (deg),Longitude (deg)"],
+)  # fmt: skip
+def test_names_that_could_mean_something_else_are_left_to_the_user(tmp_path: Path, header: str) -> None:
+    folder = write_csv(tmp_path / "dive", nav=f"{header}\n" + ",".join("1" for _ in header.split(",")))
+
+    (topic,) = open_log(folder).topics()
+
+    assert topic.type == ""
+    assert topic.problem.startswith("its columns match no sensor")
+
+
+def test_a_unit_of_the_configuration_does_not_convert_twice(tmp_path: Path) -> None:
+    sheet = f"Time [s],DVL X [mm/s],DVL Y [mm/s]\n{T0 // SECOND},1500,0"
+
+    log = logged_csv(tmp_path, '[dvl]\nunit = "mm/s"\naxes = "FSD"', dvl=sheet)
+
+    assert log.tables["dvl"]["forward_mps"][0] == 1.5
+    assert "KEY-UNUSED" in codes(log)
+
+
+def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> None:
+    columns = '[compass]\ntopic = "/dive"\nconvention = "ENU"\n'
+    columns += 'columns = { time_unix_s = "Time [s]", heading = "Heading (deg)" }'
+
+    log = logged_csv(tmp_path, columns, dive=WIDE)
+
+    assert [p.topic for p in log.provenance.values()] == ["/dive/dvl", "/dive", "/dive/depth"]
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [59.5, 58.5])
+
+
+def test_a_bad_cell_of_a_foreign_file_costs_its_row_alone(tmp_path: Path) -> None:
+    log = logged_csv(
+        tmp_path, "", ahrs=f"t_s,heading_deg\n{T0 // SECOND},10\n{T0 // SECOND + 1},1o\n{T0 // SECOND + 2},12"
+    )
+
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [10, 12])
+    assert 'line 3: heading_deg is "1o", not a number' in codes(log)["UNDECODED"]
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "dimension", "factor"),
+    [
+        ("DVL X [m/s]", "DVL X", "velocity", 1.0),
+        ("Speed(km/h)", "Speed", "velocity", 1 / 3.6),
+        ("vx_mm_s", "vx", "velocity", 1e-3),
+        ("forward_mps", "forward", "velocity", 1.0),
+        ("Heading (°)", "Heading", "angle", 1.0),
+        ("lat [1e-7 deg]", "lat", "angle", 1e-7),
+        ("stamp_ns", "stamp", "time", 1),
+        ("velocity[0]", "velocity[0]", None, 1.0),
+        ("velocity[0] [ft/s]", "velocity[0]", "velocity", 0.3048),
+        ("s", "s", None, 1.0),
+        ("bottom.velocity_mm_s[0]", "bottom.velocity[0]", "velocity", 1e-3),
+        ("velocity_cm_s.x", "velocity.x", "velocity", 1e-2),
+        ("depth [fathom]", "depth", None, 1.0),
+    ],
+)
+def test_the_unit_of_a_name_is_found(name: str, label: str, dimension: str | None, factor: float) -> None:
+    found = named_unit(name)
+
+    assert (found.label, found.dimension, found.factor) == (label, dimension, factor)
+
+
+def test_a_file_of_nothing_but_faults_says_so(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", ahrs="t_s,heading_deg\nnoon,10\nnight,11")
+
+    with pytest.raises(LogError, match=r"t_s is .noon., not a number of seconds"):
+        open_log(folder).read({"/ahrs": ["heading_deg"]})
+
+
+def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None:
+    files = dict.fromkeys(("ground_truth", "gnss"), "stamp_ns,x_north_m,y_east_m\n1,2,3")
+
+    types = {topic.name: topic.type for topic in open_log(write_csv(tmp_path / "dive", **files)).topics()}
+
+    assert types == {"/ground_truth": "", "/gnss": "usbldr/gps"}
+
+
+@pytest.mark.parametrize(
+    ("cells", "iso"),
+    [
+        (["18.05.2026 12:30:00,5", "18.05.2026 12:30:01"], "2026-05-18T12:30:00.500000"),
+        (["05/18/2026 12:30:00 PM"], "2026-05-18T12:30:00.000000"),
+        (["05/06/2026 1:30"], "2026-05-06T01:30:00.000000"),
+        (["05/06/2026 1:30", "13/06/2026 1:30"], "2026-06-05T01:30:00.000000"),
+        (["18-May-2026 12:30:00.25 UTC"], "2026-05-18T12:30:00.250000"),
+        (["18.05.2026 14:30:00 +02:00"], "2026-05-18T12:30:00.000000"),
+    ],
+)
+def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
+    assert next(iter(with_iso_times({"t": cells})["t"])) == iso
+
+
+def test_a_stated_format_comes_first_and_midnight_is_passed() -> None:
+    assert with_iso_times({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"})["t"] == ["2026-06-05T01:30:00.000000"]
+    assert with_iso_times({"t": ["23:59:59.5", "00:00:00.5"]})["t"] == [
+        "1970-01-01T23:59:59.500000",
+        "1970-01-02T00:00:00.500000",
+    ]
+
+
+def test_a_configured_time_format_is_read(tmp_path: Path) -> None:
+    sheet = "when,hdg\n" + "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
+    stated = '[compass]\ncolumns = { time_unix_s = "when", time_format = "%d/%m/%Y %H:%M:%S", heading = "hdg" }'
+
+    log = logged_csv(tmp_path, stated, compass=sheet)
+
+    assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
+
+
+@given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text.strip(" ")), row=st.integers(0, 3))
+@settings(max_examples=15, deadline=None)
+def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
+    times = ["2020-09-13T12:26:40", "2020-09-13T12:26:41", "2020-09-13T12:26:42", "2020-09-13T12:26:43"]
+    times[row] = text
+    with tempfile.TemporaryDirectory() as name:
+        file = write_csv(Path(name) / "dive", usbl="time,lat_deg,lon_deg\n" + "".join(f"{t},45,7\n" for t in times))
+        log = open_log(file)
+        (topic,) = log.topics()
+        if not topic.problem:
+            log.read({"/usbl": ["lat_deg"]})
+        said = topic.problem + "".join(finding.text for finding in log.findings())
+
+    assert f'"{text}"' in said
+    assert "time" in said
+    assert ("first row" in said) == (row == 0)
+    assert row == 0 or f"line {row + 2}" in said

@@ -1,0 +1,213 @@
+"""CSV files as `rostopic echo -p` writes them, and long files with a column that names the sensor."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings import T0, write_csv
+from usbldr.filters.errors import LogError
+from usbldr.io.provenance import Convention
+from usbldr.io.reading.read import read_log
+from usbldr.io.tables.csv_log import CsvLog
+
+STAMP = 1474477150941968287  # no float64
+COVARIANCE = ",".join(f"field.twist.covariance{k}" for k in range(36))
+VALUES = ",".join(str(k / 8) for k in range(36))
+HEADER = "%time,field.header.seq,field.header.stamp,field.header.frame_id"
+TWIST = f"""
+    {HEADER},field.twist.twist.linear.x,field.twist.twist.linear.y,field.twist.twist.linear.z,{COVARIANCE}
+    {STAMP + 3},1,{STAMP},dvl_ned,1.5,-0.25,0.125,{VALUES}
+"""
+
+
+def test_times_are_whole_nanoseconds_and_arrays_have_numbered_fields(tmp_path: Path) -> None:
+    log = CsvLog(write_csv(tmp_path / "dive", nav__dvl=TWIST))
+
+    (topic,) = log.topics()
+    paths = ["header.stamp", "header.frame_id", "twist.twist.linear.y", "twist.covariance.0", "twist.covariance.35"]
+    records = log.read({"/nav/dvl": paths})["/nav/dvl"]
+
+    assert (topic.name, topic.type, topic.count) == ("/nav/dvl", "geometry_msgs/TwistWithCovarianceStamped", 1)
+    assert topic.first_ns == STAMP + 3
+    assert records.received_ns[0] == STAMP + 3
+    assert [records.columns[path][0] for path in paths] == [STAMP, "dvl_ned", -0.25, 0.0, 35 / 8]
+
+
+def test_the_type_of_a_message_is_known_by_its_columns(tmp_path: Path) -> None:
+    xyz = ",".join(f"field.{{0}}.{axis}" for axis in "xyz")
+    folder = write_csv(
+        tmp_path / "dive",
+        a=f"{HEADER},{xyz.format('twist.linear')}\n1,1,1,f,1,2,3",
+        b=f"{HEADER},{xyz.format('point')}\n1,1,1,f,1,2,3",
+        c=f"{HEADER},{xyz.format('pose.position')},field.pose.orientation.x\n1,1,1,f,1,2,3,0",
+        d=f"{HEADER},field.orientation.x,field.angular_velocity.x\n1,1,1,f,1,0",
+        e=f"{HEADER},field.status.status,field.latitude,field.longitude\n1,1,1,f,0,45,7",
+        f=f"{HEADER},field.time,{xyz.format('velocity')},field.fom,field.velocity_valid\n1,1,1,f,9,1,2,3,0.1,True",
+        g="%time,field.data\n1,90.5",
+        h=f"{HEADER},field.name\n1,1,1,f,x",
+    )
+
+    types = {topic.name: topic.type.rpartition("/")[2] for topic in CsvLog(folder).topics()}
+
+    assert types == {
+        "/a": "TwistStamped",
+        "/b": "PointStamped",
+        "/c": "PoseStamped",
+        "/d": "Imu",
+        "/e": "NavSatFix",
+        "/f": "DVL",
+        "/g": "Float64",
+        "/h": "",
+    }
+    assert not any(topic.problem for topic in CsvLog(folder).topics())
+
+
+@pytest.mark.parametrize(
+    ("columns", "kind"),
+    [
+        ("field.velocity.x,field.velocity_covariance0", "DVL"),
+        ("field.velocity.x,field.velocity_covar0,field.num_good_beams,field.coordinate_mode", "Dvl"),
+        ("field.report.vx,field.report.velocity_valid", "TransducerReportStamped"),
+        ("field.latitude,field.longitude,field.err_horz", "GPSFix"),
+    ],
+)
+def test_further_types_are_known_by_their_columns(tmp_path: Path, columns: str, kind: str) -> None:
+    row = ",".join(["0"] * len(columns.split(",")))
+
+    (topic,) = CsvLog(write_csv(tmp_path / "dive", a=f"{HEADER},{columns}\n{T0},1,{T0},f,{row}")).topics()
+
+    assert topic.type.rpartition("/")[2] == kind
+
+
+def test_a_frame_is_a_text_wherever_its_type_names_it(tmp_path: Path) -> None:
+    linear = ",".join(f"field.twist.twist.linear.{axis}" for axis in "xyz")
+    columns = f"field.child_frame_id,field.pose.pose.position.x,{linear},field.twist.covariance0"
+    text = f"{HEADER},{columns}\n{T0},1,{T0},odom_frame,base_ned,0,1.5,-0.25,0,0.1"
+
+    log = read_log(write_csv(tmp_path / "dive", dvl=text))
+
+    assert log.tables["dvl"][["starboard_mps", "forward_mps"]].to_numpy()[0].tolist() == [-0.25, 1.5]
+    assert Convention("axes", "FRD", "frame_id", note="base_ned") in log.provenance["dvl"].conventions
+
+
+def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
+    text = f"{HEADER},field.time,field.velocity.x,field.velocity_valid\n{T0 + 5},1,{T0},f,123.5,1,True"
+
+    records = CsvLog(write_csv(tmp_path / "dive", dvl=text)).read({"/dvl": ["time", "header.stamp"]})["/dvl"]
+
+    assert (records.received_ns[0], records.columns["header.stamp"][0], records.columns["time"][0]) == (
+        T0 + 5,
+        T0,
+        123.5,
+    )
+
+
+def test_messages_without_header_are_timed_by_log_time(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass_hdg=f"%time,field.data\n{T0},90.5\n{T0 + 10},91")
+
+    log = read_log(folder)
+
+    assert list(log.tables["compass"]["heading_deg"]) == [90.5, 91.0]
+    assert "NO-HEADER" in [finding.code for finding in log.findings]
+    assert log.start_ns == T0
+
+
+def test_a_stamp_that_was_never_set_is_replaced_by_log_time(tmp_path: Path) -> None:
+    log = read_log(write_csv(tmp_path / "dive", dvl=TWIST.replace(f",{STAMP},", ",0,")))
+
+    assert log.start_ns == STAMP + 3
+    assert "ZERO-STAMP" in [finding.code for finding in log.findings]
+
+
+def test_two_files_of_one_topic_are_an_error(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", dvl=TWIST)
+    (folder / "dvl.txt").write_bytes((folder / "dvl.csv").read_bytes())
+
+    with pytest.raises(LogError) as fault:
+        read_log(folder)
+
+    assert str(fault.value) == f"{folder}: dvl.csv and dvl.txt are both /dvl; rename one"
+
+
+LONG = f"""
+    sensor,time_ns,received_ns,starboard_mps,forward_mps,heading_deg,east_m,north_m
+    dvl,{T0},{T0},0.1,1.0,,,
+    compass,{T0 + 1},{T0 + 2},,,45.5,,
+    usbl,{T0 + 1},{T0 + 7},,,,10.0,-3.0
+    dvl,{T0 + 9},{T0 + 9},0.2,1.5,,,
+"""
+
+
+def test_a_long_file_gives_each_sensor_its_rows(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "dive", everything=LONG) / "everything.csv"
+
+    for log in (read_log(file), read_log(file.parent)):
+        assert {role: len(table) for role, table in log.tables.items()} == {"dvl": 2, "compass": 1, "usbl": 1}
+        np.testing.assert_array_equal(log.tables["dvl"]["forward_mps"], [1.0, 1.5])
+        np.testing.assert_array_equal(log.tables["usbl"][["east_m", "north_m"]], [[10.0, -3.0]])
+        np.testing.assert_allclose(log.tables["usbl"]["received_s"] * 1e9, [7], rtol=1e-12)
+
+
+def test_a_broken_number_of_a_long_file_is_reported_with_its_line(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "dive", everything=LONG.replace("0.2,1.5", "0.2,fast")) / "everything.csv"
+
+    findings = CsvLog(file)
+    findings.read({"/dvl": ["forward_mps"]})
+
+    assert [finding.text.partition(": ")[2] for finding in findings.findings()] == [
+        '1 of 4 rows are left out: line 5: forward_mps is "fast", not a number'
+    ]
+
+
+RECORDED: dict[str, tuple[str, str, str, tuple[float, ...]]] = {  # type: its columns, a row of them, what is made of it
+    "mUSBLFix": (
+        "relative_position.x relative_position.y relative_position.z source_id type",
+        "30 40 -1 3 2",
+        "usbl",
+        (30, 40),
+    ),
+    "BeaconInfo": (
+        "relative_position.x relative_position.y relative_position.z beacon_id",
+        "40 30 1 3",
+        "usbl",
+        (30, 40),
+    ),
+    "AcousticModemUSBLLONG": ("X Y Z E N U propagation_time remote_address", "1 2 3 30 40 -1 620 3", "usbl", (30, 40)),
+    "EvologicsUsbllong": ("x y z e n u propagation_time accuracy", "1 2 3 30 40 -1 620 1.5", "usbl", (30, 40)),
+    "Position": ("name latitude longitude depth age", "AUV 45 7 10 0.5", "usbl", (0, 0)),
+    "AcousticLocalization": ("sender_address latitude longitude accuracy", "3 45 7 2", "usbl", (0, 0)),
+    "GeoPointStamped": ("position.latitude position.longitude position.altitude", "45 7 -3", "usbl", (0, 0)),
+    "GPSData": ("latitude longitude fix_quality heading", "45 7 1 0", "gps", (45, 7)),
+    "UbloxNav": ("latitude longitude accuracy_horz fixtype", "45 7 0.5 3D", "gps", (45, 7)),
+    "Gpgga": ("lat lon lat_dir lon_dir gps_qual", "4500.0 700.0 S W 1", "gps", (-45, -7)),
+    "Azimuth": ("azimuth variance unit orientation reference", "90 1 1 1 1", "compass", (90,)),
+    "Compass": ("heading heading_covar is_true_heading", "90 1 True", "compass", (90,)),
+    "QuaternionStamped": ("quaternion.x quaternion.y quaternion.z quaternion.w", "0 0 0 1", "compass", (0,)),
+    "LinkquestDvl": ("velocityInst0 velocityInst1 velocityInst2 velocityInstFlag", "-2 -1 0 1", "dvl", (1, 2)),
+    "TeledyneExplorerDvl": ("bi_x_axis bi_y_axis bi_z_axis bi_status", "2 1 0 A", "dvl", (1, 2)),
+    "DepthPressure": ("depth pressure pressure_raw", "12.5 13 13", "depth", (12.5,)),
+    "Depth": ("depth variance", "12.5 0.1", "depth", (12.5,)),
+}
+MADE = {
+    "usbl": ["east_m", "north_m"],
+    "gps": ["lat_deg", "lon_deg"],
+    "compass": ["heading_deg"],
+    "dvl": ["starboard_mps", "forward_mps"],
+    "depth": ["depth_m"],
+}
+
+
+@pytest.mark.parametrize("kind", RECORDED)
+def test_messages_of_ros_1_are_known_by_their_columns_and_read_as_such(tmp_path: Path, kind: str) -> None:
+    names, row, sensor, want = RECORDED[kind]
+    columns = ",".join(f"field.{name}" for name in names.split())
+    text = f"{HEADER},{columns}\n{T0},1,{T0},f,{','.join(row.split())}"
+    folder = write_csv(tmp_path / "dive", **{"ranger__positions__auv" if sensor == "usbl" else sensor: text})
+    head = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0, heading_deg = 0.0 }\n"
+    (folder / "usbldr.toml").write_text(head, encoding="utf-8")
+
+    log = read_log(folder)
+
+    assert log.provenance[sensor].type.endswith(f"/{kind}")
+    assert log.tables[sensor][MADE[sensor]].to_numpy()[0] == pytest.approx(np.array(want), abs=1e-6)

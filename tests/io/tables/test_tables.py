@@ -1,0 +1,267 @@
+"""Tables in Parquet, HDF5 and MATLAB files: written by their own libraries, read as the CSV files that they equal."""
+
+import random
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+import scipy.io
+from pyarrow import parquet
+
+from recordings import SECOND, T0
+from table_recordings import COUNT, WRITERS, as_csv, dive
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_log_of_tables_is_the_log_of_the_csv_files_that_it_equals(tmp_path: Path, form: str) -> None:
+    tables = dive()
+    log, csv = read_log(WRITERS[form](tmp_path, tables)), read_log(as_csv(tmp_path, tables))
+
+    assert log.format == form.removesuffix(" records").removesuffix(" 7.3")
+    assert log.start_ns == csv.start_ns
+    assert log.tables.keys() == csv.tables.keys() == {"dvl", "compass", "gps"}
+    for sensor, table in csv.tables.items():
+        pd.testing.assert_frame_equal(log.tables[sensor], table, check_exact=True)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_columns_of_any_name_are_named_by_the_configuration(tmp_path: Path, form: str) -> None:
+    seconds = T0 / SECOND + np.arange(COUNT) / 4
+    nav = {"t": seconds, "u_mm_s": 1500.0 + np.arange(COUNT), "w": np.full(COUNT, 0.25), "psi": np.full(COUNT, 0.5)}
+    (tmp_path / "usbldr.toml").write_text("")
+    settings = tmp_path / "own.toml"
+    settings.write_text(
+        '[dvl]\ntopic = "nav"\ncolumns = { time_unix_s = "t", x = "u_mm_s", y = "w" }\naxes = "FSU"\n'
+        '[compass]\ncolumns = { time_unix_s = "t", heading = "psi" }\nunit = "rad"\n'
+    )
+    log = read_log(WRITERS[form](tmp_path, {"nav": nav}), Request(configuration=str(settings)))
+
+    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], 1.5 + np.arange(COUNT) / 1000, rtol=1e-12)
+    np.testing.assert_array_equal(log.tables["dvl"]["starboard_mps"], 0.25)
+    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], np.degrees(0.5), rtol=1e-12)
+    np.testing.assert_array_equal(log.tables["dvl"]["time_s"], np.arange(COUNT) / 4)
+
+
+def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> None:
+    """A timestamp is a time whatever its unit; an empty whole number stays exact in the other rows."""
+    never = np.iinfo(np.int64).min
+    moments = np.array([T0, T0 + SECOND // 4, never, T0 + SECOND]).astype("datetime64[ns]")
+    columns = {"UTC": moments, "Heading (deg)": [1.5, None, 3.5, 4.5], "Depth [cm]": [100, 200, 300, None]}
+    file = tmp_path / "nav.parquet"
+    pd.DataFrame(columns).astype({"Depth [cm]": "Int64"}).to_parquet(file)
+    log = read_log(file)
+
+    assert log.start_ns == T0
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [1.5, 4.5])
+    np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, 1.0])
+    np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [1.0, 2.0])
+    lost = [finding for finding in log.findings if finding.lost_data]
+    assert [finding.text for finding in lost] == [
+        "/nav/compass: 1 of 4 rows have no time; left out",
+        "/nav/depth: 1 of 4 rows have no time; left out",
+    ]
+
+
+def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> None:
+    times = pd.array([T0 + 1, None, T0 + 3], dtype="Int64")
+    pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
+
+    records = open_log(tmp_path / "compass.parquet").read({"/compass": ["header.stamp", "heading_deg"]})["/compass"]
+
+    assert records.received_ns.tolist() == records.columns["header.stamp"].tolist() == [T0 + 1, T0 + 3]
+
+
+def test_members_of_structures_in_parquet_have_dots(tmp_path: Path) -> None:
+    rows = [{"stamp_ns": T0 + k, "twist": {"linear": {"x_mps": 1.0 + k, "y_mps": 0.5}}} for k in range(3)]
+    parquet.write_table(pa.Table.from_pylist(rows), tmp_path / "dvl.parquet")
+    log = read_log(tmp_path / "dvl.parquet")
+
+    np.testing.assert_array_equal(log.tables["dvl"]["forward_mps"], [1.0, 2.0, 3.0])
+
+
+def test_units_of_netcdf_are_those_of_its_attributes(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "dive.nc", "w") as file:
+        file.create_dataset("time", data=T0 / SECOND + np.arange(COUNT)).attrs["units"] = (
+            "seconds since 1970-01-01 00:00"
+        )
+        file.create_dataset("heading", data=np.full(COUNT, 0.5)).attrs["units"] = b"rad"
+        file.create_dataset("velocity", data=np.tile([1500.0, 250.0], (COUNT, 1))).attrs["units"] = "mm/s"
+        file.create_dataset("depth", data=np.arange(5.0)).attrs["units"] = "m"  # of a sound speed profile
+        file["serial"] = 5
+    log = open_log(tmp_path / "dive.nc")
+
+    assert [topic.name for topic in log.topics() if not topic.problem] == [f"/dive/{COUNT}_rows"]
+    fields = '{ time_unix_s = "time [s]", x = "velocity.0 [mm/s]", y = "velocity.1 [mm/s]" }'
+    (tmp_path / "usbldr.toml").write_text(f"[dvl]\ncolumns = {fields}\n")
+    found = read_log(tmp_path / "dive.nc")
+    np.testing.assert_allclose(found.tables["dvl"][["forward_mps", "starboard_mps"]], [[1.5, -0.25]] * COUNT)
+    np.testing.assert_allclose(found.tables["compass"]["heading_deg"], np.degrees(0.5))
+
+
+@pytest.mark.parametrize("form", ["HDF5", "MATLAB", "MATLAB 7.3"])
+def test_a_time_may_stand_in_another_structure(tmp_path: Path, form: str) -> None:
+    clock = {"Time": np.arange(COUNT) / 2}
+    track = {"Vel": np.tile([0.25, 1.5, 0.1, 9.9], (COUNT, 1)), "Cells": np.zeros(COUNT)}
+    columns = '{ time_s = "/system/Time", x = "Vel[0]", y = "Vel.1" }'
+    (tmp_path / "usbldr.toml").write_text(f'[dvl]\naxes = "SFU"\ntopic = "track"\ncolumns = {columns}\n')
+    file = WRITERS[form](tmp_path, {"system": clock, "track": track, "setup": {"Pings": np.array([3])}})
+    log = read_log(file)
+
+    np.testing.assert_array_equal(log.tables["dvl"][["starboard_mps", "forward_mps"]], [[0.25, 1.5]] * COUNT)
+    np.testing.assert_array_equal(log.tables["dvl"]["time_s"], np.arange(COUNT) / 2)
+    assert [topic.name for topic in open_log(file).topics()] == ["/system", "/track"]
+
+
+@pytest.mark.parametrize(
+    ("form", "module", "extra"),
+    [("Parquet", "pyarrow", "parquet"), ("HDF5", "h5py", "hdf5"), ("MATLAB", "scipy.io", "mat")],
+)
+def test_without_its_library_the_sentence_names_the_extra(
+    tmp_path: Path, form: str, module: str, extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = WRITERS[form](tmp_path, dive())
+    monkeypatch.setitem(sys.modules, module, None)
+
+    with pytest.raises(UsageError, match=rf"{form} files need \w+: pip install 'usbldr\[{extra}\]'"):
+        open_log(file)
+
+
+def rows_of(path: Path) -> dict[str, set[tuple[float, ...]]]:
+    log = open_log(path)
+    wanted = {topic.name: list(topic.fields) for topic in log.topics() if not topic.problem}
+    return {
+        topic: set(zip(*(column.tolist() for column in records.columns.values()), strict=True))
+        for topic, records in log.read(wanted).items()
+    }
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_file_of_tables_cut_anywhere_is_refused_in_one_sentence(tmp_path: Path, form: str) -> None:
+    path, rng = WRITERS[form](tmp_path, dive()), random.Random(form)
+    file = path if path.is_file() else path / "gps.parquet"
+    whole = file.read_bytes()
+    for end in [len(whole) - 1, *(rng.randrange(1, len(whole)) for _ in range(20))]:
+        file.write_bytes(whole[:end])
+        with pytest.raises(LogError) as fault:
+            rows_of(file)
+        assert "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_file_of_tables_with_flipped_bits_is_read_or_refused(tmp_path: Path, form: str) -> None:
+    path, rng = WRITERS[form](tmp_path, dive()), random.Random(form)
+    file = path if path.is_file() else path / "gps.parquet"
+    whole, all_rows = file.read_bytes(), rows_of(file)
+    refused = 0
+    for _ in range(20):
+        bent = bytearray(whole)
+        for _ in range(rng.choice([1, 5, 50])):
+            bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
+        file.write_bytes(bent)
+        try:
+            rows = rows_of(file)
+        except UsbldrError:
+            refused += 1
+        else:
+            assert form != "MATLAB" or rows == all_rows  # each variable has a checksum
+    assert refused
+
+
+def parquet_in_groups(folder: Path, columns: Mapping[str, Any], damaged: str) -> tuple[Path, int]:
+    """Write groups of ten rows; return the file, and the last byte of a column's second group."""
+    file = folder / "compass.parquet"
+    parquet.write_table(
+        pa.table(dict(columns)), file, row_group_size=10, write_page_checksum=True, use_dictionary=False
+    )
+    column = parquet.ParquetFile(file).metadata.row_group(1).column(list(columns).index(damaged))
+    return file, column.data_page_offset + column.total_compressed_size - 1
+
+
+def hdf5_in_chunks(folder: Path, columns: Mapping[str, Any], damaged: str) -> tuple[Path, int]:
+    """Write chunks of ten rows; return the file, and the last byte of a column's second chunk."""
+    file = folder / "dive.h5"
+    with h5py.File(file, "w") as content:
+        for label, values in columns.items():
+            content.create_dataset(f"compass/{label}", data=values, chunks=(10,), fletcher32=True)
+        chunk = content[f"compass/{damaged}"].id.get_chunk_info(1)
+        return file, chunk.byte_offset + chunk.size - 1
+
+
+@pytest.mark.parametrize("write", [parquet_in_groups, hdf5_in_chunks])
+def test_a_damaged_column_is_an_error_if_it_is_used(
+    tmp_path: Path, write: Callable[[Path, Mapping[str, Any], str], tuple[Path, int]]
+) -> None:
+    compass = {**dive()["compass"], "sd_deg": np.arange(COUNT) / 10}
+    file, place = write(tmp_path, compass, "heading_deg")
+    bent = bytearray(file.read_bytes())
+    bent[place] ^= 1
+    file.write_bytes(bent)
+    log = open_log(file)
+
+    found = log.read({"/compass": ["sd_deg"]})["/compass"].columns["sd_deg"]
+    np.testing.assert_array_equal(found, compass["sd_deg"])
+    with pytest.raises(LogError, match="damaged, cut or of an unknown kind"):
+        log.read({"/compass": ["heading_deg"]})
+
+
+def long_parquet(folder: Path, rows: int) -> Path:
+    zeros = pa.array(np.zeros(rows, dtype=np.int64))
+    parquet.write_table(pa.table({"time_ns": zeros, "heading_deg": zeros}), folder / "compass.parquet")
+    return folder / "compass.parquet"
+
+
+def long_hdf5(folder: Path, rows: int) -> Path:
+    """Write arrays without data: all their values are the fill value."""
+    with h5py.File(folder / "dive.h5", "w") as file:
+        for name in ("time_ns", "heading_deg"):
+            file.create_dataset(f"compass/{name}", shape=(1000 * rows,), dtype="i8", chunks=(1000,))
+    return folder / "dive.h5"
+
+
+def long_mat(folder: Path, rows: int) -> Path:
+    """Write a variable that is no column, which must not be decompressed either."""
+    compass = {"time_ns": T0 + np.arange(5), "heading_deg": np.zeros(5)}
+    pictures = np.zeros((rows // 100, 10, 10))
+    scipy.io.savemat(folder / "dive.mat", {"compass": compass, "pictures": pictures}, do_compression=True)
+    return folder / "dive.mat"
+
+
+@pytest.mark.parametrize("write", [long_parquet, long_hdf5, long_mat])
+def test_tables_far_longer_than_their_file_are_refused(
+    tmp_path: Path, write: Callable[[Path, int], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write(tmp_path, 400_000)
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    with pytest.raises(LogError, match="too much for its size; --limits 10 raises the limits tenfold"):
+        read_log(file)
+
+
+def test_texts_where_numbers_should_be_are_named(tmp_path: Path) -> None:
+    pd.DataFrame({"time_ns": [T0, T0 + 1], "heading_deg": ["a", "b"]}).to_parquet(tmp_path / "compass.parquet")
+    pd.DataFrame({"time_ns": ["x", "y"], "heading_deg": [1.0, 2.0]}).to_parquet(tmp_path / "other.parquet")
+
+    with pytest.raises(LogError, match="/compass: the column heading_deg holds no numbers"):
+        read_log(tmp_path / "compass.parquet")
+    (topic,) = open_log(tmp_path / "other.parquet").topics()
+    assert topic.problem == "/other: the column time_ns holds no times"
+
+
+def test_targets_of_a_table_are_texts(tmp_path: Path) -> None:
+    fixes = {"t_s": np.arange(4.0), "e": np.arange(4.0), "n": np.arange(4.0), "who": ["a", "b", "a", "b"]}
+    pd.DataFrame(fixes).to_parquet(tmp_path / "fixes.parquet")
+    columns = '{ time_s = "t_s", x = "e", y = "n", target = "who" }'
+    (tmp_path / "usbldr.toml").write_text(f'[usbl]\ntarget = "b"\ncolumns = {columns}\n')
+
+    np.testing.assert_array_equal(read_log(tmp_path / "fixes.parquet").tables["usbl"]["east_m"], [1.0, 3.0])
