@@ -23,7 +23,8 @@ from usbldr.io.log import Log, missing_sensor_text
 from usbldr.io.messages.roles import candidates
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.opening import OpenedLog, Request, open_configured
-from usbldr.io.reading.read import read, roles_of
+from usbldr.io.reading.read import read
+from usbldr.io.reading.sensors import roles_of
 from usbldr.io.units import MPS_PER_UNIT
 
 # fixed: 16-bit integers of a DVL without bottom lock, in mm/s and cm/s

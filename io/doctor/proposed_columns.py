@@ -18,7 +18,7 @@ from usbldr.io.messages.roles import ROLES
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile, Request, open_configured
-from usbldr.io.reading.read import roles_of
+from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
 from usbldr.io.tables.csv_sheets import ISO, SINCE_NS, UNTIL_NS

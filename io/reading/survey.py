@@ -10,7 +10,8 @@ from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request, open_configured
-from usbldr.io.reading.read import read, require, roles_of
+from usbldr.io.reading.read import read, require
+from usbldr.io.reading.sensors import roles_of
 
 
 @dataclass(frozen=True, slots=True)

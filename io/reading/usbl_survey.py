@@ -26,8 +26,8 @@ from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, digest_paths, open_configured
-from usbldr.io.reading.read import plane_origin, roles_of
 from usbldr.io.reading.role_records import read_roles
+from usbldr.io.reading.sensors import plane_origin, roles_of
 from usbldr.io.settings.sensor_sections import GpsSection, UsblSection
 from usbldr.io.stages import stage
 

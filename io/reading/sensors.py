@@ -1,0 +1,181 @@
+"""From the topics of a log to canonical records of each sensor: which topic is which sensor, by what conventions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from usbldr.filters.errors import LogError
+from usbldr.io.conventions import compass, dvl_depth, positions, tilt
+from usbldr.io.conventions.clock_parts import in_time_order
+from usbldr.io.conventions.clock_shift import align_clocks
+from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.sanity import covariance_findings
+from usbldr.io.conventions.time_series import time_series
+from usbldr.io.conventions.timestamps import sorted_by_time
+from usbldr.io.conventions.usbl import FixContext, usbl
+from usbldr.io.conventions.usbl_head import SHIP
+from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin, OriginKind
+from usbldr.io.messages.configured import configured_columns
+from usbldr.io.messages.layout_columns import columns_of_layouts
+from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
+from usbldr.io.provenance import Provenance
+from usbldr.io.reader import Reader, TopicInfo
+from usbldr.io.reading.opening import OpenedLog, Request
+from usbldr.io.reading.role_records import read_roles
+from usbldr.io.reading.truth_source import truth_section
+from usbldr.io.settings.sensor_sections import Configuration
+
+
+def configured_topics(configuration: Configuration) -> dict[str, str]:
+    """Return role -> topic for the roles whose topic the configuration names."""
+    return {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
+
+
+def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -> Roles:
+    """Fill the roles; a ship's receiver or gyro that the configuration names for the head is not the vehicle's."""
+    path, configuration = opened.reader.path, opened.configuration
+    head, stated = configuration.usbl.head, configured_topics(configuration)
+    ships = [find_topic(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
+    named = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
+    others = [topic for topic in topics if topic not in ships or topic in named]
+    columns = configured_columns(configuration, request.topics)
+    taken = [one.sensor for one in columns]
+    more, found = columns_of_layouts(opened.layouts, others, {**stated, **request.topics}, taken)
+    roles = choose_roles(path, others, request.topics, stated, (*columns, *more))
+    return replace(roles, by_layout=found)
+
+
+def _timed_by_log(configuration: Configuration) -> frozenset[str]:
+    sections = {role: configuration.section(role) for role in ROLES}
+    return frozenset(role for role, section in sections.items() if section.time == "log")
+
+
+def plane_origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
+    """Return the plane's origin: [map], else the fixed USBL head or beacon, else the first valid fix, else none.
+
+    The GPS, which may be the truth, comes after the USBL.
+    """
+    if configuration.map is not None:
+        return Origin(configuration.map.origin_lat_deg, configuration.map.origin_lon_deg, OriginKind.MAP)
+    ends = ((configuration.usbl.head, OriginKind.HEAD), (configuration.usbl.beacon, OriginKind.BEACON))
+    for end, kind in ends:
+        if end is not None and end.lat_deg is not None and end.lon_deg is not None:
+            return Origin(end.lat_deg, end.lon_deg, kind)
+    firsts = {
+        "usbl": OriginKind.FIRST_USBL,
+        "gps": OriginKind.FIRST_GPS,
+        "truth": OriginKind.FIRST_TRUTH,
+        SHIP: OriginKind.FIRST_GPS,
+    }
+    for role, kind in firsts.items():
+        wanted = raws[role].layout.required if role == "usbl" and role in raws else ("lat_deg",)
+        if role in raws and "lat_deg" in raws[role].values and "lat_deg" in wanted:
+            bad = np.any(list(positions.place_causes(raws[role]).values()), axis=0)
+            lat, lon = (degrees[~bad] for degrees in positions.geodetic(raws[role]))
+            if len(lat):
+                return Origin(float(lat[0]), float(lon[0]), kind)
+    return None
+
+
+class SensorTables(NamedTuple):
+    """Canonical records by role, how they were read, and the unconverted records if they were asked for."""
+
+    tables: dict[str, pd.DataFrame]
+    provenance: dict[str, Provenance]
+    origin: Origin | None
+    findings: list[Finding]
+    raws: dict[str, RawRecords]
+    attitude: ConvertedTable | None
+
+
+def sensor_tables(
+    reader: Reader,
+    choices: Mapping[str, TopicChoice],
+    configuration: Configuration,
+    truth_by: str,
+    raw_fields: Mapping[str, Sequence[str]] | None,
+    part: str | None,
+) -> SensorTables:
+    """Read and convert the chosen topics; the unconverted records, larger than the tables, end here unless asked for.
+
+    Raises SettingError for a setting that does not fit a topic.
+    """
+    in_file, evidence = read_roles(reader, choices, raw_fields or {}, _tilted(configuration, choices))
+    by_log = _timed_by_log(configuration)
+    as_logged, found = in_time_order(in_file, by_log, part or configuration.part)
+    del in_file
+    raws, findings = align_clocks(as_logged, by_log)
+    origin = plane_origin(configuration, raws)
+    invalid = covariance_findings(raws)
+    asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES} | evidence
+    del as_logged  # the compass's records end in _converted
+    made, more = _converted(configuration, raws, origin, truth_by)
+    findings = [*found, *findings, *more]
+    attitude = made["compass"].attitude if "compass" in made else None
+    tables: dict[str, pd.DataFrame] = {}
+    provenance: dict[str, Provenance] = {}
+    for role in list(made):
+        sensor = made.pop(role)
+        tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
+        findings += [*sensor.findings, *more]
+        provenance[role] = _provenance(choices[role], sensor, tables[role])
+    return SensorTables(tables, provenance, origin, [*findings, *invalid], asked, attitude)
+
+
+def _tilted(configuration: Configuration, choices: Mapping[str, TopicChoice]) -> bool:
+    """Return whether roll and pitch of the compass may be used: to turn velocities or lever arms level."""
+    levelled = configuration.dvl.level is not False and ("depth" in choices or configuration.dvl.level is True)
+    levelled = levelled or (configuration.usbl.level and "usbl" in choices)
+    return levelled or any((*configuration.usbl.lever_arm_m, *configuration.gps.lever_arm_m))
+
+
+def _converted(
+    configuration: Configuration, raws: dict[str, RawRecords], origin: Origin | None, truth_by: str
+) -> tuple[dict[str, ConvertedTable], list[Finding]]:
+    """Turn each sensor to canonical columns; take the compass, the largest, out of ``raws``.
+
+    Depth and GPS without a valid record are findings, not errors.
+    """
+    made: dict[str, ConvertedTable] = {}
+    findings: list[Finding] = []
+    if "dvl" in raws:
+        made["dvl"] = dvl_depth.dvl(raws["dvl"], configuration.dvl)
+    if "compass" in raws:
+        made["compass"] = compass.compass(raws.pop("compass"), configuration.compass, origin)
+    if "depth" in raws:
+        try:
+            depth = dvl_depth.depth(raws["depth"], configuration.depth)
+        except LogError as err:
+            depth = Finding("DEPTH-INVALID", str(err), err.topic)
+        if isinstance(depth, Finding):
+            findings.append(depth)
+        else:
+            made["depth"] = depth
+    if "dvl" in made:
+        made["dvl"] = tilt.level_velocities(
+            made["dvl"], made.get("compass"), made.get("depth"), configuration.dvl.level
+        )
+    if "usbl" in raws:
+        depths = time_series(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
+        fixes = usbl(raws["usbl"], configuration.usbl, origin, FixContext(raws, made.get("compass"), depths))
+        made["usbl"] = tilt.level_lever_arm(fixes, made.get("compass"), configuration.usbl.lever_arm_m)
+    if "gps" in raws:
+        try:
+            surfaced = positions.gps(raws["gps"], configuration.gps, origin)
+            made["gps"] = tilt.level_lever_arm(surfaced, made.get("compass"), configuration.gps.lever_arm_m)
+        except LogError as err:
+            findings.append(Finding("GPS-INVALID", str(err), err.topic))
+    if "truth" in raws:
+        made["truth"] = positions.gps(raws["truth"], truth_section(configuration, raws, truth_by), origin)
+    return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
+
+
+def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) -> Provenance:
+    used = int(table["valid"].sum()) if "valid" in table else len(table)
+    topic = choice.topic
+    return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used, made.geodetic)
