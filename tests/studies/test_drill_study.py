@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from drills import study, tables
 from drills.ways import DEFAULT, OF_PAPERS, WAYS, label, logs
@@ -51,25 +50,6 @@ def test_the_worst_drill_is_on_top_with_error_ratio_and_what_was_found() -> None
     assert lines[2] == "| outage | 1.50 (7.50) | 0.50 (1.25) | 3.00 | 100 % | OUTAGE |"
     assert lines[3] == "| scale | 0.20 (1.00) | 0.80 (2.00) | 3.00 | 0 % |  |"
     assert re.search(r"no fault.* \| 0\.20 \| 0\.40 \| 1\.00 \|", lines[4])
-
-
-def test_each_way_is_held_against_the_best_of_the_others() -> None:
-    lines = tables.summary(report(), "adf").splitlines()
-
-    assert lines[2] == "| adf (default) | 4.25 | 7.50 | 1.62 | 3.00 | 1 of 2 | 0 |"
-    assert lines[3] == "| ekf | 1.62 | 2.00 | 2.17 | 4.00 | 1 of 2 | 0 |"
-    assert "in 1 of 2 drills; without faults the doctor reports `HEADING-CHECKED`" in tables.named(report())
-
-
-def test_a_drill_that_failed_is_worst_and_counted() -> None:
-    whole = report()
-    lost = DrillRow(SCALE, runs("adf", None, None), whole.usual[0], runs("usbl", 3.0), (), (), ())
-    failed = DrillReport(whole.usual, (*(row for row in whole.rows if row.drill is OUTAGE), lost))
-    with pytest.raises(KeyError):
-        tables.drills_by_filter(failed)  # every way has a row under every drill
-    both = DrillReport(whole.usual[:1] + whole.usual[2:], (whole.rows[2], lost))
-    assert tables.drills_by_filter(both).splitlines()[2].startswith("| scale | failed |")
-    assert tables.summary(both, "adf").splitlines()[2].endswith("| 1 |")
 
 
 def test_the_page_has_every_part_and_the_suite_of_the_papers_can_be_read() -> None:

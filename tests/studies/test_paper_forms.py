@@ -5,24 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from paper.cpf_gaussian import GaussianParticleFilter, whitened
+from paper.cpf_gaussian import GaussianParticleFilter
 from paper.cpf_literal import LiteralParticleFilter
-from textbook import PRIOR, Drift, end, grid_posterior, position_steps
-from usbldr.filters.estimators.gaussian_bank import replicate
+from textbook import PRIOR, Drift, end, position_steps
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
-from usbldr.filters.estimators.protocol import Prior, Step
 from usbldr.filters.models.noise import Gaussian, Mixture
-from usbldr.filters.models.sensors import DirectState, Measurement
 from usbldr.filters.models.sigma_points import cubature
 
 MOTION = Drift((0.3, 0.1))
-
-
-def test_whitened_draws_have_the_moments_of_a_standard_normal_exactly() -> None:
-    draws = whitened(np.random.default_rng(0).normal(size=(6, 40)))
-    np.testing.assert_allclose(draws.mean(axis=1), 0, atol=1e-14)
-    np.testing.assert_allclose(draws @ draws.T / 40, np.eye(6), atol=1e-12)
 
 
 def test_with_gaussian_noise_on_a_linear_model_the_gaussian_form_is_the_kalman_filter() -> None:
@@ -36,19 +27,6 @@ def test_with_gaussian_noise_on_a_linear_model_the_gaussian_form_is_the_kalman_f
     np.testing.assert_allclose(got.mean, want.mean, atol=1e-9)
     np.testing.assert_allclose(got.cov, want.cov, atol=1e-9)
     assert got.ess == pytest.approx(25)
-
-
-@pytest.mark.parametrize("z", [0.5, 4.0, -9.0])
-def test_the_gaussian_form_tends_to_the_grid_posterior_of_one_heavy_tailed_reading(z: float) -> None:
-    noise = Mixture(0.3, 30.0).modes(np.array([[0.7]]))
-    reading = Measurement(np.array([z]), DirectState(0), noise, "usbl", "east", 0, 0.0)
-    prior = Prior(np.array([0.5]), np.array([[2.0]]))
-
-    got = end(GaussianParticleFilter(MOTION, cubature, 200_000), [Step(0, 0.0, 0.0, (reading,))], prior=prior)
-
-    mean, variance, _ = grid_posterior(0.5, 2.0, z, noise)
-    assert got.mean[0] == pytest.approx(mean, abs=0.02)
-    assert got.cov[0, 0] == pytest.approx(variance, rel=0.03)
 
 
 def test_with_process_noise_to_spare_the_literal_form_tends_to_the_kalman_filter() -> None:
@@ -73,9 +51,3 @@ def test_the_literal_form_loses_its_particles_where_process_noise_is_small() -> 
 
     assert np.mean(least) < 10
     assert math.isfinite(estimator.estimate(belief).mean[0])
-
-
-def test_the_prior_of_every_form_is_the_prior() -> None:
-    for estimator in (GaussianParticleFilter(MOTION, cubature, 30), LiteralParticleFilter(MOTION, cubature, 30)):
-        bank = estimator.start(PRIOR).bank
-        np.testing.assert_array_equal(bank.mean, replicate(PRIOR.mean, PRIOR.cov, bank.mean.shape[1]).mean)

@@ -1,6 +1,5 @@
 """Any file may be cut or damaged anywhere: a log that is partial and says so, or one sentence; never a traceback."""
 
-import random
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,8 +7,7 @@ import pytest
 
 from commands import run
 from recordings import short_dive, write_bag, write_csv, write_mcap, write_rosbag2
-from usbldr.filters.errors import LogError, UsbldrError
-from usbldr.io.reading.read import read_log
+from usbldr.filters.errors import LogError
 
 HEADER = "time_ns,starboard_mps,forward_mps\n"
 WRITERS: dict[str, Callable[[Path], Path]] = {
@@ -18,25 +16,6 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
     "rosbag2": lambda folder: write_rosbag2(folder / "a", short_dive() * 10) / "a.db3",
     "CSV": lambda folder: write_csv(folder / "a", dvl=HEADER + "1,2,3\n" * 300) / "dvl.csv",
 }
-
-
-@pytest.mark.parametrize("kind", WRITERS)
-def test_damage_anywhere_is_no_traceback(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-    whole = file.read_bytes()
-    rng = random.Random(5)
-    for _ in range(30):
-        bent = bytearray(whole[: rng.randrange(len(whole))] if rng.random() < 0.4 else whole)
-        for _ in range(rng.choice([0, 1, 20])):
-            bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
-        file.write_bytes(bent)
-
-        sentence = ""
-        try:
-            read_log(file)
-        except UsbldrError as fault:
-            sentence = str(fault)
-        assert "\n" not in sentence
 
 
 @pytest.mark.parametrize("kind", WRITERS)
