@@ -1,36 +1,28 @@
-"""How good the fixes of a dive were, without any truth: shares, gaps, and their noise in range and bearing.
+"""How good the fixes of a dive were, without any truth: shares, gaps, their noise and their scatter.
 
-Between two fixes the vehicle moves by what its estimated velocity says, far better known than a fix. The displacement
-from fix to fix less that motion is the difference of two errors: it holds the white part of the noise twice, and
-nothing of an error that lasts. Differences beyond three sigmas, those of false fixes, are left out.
+Fixes less the way that the estimated velocity gives are the errors of the fixes, an offset, and what a constant error
+of heading, speed or current makes of the way. Without the last ones, `slow_noise` tells the part of the noise that is
+new at each fix from that which lasts. The scatter is that around a track which leaves each fix out.
 """
 
-import math
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.evaluation.slow_noise import SlowNoise, slow_noise
 from usbldr.filters.frames import rotated
+from usbldr.filters.models.calibration import STATES
 from usbldr.filters.types import Array, Mask, Trajectory, Vector
+from usbldr.filters.updates import UpdateTable
 
 TO_SD = 1.4826  # fixed: 1-sigma over the median of the size, of a normal error
-LONGEST_STEP = 3.0  # [1] times the median interval: fixes further apart are no pair
-MIN_PAIRS = 20  # by judgement: sigmas to 25 %
-TRIMMED_SIGMAS = 3.0  # of a difference: a larger one is a false fix
-TRIMMED_VARIANCE = 0.9733  # fixed: of a normal error within TRIMMED_SIGMAS
-RELATIVE_SD = 0.87  # [1] fixed: sqrt(1.5 / 2), of a sigma by n differences that share a fix each, times 1 / sqrt(n)
+MIN_FIXES = 20  # by judgement: three for each shape that is projected out
+FALSE_SIGMAS = 4.0  # of a fix from the line between its neighbours: a false one, 6 in 100,000 of good ones
+LEAST_OWN = 0.05  # [1] of a fix's variance: the least that a track may leave to it
+NO_WEIGHT = 1e-6  # [1] of a fix that was left out: its variance is a million times larger
 BINS = 3  # of slant or horizontal range, with equal numbers of fixes
-
-
-NOISE_PARTS = ("range_m", "bearing_deg", "east_m", "north_m", "scatter")  # of FixStatistics, with fields of their own
-
-
-class NoisePart(NamedTuple):
-    """The 1-sigma of the white part of the noise, and its own 1-sigma."""
-
-    sd: float
-    sd_of_sd: float
+NOISE_AXES = ("range_m", "bearing_deg", "east_m", "north_m")  # fields of FixStatistics
 
 
 class RangeShare(NamedTuple):
@@ -43,12 +35,12 @@ class RangeShare(NamedTuple):
 
 
 class FixScatter(NamedTuple):
-    """Horizontal distances of the good fixes from a smoothed track, without what the track follows each fix."""
+    """Horizontal distances of the good fixes from a smoothed track that leaves each of them out."""
 
     drms_m: float
     cep50_m: float
     cep95_m: float
-    drms_percent: float  # of the horizontal range; NaN without a known head
+    drms_percent: float  # of the slant range, or of the horizontal one without depths; NaN without a known head
 
 
 class FixStatistics(NamedTuple):
@@ -58,41 +50,46 @@ class FixStatistics(NamedTuple):
     good_share: float  # neither rejected nor false
     interval_s: float  # median
     longest_gap_s: float
-    range_m: NoisePart | None  # along the line from the head; None: too few pairs, or no known head
-    bearing_deg: NoisePart | None
-    east_m: NoisePart | None  # along the axes of the map
-    north_m: NoisePart | None
+    range_m: SlowNoise | None  # along the line from the head; None: too few fixes, or no known head
+    bearing_deg: SlowNoise | None
+    east_m: SlowNoise | None  # along the axes of the map
+    north_m: SlowNoise | None
     by_range: tuple[RangeShare, ...]
     scatter: FixScatter | None = None  # None: the track is not smoothed
 
 
 def fix_statistics(
-    time_s: Vector, position_m: Array, away_m: Array | None, good: Mask, track: Trajectory
+    time_s: Vector,
+    position_m: Array,
+    away_m: Array | None,
+    good: Mask,
+    track: Trajectory,
+    cov_m2: Array | None = None,
+    drop_m: Vector | float = 0.0,
 ) -> FixStatistics | None:
     """Return the statistics of fixes (n,) at east and north (n, 2) with a filter's track.
 
-    ``away_m`` (n, 2) is where each lies from the head, if that is known. None if there are fewer than two good fixes,
-    or if the track has no velocity.
+    ``away_m`` (n, 2) is where each lies from the head, if that is known; ``drop_m`` (n,) how deep below it; ``cov_m2``
+    (n, 2, 2) the covariance that the filter assumed. None if there are fewer than two good fixes, or if the track has
+    no velocity.
     """
     moved = _moved(track, time_s)
     inside = good & np.isfinite(position_m).all(axis=1)
     if moved is None or int(inside.sum()) < 2:
         return None
-    t = time_s[inside]
-    step_s = np.diff(t)
-    near = step_s <= LONGEST_STEP * np.median(step_s)
-    error = (np.diff(position_m[inside], axis=0) - np.diff(moved[inside], axis=0))[near]
-    east, north = (_white(axis) for axis in error.T)
+    step_s = np.diff(time_s[inside])
+    east, north = (_noise(time_s, position_m, moved, inside, axis) for axis in np.eye(2))
     along = across = None
     shares: tuple[RangeShare, ...] = ()
     if away_m is not None:
-        lengths = np.hypot(away_m[:, 0], away_m[:, 1])
-        line = away_m[inside][1:][near]
-        reach = np.maximum(lengths[inside][1:][near], 1e-6)
-        unit = line / reach[:, None]
-        along = _white(error[:, 0] * unit[:, 0] + error[:, 1] * unit[:, 1])
-        across = _white(np.degrees((error[:, 0] * unit[:, 1] - error[:, 1] * unit[:, 0]) / reach))
-        shares = _by_range(lengths, good)
+        # to the track: by its own line, no fix would have an error of bearing
+        to_track = away_m - position_m + _at(time_s, track.time_s, track.position_m)
+        reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
+        line = to_track / reach[:, None]
+        along = _noise(time_s, position_m, moved, inside, line)
+        across = _noise(time_s, position_m, moved, inside, np.degrees(line[:, ::-1] * [1, -1] / reach[:, None]))
+        shares = _by_range(reach, good)
+    residual = left_out_residuals(time_s, position_m, track, cov_m2) if track.smoothed and cov_m2 is not None else None
     return FixStatistics(
         fixes=len(time_s),
         good_share=float(good.mean()),
@@ -103,28 +100,60 @@ def fix_statistics(
         east_m=east,
         north_m=north,
         by_range=shares,
-        scatter=_scatter(t, position_m[inside], None if away_m is None else away_m[inside], track),
+        scatter=None if residual is None else _scatter(residual, away_m, good, drop_m),
     )
 
 
-def _scatter(time_s: Vector, position_m: Array, away_m: Array | None, track: Trajectory) -> FixScatter | None:
-    cov = track.position_cov_m2
-    if not track.smoothed or cov is None:
+def left_out_residuals(
+    time_s: Vector, position_m: Array, track: Trajectory, cov_m2: Array | None = None
+) -> Array | None:
+    """Return fixes less a track that leaves each of them out, (n, 2); NaN where it does not reach.
+
+    Of a smoothed track x with covariance P and a fix z = H x + noise of covariance R, the track without it is
+    x - P H' (R - H P H')^-1 (z - H x): an update that takes the fix back. The R of a fix that was weighted down is
+    larger by the probability of the nominal noise. Of a filter's own track it is the innovation, which leaves out later
+    fixes, too. None if the track has neither.
+    """
+    fixes = UpdateTable.of(track.updates).of_sensor("usbl")
+    if not track.smoothed or track.cov is None or cov_m2 is None:
+        found = np.full((len(time_s), 2), np.nan)
+        found[fixes.row] = fixes.vectors("innovation")
+        return found if len(fixes) else None
+    place = np.array([track.names.index(name) for name in ("x", "y")])
+    bias = [track.names.index(name) for name in STATES["usbl-bias"] if name in track.names]
+    measured = [place, np.array(bias)] if bias else [place]
+    rows = np.clip(np.searchsorted(track.time_s, time_s), 0, len(track.time_s) - 1)
+    cov, mean = track.cov[rows], _at(time_s, track.time_s, track.mean)
+    of_place = sum(cov[:, place[:, None], of] for of in measured)  # (n, 2, 2) P H' of the position
+    of_fix = sum(cov[:, one[:, None], of] for one in measured for of in measured)
+    residual = position_m - sum(mean[:, of] for of in measured)
+    weight = np.ones(len(time_s))
+    weight[fixes.row] = np.where(fixes.outcome == "rejected", 0.0, fixes.nominal_probability)
+    cov_m2 = cov_m2 / np.maximum(weight, NO_WEIGHT)[:, None, None]
+    own = _at_least(cov_m2 - of_fix, LEAST_OWN * cov_m2)
+    taken_back = np.einsum("nij,nj->ni", of_place, np.linalg.solve(own, residual[..., None])[..., 0])
+    found = position_m - mean[:, place] + taken_back
+    found[(time_s < track.time_s[0]) | (time_s > track.time_s[-1])] = np.nan
+    return found
+
+
+def _at_least(cov: Array, least: Array) -> Array:
+    """Return covariances (n, 2, 2), in the axes of ``least`` no smaller than it."""
+    root = np.linalg.cholesky(least)
+    back = np.linalg.inv(root)
+    size, axes = np.linalg.eigh(back @ cov @ np.swapaxes(back, 1, 2))
+    return root @ (axes * np.maximum(size, 1.0)[:, None, :]) @ np.swapaxes(root @ axes, 1, 2)
+
+
+def _scatter(residual_m: Array, away_m: Array | None, good: Mask, drop_m: Vector | float) -> FixScatter | None:
+    there = good & np.isfinite(residual_m).all(axis=1)
+    if not there.any():
         return None
-
-    def at(values: Vector) -> Vector:
-        return np.interp(time_s, track.time_s, values)
-
-    x, y = track.position_m.T
-    east, north = position_m[:, 0] - at(x), position_m[:, 1] - at(y)
-    squared = east**2 + north**2
-    # a smoothed track follows each fix: the residual has the fix's covariance less that of the track
-    followed = 1 + float(np.mean(at(cov[:, 0, 0] + cov[:, 1, 1]))) / max(float(np.mean(squared)), 1e-12)
-    away = np.sqrt(squared * followed)
+    away = np.hypot(residual_m[there, 0], residual_m[there, 1])
     percent = float("nan")
     if away_m is not None:
-        reach = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]), 1e-6)
-        percent = 100 * float(np.sqrt(np.mean((away / reach) ** 2)))
+        slant = np.hypot(np.hypot(away_m[:, 0], away_m[:, 1]), np.nan_to_num(drop_m))[there]
+        percent = 100 * float(np.sqrt(np.mean((away / np.maximum(slant, 1e-6)) ** 2)))
     cep50, cep95 = np.quantile(away, [0.5, 0.95])
     return FixScatter(float(np.sqrt(np.mean(away**2))), float(cep50), float(cep95), percent)
 
@@ -137,19 +166,30 @@ def _moved(track: Trajectory, time_s: Vector) -> Array | None:
     velocity = rotated(yaw, np.column_stack([starboard, forward]))
     steps = (velocity[1:] + velocity[:-1]) / 2 * np.diff(track.time_s)[:, None]
     path = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    moved = np.empty((len(time_s), 2))
-    for axis in range(2):
-        moved[:, axis] = np.interp(time_s, track.time_s, path[:, axis])
-    return moved
+    return _at(time_s, track.time_s, path)
 
 
-def _white(difference: Vector) -> NoisePart | None:
-    """Return the white part of the noise by differences of neighbours."""
-    if len(difference) < MIN_PAIRS:
+def _at(time_s: Vector, known_s: Vector, values: Array) -> Array:
+    """Return columns (k, m) of known times at others, (n, m)."""
+    return np.column_stack([np.interp(time_s, known_s, column) for column in values.T])
+
+
+def _noise(time_s: Vector, position_m: Array, moved_m: Array, used: Mask, axis: Array) -> SlowNoise | None:
+    """Return the noise of fixes along an axis, (2,) or one for each fix (n, 2); None if there are too few."""
+    if int(used.sum()) < MIN_FIXES:
         return None
-    kept = difference[np.abs(difference) <= TRIMMED_SIGMAS * TO_SD * float(np.median(np.abs(difference)))]
-    sd = math.sqrt(float(np.mean(kept**2)) / TRIMMED_VARIANCE / 2)
-    return NoisePart(sd, sd * RELATIVE_SD / math.sqrt(len(kept)))
+    axis = np.broadcast_to(axis, position_m.shape)[used]
+    t, moved = time_s[used] - time_s[used][0], moved_m[used]
+    error = position_m[used] - moved
+    values = np.sum(error * axis, axis=1)
+    turned = moved[:, ::-1] * [-1, 1]
+    ways = np.stack([np.eye(2)[0] + 0 * moved, np.eye(2)[1] + 0 * moved, moved, turned])
+    drifts = ways[:2] * t[None, :, None]
+    shapes = np.sum(np.concatenate([ways, drifts]) * axis, axis=-1).T
+    share = ((t[1:-1] - t[:-2]) / np.maximum(t[2:] - t[:-2], 1e-9))[:, None]
+    bend = np.sum((error[1:-1] - (1 - share) * error[:-2] - share * error[2:]) * axis[1:-1], axis=1)
+    kept = np.append(np.append(True, np.abs(bend) <= FALSE_SIGMAS * TO_SD * np.median(np.abs(bend)) + 1e-12), True)
+    return slow_noise(t[kept], values[kept], shapes[kept]) if int(kept.sum()) >= MIN_FIXES else None
 
 
 def _by_range(lengths_m: Vector, good: Mask) -> tuple[RangeShare, ...]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF, consistency_text
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.evaluation.fix_statistics import NOISE_PARTS, FixStatistics, fix_statistics
+from usbldr.filters.evaluation.fix_statistics import FixStatistics, fix_statistics, left_out_residuals
 from usbldr.filters.evaluation.influence import Influence, LeaveOneOut, most_influential
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.identification.identification import Identification
@@ -38,7 +39,7 @@ class ScoredTrack(NamedTuple):
     report: ErrorReport | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Run:
     """Everything that the report of one run contains."""
 
@@ -69,6 +70,27 @@ class Run:
     def truth(self) -> Truth | None:
         """The reference that the run was scored against."""
         return self.log.truth
+
+    @cached_property
+    def fix_statistics(self) -> FixStatistics | None:
+        """What the fixes of a filter's run were like; None for another track, or without fixes."""
+        line, track = self.timeline, self.scored.trajectory
+        outcomes = fix_outcomes(line, track)
+        if not len(outcomes) or not (outcomes != "").any():
+            return None
+        good = np.asarray(outcomes == "used", dtype=np.bool_)
+        depth_m = column_at(line.fix_time_s, self.log.tables.get("depth"), "depth_m")
+        return fix_statistics(line.fix_time_s, line.fix_m, line.fix_away_m, good, track, self._fix_cov_m2, depth_m)
+
+    @property
+    def fix_residuals_m(self) -> NDArray[np.float64] | None:
+        """Fixes less a track that leaves each of them out, (F, 2); None if unknown."""
+        line = self.timeline
+        return left_out_residuals(line.fix_time_s, line.fix_m, self.scored.trajectory, self._fix_cov_m2)
+
+    @property
+    def _fix_cov_m2(self) -> NDArray[np.float64]:
+        return self.identification.parameters.usbl_sd_scale**2 * self.timeline.fix_cov_m2
 
     @property
     def verdict(self) -> str:
@@ -135,15 +157,6 @@ def fix_outcomes(timeline: Timeline, trajectory: Trajectory) -> NDArray[np.str_]
     outcomes = np.full(len(timeline.fix_time_s), "", dtype=fixes.outcome.dtype)
     outcomes[fixes.row] = fixes.outcome
     return outcomes
-
-
-def statistics_of(timeline: Timeline, trajectory: Trajectory) -> FixStatistics | None:
-    """Return what the fixes of a filter's run were like; None for another track, or without fixes."""
-    outcomes = fix_outcomes(timeline, trajectory)
-    if not len(outcomes) or not (outcomes != "").any():
-        return None
-    good = np.asarray(outcomes == "used", dtype=np.bool_)
-    return fix_statistics(timeline.fix_time_s, timeline.fix_m, timeline.fix_away_m, good, trajectory)
 
 
 def _reasons(fixes: UpdateTable) -> list[str]:
@@ -262,7 +275,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
         "outage_recoveries": [one._asdict() for one in trajectory.recoveries],
-        "fix_statistics": _statistics(statistics_of(run.timeline, trajectory)),
+        "fix_statistics": _named(run.fix_statistics),
         "sensors": {role: provenance_values(p) for role, p in log.provenance.items()},
         "findings": log.findings,
         "outages": run.timeline.outages,
@@ -277,12 +290,11 @@ def report_content(run: Run) -> dict[str, Any]:
     }
 
 
-def _statistics(found: FixStatistics | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    parts = found._asdict()
-    named = {name: part if part is None else part._asdict() for name, part in parts.items() if name in NOISE_PARTS}
-    return {**parts, **named, "by_range": [one._asdict() for one in found.by_range]}
+def _named(value: Any) -> Any:
+    """Return named tuples, also within each other, as objects."""
+    if hasattr(value, "_asdict"):
+        return {name: _named(part) for name, part in value._asdict().items()}
+    return [_named(part) for part in value] if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownVariableType]
 
 
 def _bound(bound: PositionBound) -> dict[str, dict[str, float]]:

@@ -18,7 +18,7 @@ from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.geodesy import OriginKind
 from usbldr.io.reports.estimate_text import error_text, evidence_text, fixed_errors_text, noise_changes_text
-from usbldr.io.reports.report_json import Run, statistics_of
+from usbldr.io.reports.report_json import Run
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
 
@@ -286,18 +286,23 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
 
 def fix_text(run: Run) -> str:
     """Return what the fixes of a dive were like: how many are good, their white noise, their scatter; "" if unknown."""
-    fixes = statistics_of(run.timeline, run.scored.trajectory)
+    fixes = run.fix_statistics
     if fixes is None:
         return ""
     parts = {"in range": (fixes.range_m, "m"), "in bearing": (fixes.bearing_deg, "deg")}
     if fixes.range_m is None:
         parts = {"east": (fixes.east_m, "m"), "north": (fixes.north_m, "m")}
-    noise = [f"{part.sd:.2f} ± {part.sd_of_sd:.2f} {unit} {name}" for name, (part, unit) in parts.items() if part]
     text = f"{100 * fixes.good_share:.0f} % good, one in {fixes.interval_s:.1f} s"
-    text += f"; white noise {' and '.join(noise)} (1 sigma)" if noise else ""
+    for part in ("white", "slow"):
+        noise = [
+            f"{getattr(found, part).sd:.2f} ± {getattr(found, part).sd_of_sd:.2f} {unit} {name}"
+            for name, (found, unit) in parts.items()
+            if found
+        ]
+        text += f"; {part} noise {' and '.join(noise)} (1 sigma)" if noise else ""
     if (found := fixes.scatter) is not None:
         share = f", {found.drms_percent:.1f} % of the range" if math.isfinite(found.drms_percent) else ""
-        text += f"; off the smoothed track {found.drms_m:.2f} m DRMS{share}, {found.cep50_m:.2f} m CEP50, "
+        text += f"; off the smoothed track without each {found.drms_m:.2f} m DRMS{share}, {found.cep50_m:.2f} m CEP50, "
         text += f"{found.cep95_m:.2f} m CEP95"
     return text
 

@@ -15,6 +15,7 @@ from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import Picture
+from usbldr_cli.figures.fixes import fix_figure
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.style import (
@@ -56,6 +57,7 @@ def run_pictures(run: Run) -> list[Picture]:
         ("error_cdf", "Cumulative distribution of the errors", cdf_figure),
         ("error_distance", "Horizontal error against the distance travelled; box plots of each track", distance_figure),
         ("innovations", "Innovations and NIS of each sensor with their bounds", innovation_figure),
+        ("fixes", "What fixes differ from the track by, against bearing, range and heading", fix_figure),
         ("calibration", "Estimated sensor errors with their 2-sigma band and the prior", calibration_figure),
         ("ess", "Effective number of particles and acceptance of their moves", particle_figure),
     )

@@ -1,10 +1,19 @@
-"""The noise of fixes against noise that was put in, the scatter against its closed form."""
+"""The noise of fixes against noise that was put in, the scatter against runs without a fix."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from usbldr.filters.evaluation.fix_statistics import fix_statistics
+import usbldr
+from usbldr.filters.evaluation.fix_statistics import fix_statistics, left_out_residuals
+from usbldr.filters.evaluation.influence import without_fix
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.simulation.scenario import CorrelatedError
+from usbldr.filters.simulation.sensor_errors import correlated_error
 from usbldr.filters.types import Trajectory
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 
 TIME_S = np.arange(0, 300.1, 0.2)
 
@@ -28,29 +37,39 @@ def there(part):
     return part
 
 
-def dive(seed, range_sd_m=0.4, bearing_sd_deg=0.8, count=150, bias_m=0.0):
+def dive(seed, range_sd_m=0.4, bearing_sd_deg=0.8, count=150, slow=(0.0, 0.0)):
     rng = np.random.default_rng(seed)
     time_s = np.sort(rng.choice(np.arange(0, 3000), count, replace=False)) / 10
     true = 60 * np.column_stack([np.cos(time_s / 60), np.sin(time_s / 60)])
     away = true - np.array([150.0, 20.0])
+    lasting = [correlated_error(CorrelatedError(sd, 30.0), time_s, 1, rng)[:, 0] for sd in slow]
     reach, bearing = np.hypot(*away.T), np.arctan2(*away.T)
-    reach = reach + rng.normal(0, range_sd_m, count) + bias_m
-    bearing = bearing + np.radians(rng.normal(0, bearing_sd_deg, count))
+    reach = reach + rng.normal(0, range_sd_m, count) + lasting[0]
+    bearing = bearing + np.radians(rng.normal(0, bearing_sd_deg, count) + lasting[1])
     measured = reach[:, None] * np.column_stack([np.sin(bearing), np.cos(bearing)])
     return time_s, measured + np.array([150.0, 20.0]), measured
 
 
-def test_white_noise_is_what_was_put_in():
+@pytest.mark.parametrize("slow", [(0.6, 1.0), (0.0, 0.0)])
+def test_white_and_slow_noise_are_what_was_put_in(slow):
+    """50 dives with dead reckoning whose heading is wrong by 2 degrees, and whose speed by 2 %."""
     z, ratios = [], []
     for seed in range(50):
-        time_s, place, away = dive(seed, bias_m=3.0)  # an error that lasts is no white noise
-        found = known(time_s, place, away, np.ones(len(time_s), dtype=bool), circling())
-        for part, sd in ((there(found.range_m), 0.4), (there(found.bearing_deg), 0.8)):
-            ratios.append(part.sd / sd)
-            z.append((part.sd - sd) / part.sd_of_sd)
+        time_s, place, away = dive(seed, slow=slow)
+        track = circling()
+        track.mean[:, 0] += np.radians(2.0)
+        track.mean[:, 2] *= 1.02
+        found = known(time_s, place, away, np.ones(len(time_s), dtype=bool), track)
+        parts = (there(found.range_m), there(found.bearing_deg))
+        white = [part.white for part in parts]
+        ratios += [part.sd / sd for part, sd in zip(white, (0.4, 0.8), strict=True)]
+        pairs = [*zip(white, (0.4, 0.8), strict=True), *zip([part.slow for part in parts], slow, strict=True)]
+        z.append([(part.sd - sd) / part.sd_of_sd for part, sd in pairs])
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
-    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
+    z = np.array(z)
+    assert 0.8 < np.sqrt(np.mean(z[:, :2] ** 2)) < 1.25
     assert np.mean(np.abs(z) < 2.5) > 0.95
+    assert (np.abs(z[:, 2:].mean(axis=0)) < (0.5 if any(slow) else 1.5)).all()  # a slow part cannot be below 0
 
 
 def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
@@ -60,17 +79,35 @@ def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
     place[~good] += 40.0
     found = known(time_s, place, away, good, circling())
     assert found.good_share == pytest.approx(0.9)
-    assert there(found.range_m).sd == pytest.approx(there(clean.range_m).sd, rel=0.2)
+    assert there(found.range_m).white.sd == pytest.approx(there(clean.range_m).white.sd, rel=0.2)
     assert sum(one.fixes for one in found.by_range) == 150
     assert found.longest_gap_s >= clean.longest_gap_s
 
 
-def test_the_scatter_adds_what_the_track_follows():
-    time_s, place, _ = dive(2)
-    cov = np.broadcast_to(np.diag([0, 0, 0, 0.5, 0.7]), (len(TIME_S), 5, 5))
-    found = there(known(time_s, place, None, np.ones(150, dtype=bool), circling(True, cov)).scatter)
-    exact = there(known(time_s, place, None, np.ones(150, dtype=bool), circling(True, cov * 0)).scatter)
-    assert found.drms_m**2 == pytest.approx(exact.drms_m**2 + 1.2)
+def test_a_track_that_leaves_a_fix_out_is_that_of_a_run_without_it():
+    log = simulated_log(replace(find_scenario("lawnmower"), duration_s=120.0), seed=3)
+    line = usbldr.timeline(log)
+    settings = usbldr.RunSettings(smooth=True, calibrate=("usbl-bias",))
+    found = Identification(replace(log.parameters, calibrate=("usbl-bias",)))
+    track = usbldr.replay(log, line, "adf", settings, found)
+    residual_m = there(left_out_residuals(line.fix_time_s, line.fix_m, track, line.fix_cov_m2))
+    for row in (20, 30):
+        without = usbldr.replay(log, without_fix(line, row), "adf", settings, found)
+        place = [np.interp(line.fix_time_s[row], without.time_s, axis) for axis in without.position_m.T]
+        taken_back = residual_m[row] - (line.fix_m[row] - place)
+        plain = [np.interp(line.fix_time_s[row], track.time_s, axis) for axis in track.position_m.T]
+        assert np.hypot(*taken_back) < 0.1 * np.hypot(*(np.array(plain) - place))
+
+
+def test_the_scatter_is_that_of_the_residuals():
+    time_s, place, away = dive(2)
+    cov = np.zeros((len(TIME_S), 5, 5))
+    cov_m2 = np.broadcast_to(np.eye(2), (150, 2, 2))
+    scatter = there(known(time_s, place, away, np.ones(150, dtype=bool), circling(True, cov), cov_m2).scatter)
+    true = 60 * np.column_stack([np.cos(time_s / 60), np.sin(time_s / 60)])
+    off = np.hypot(*(place - true).T)
+    assert scatter.drms_m == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.01)
+    assert scatter.drms_percent == pytest.approx(100 * np.sqrt(np.mean((off / np.hypot(*away.T)) ** 2)), rel=0.01)
     assert known(time_s, place, None, np.ones(150, dtype=bool), circling()).scatter is None
 
 

@@ -84,6 +84,7 @@ def test_a_particle_filter_has_seven_pictures_and_a_single_gaussian_no_particles
     five = drawn(tmp_path / "ekf", a_run(EKF))
 
     names = ["track.png", "errors.png", "consistency.png", "error_cdf.png", "error_distance.png", "innovations.png"]
+    names += ["fixes.png"]
     assert six == [*names, "ess.png"]
     assert five == names
     for path in tmp_path.glob("*/*.png"):
@@ -98,7 +99,7 @@ def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_trut
     assert drawn(tmp_path, a_run(USBL)) == [
         *("track.png", "errors.png", "error_cdf.png", "error_distance.png"),
     ]
-    assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "ess.png"]
+    assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "fixes.png", "ess.png"]
 
 
 @pytest.mark.long

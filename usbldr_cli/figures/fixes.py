@@ -1,0 +1,86 @@
+"""How far fixes lie from a track that leaves each of them out, against bearing, range and heading."""
+
+import numpy as np
+
+from usbldr.filters.types import Array, Vector
+from usbldr.io.reports.report_json import Run, fix_outcomes
+from usbldr_cli.figures.style import (
+    EDGE,
+    REJECTED_COLOUR,
+    Axes,
+    Figure,
+    colour,
+    legend_below,
+    titled_figure,
+    usual_most,
+)
+
+SECTORS = 12  # of a turn, and of the ranges: the mean of each is a mark
+LEAST_MARKED = 5  # [fixes] of a mean
+MEAN_COLOUR = "#000000"
+
+
+def fix_figure(run: Run) -> Figure | None:
+    """Draw what fixes differ from the track by, in range and bearing if their head is known, else east and north."""
+    residual_m, statistics = run.fix_residuals_m, run.fix_statistics
+    if residual_m is None or statistics is None:
+        return None
+    line, track = run.timeline, run.scored.trajectory
+    good = fix_outcomes(line, track) == "used"
+    shown, against = _axes(run, residual_m)
+    detail = "a fix less the smoothed track without it" if track.smoothed else "a fix less the track from earlier ones"
+    detail += "; marks are means: a slope or a wave is an error of the head's heading, of the scale or of a lever arm"
+    figure = titled_figure(f"Fixes: {run.label} on {run.log.path.name}", detail, 12, 5.6)
+    panels = figure.subplots(len(shown), len(against), sharex="col", sharey="row", squeeze=False)
+    for row, (label, values) in enumerate(shown.items()):
+        usual = np.abs(values[good & np.isfinite(values)])
+        half = 1.12 * usual_most(usual) if len(usual) and usual.max() > 0 else 1.0
+        for column, (name, where) in enumerate(against.items()):
+            axes: Axes = panels[row, column]
+            for chosen, face, kind in ((good, colour("usbl"), "used"), (~good, REJECTED_COLOUR, "not fully used")):
+                kept = chosen & np.isfinite(values) & np.isfinite(where)
+                if kept.any():
+                    height = np.clip(values[kept], -EDGE * half, EDGE * half)
+                    once = f"{'' if row == column == 0 else '_'}{kind}"
+                    axes.plot(where[kept], height, ".", color=face, ms=5, mew=0, alpha=0.6, label=once)
+            _draw_means(axes, where, values, good, first=row == column == 0)
+            axes.axhline(0, color="#444444", lw=0.8, zorder=1)
+            axes.set_ylim(-half, half)
+            if column == 0:
+                axes.set_ylabel(label)
+            if row == len(shown) - 1:
+                axes.set_xlabel(name)
+    legend_below(figure, (panels[0, 0],))
+    return figure
+
+
+def _axes(run: Run, residual_m: Array) -> tuple[dict[str, Vector], dict[str, Vector]]:
+    """Return the residuals by their label, and what they are drawn against."""
+    line, track = run.timeline, run.scored.trajectory
+    yaw = track.state("psi")
+    against: dict[str, Vector] = {}
+    if yaw is not None:
+        against["heading of the vehicle [deg]"] = np.degrees(-np.interp(line.fix_time_s, track.time_s, yaw)) % 360
+    if line.fix_away_m is None:
+        return {"east [m]": residual_m[:, 0], "north [m]": residual_m[:, 1]}, against | {"time [s]": line.fix_time_s}
+    to_track = line.fix_away_m - residual_m
+    reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
+    along = np.sum(residual_m * to_track, axis=1) / reach
+    across = np.degrees(np.sum(residual_m * to_track[:, ::-1] * [1, -1], axis=1) / reach**2)
+    places = {
+        "bearing from the head [deg]": np.degrees(np.arctan2(to_track[:, 0], to_track[:, 1])) % 360,
+        "horizontal range [m]": reach,
+    }
+    return {"range [m]": along, "bearing [deg]": across}, places | against
+
+
+def _draw_means(axes: Axes, where: Vector, values: Vector, good: Array, first: bool) -> None:
+    kept = good & np.isfinite(values) & np.isfinite(where)
+    if not kept.any():
+        return
+    low, high = float(where[kept].min()), float(where[kept].max())
+    sector = np.minimum(((where[kept] - low) / max(high - low, 1e-9) * SECTORS).astype(int), SECTORS - 1)
+    count = np.bincount(sector, minlength=SECTORS)
+    mean = [np.bincount(sector, one[kept], SECTORS) / np.maximum(count, 1) for one in (where, values)]
+    there = count >= LEAST_MARKED
+    axes.plot(mean[0][there], mean[1][there], "o", color=MEAN_COLOUR, ms=4.5, label="mean" if first else "_mean")
