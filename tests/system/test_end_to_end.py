@@ -31,10 +31,6 @@ def _report(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
 
 
-def _metrics(folder: Path) -> dict[str, Any]:
-    return dict(_report(folder)["metrics"])
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.long
 def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) -> None:
@@ -53,28 +49,6 @@ def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) 
     assert len(errors) == report["metrics"]["matched"] == (60 if method == "usbl" else 121)
     assert report["metrics"]["mean_abs_east_m"] == pytest.approx(errors["error_east_m"].abs().mean(), abs=1e-4)
     assert report["verdict"] in run.stdout
-
-
-def test_the_paper_filter_beats_raw_fixes_and_dead_reckoning_on_the_papers_dive(tmp_path: Path) -> None:
-    run = _usbldr("replay", SAMPLES / "paper.mcap", "-N", "20", "-o", tmp_path / "run")
-
-    assert run.returncode == 0
-    report = _report(tmp_path / "run")
-    mean_m = {name: reported["metrics"]["mean_horizontal_m"] for name, reported in report["reference_tracks"].items()}
-    assert report["metrics"]["mean_horizontal_m"] < 0.25 * min(mean_m["usbl"], mean_m["dr"])
-    assert "cpf" in run.stdout.splitlines()[0]
-
-
-@pytest.mark.long
-def test_the_same_seed_repeats_every_metric_to_the_bit_and_another_does_not(tmp_path: Path) -> None:
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        run = _usbldr("replay", TURN, "-f", "cpf", "-N", "20", "--seed", seed, "-o", tmp_path / name, "-q")
-        assert run.returncode == 0
-
-    assert _metrics(tmp_path / "a") == _metrics(tmp_path / "b")
-    assert _metrics(tmp_path / "a") != _metrics(tmp_path / "c")
-    for file in ("track_5hz.csv", "errors_1hz.csv", "fixes.csv", "track.tum"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
 @pytest.mark.long

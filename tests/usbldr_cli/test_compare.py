@@ -14,7 +14,6 @@ from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.executors import LocalProcesses
-from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.jobs import relevant_choices
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Job
@@ -100,14 +99,6 @@ def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tm
 
     for name in ("mean_abs_east_m", "rmse_horizontal_m", "nees_mean", "nis_mean_usbl"):
         assert content(compared)["rows"][0][name] == metrics[name]
-
-
-def test_the_kept_errors_are_those_of_the_metrics(dive: Path, tmp_path: Path) -> None:
-    (outcome,) = run_jobs([Job(str(dive), "ckf", CHOICES)], LocalProcesses(1), tmp_path)
-
-    assert outcome.trace is not None
-    errors = read_trace(outcome.trace).error_m
-    assert abs(errors[:, 0]).mean() == pytest.approx(outcome.metrics["mean_abs_east_m"])
 
 
 def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
@@ -242,11 +233,6 @@ def test_what_does_not_fit_together_is_told_before_anything_runs(arguments: tupl
         output_of("compare", *arguments)
 
     assert said in str(fault.value)
-
-
-def test_a_misspelt_log_is_told_before_anything_runs(dive: Path) -> None:
-    with pytest.raises(LogError, match="papr: no such file, folder or scenario"):
-        output_of("compare", dive, "papr", "--calibrate", "none")
 
 
 def test_where_nothing_came_out_the_fault_is_the_commands(dive: Path) -> None:

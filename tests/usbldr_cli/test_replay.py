@@ -67,15 +67,6 @@ def test_a_strict_replay_of_a_cut_log_writes_nothing(dive: Path, fault: Fault) -
     assert not (dive.parent / "run").exists()
 
 
-def test_json_never_overwrites_the_log_nor_goes_into_a_folder(dive: Path, fault: Fault) -> None:
-    before = dive.read_bytes()
-
-    for target, what in ((dive, "the log"), (dive.parent, "a folder")):
-        code, said = fault("replay", dive, "--json", target, "--force")
-        assert (code, said) == (2, f"usbldr: {target} is {what}: choose another file for --json\n")
-    assert dive.read_bytes() == before
-
-
 def test_the_truth_cannot_be_a_sensor(dive: Path, fault: Fault) -> None:
     code, said = fault("replay", dive, "--usbl", "/gps/fix", "--gps", "/gps/fix")
 
@@ -115,16 +106,6 @@ def test_options_that_make_no_sense_are_one_sentence(
     assert said.startswith(f"usbldr: {sentence}")
     assert said.count("\n") == 1
     assert not (dive.parent / "run").exists()
-
-
-@pytest.mark.parametrize("options", [["--smoth"], ["--gate", "99"], ["--seed", "x"]])
-def test_wrong_options_are_one_sentence_that_names_the_help(dive: Path, fault: Fault, options: list[str]) -> None:
-    code, said = fault("replay", dive, *options)
-
-    assert code == 2
-    assert (said.count("\n"), options[0] in said) == (1, True)
-    assert said.startswith("usbldr: ")
-    assert said.endswith("; see usbldr replay --help\n")
 
 
 def test_a_folder_with_a_dot_in_its_name_gives_its_whole_name_to_the_run(

@@ -181,15 +181,6 @@ def test_a_track_follows_a_real_drift_after_some_fixes(
     )  # the covariance includes the drift before the track does
 
 
-def test_a_drift_that_is_expected_is_followed_at_once() -> None:
-    line, truth = dive(5, drift_m=10.0)
-
-    result = replayed("adf", line, truth, ProcessNoise(position_m=0.8))
-
-    assert result.error_m[result.after(3)].max() < 3
-    assert not result.reacquisitions
-
-
 def test_a_reacquisition_reports_the_jump_and_its_time() -> None:
     line, truth = dive(4, drift_m=30.0)
 
@@ -255,15 +246,6 @@ def test_fixes_after_a_single_outlier_are_used_though_an_outage_is_still_remembe
     result = replayed(name, line, truth, UNCERTAIN)
 
     assert [row for row, outcome in result.outcomes.items() if outcome != "used"] == [outlier]
-
-
-def test_outliers_that_were_recognised_are_reported_as_rejected() -> None:
-    line, truth = dive(1, 10, 50.0)
-    result = replayed("adf", line, truth, UNCERTAIN)
-    hit = np.flatnonzero(line.fix_time_s >= OUTAGE[1])
-
-    assert [result.outcomes[row] for row in hit[1:10].tolist()] == ["rejected"] * 9
-    assert {result.outcomes[row] for row in hit[11:].tolist()} == {"used"}
 
 
 def test_a_cluster_before_the_outage_does_not_move_a_certain_filter() -> None:

@@ -69,16 +69,6 @@ def test_the_search_ends_at_the_closed_form_where_the_likelihood_is_normal() -> 
     assert found.converged
 
 
-def test_the_search_climbs_where_the_likelihood_is_not_even_concave() -> None:
-    six = np.array([6.0])
-    found = maximise(
-        lambda points: np.array([-50 * math.log1p(float(p @ p)) for p in points]), six, np.array([100.0]), six
-    )
-
-    assert found.point == pytest.approx([0.0], abs=0.05)
-    assert found.converged
-
-
 @pytest.mark.parametrize("ripple", [0.5, 2.0, 5.0])
 @pytest.mark.parametrize("start", [6.0, -5.0, 3.3])
 def test_the_search_passes_local_maxima_of_a_likelihood_that_is_not_smooth(ripple: float, start: float) -> None:

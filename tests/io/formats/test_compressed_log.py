@@ -117,23 +117,6 @@ def test_the_columns_of_a_compressed_csv_file_are_named_by_the_configuration(tmp
     assert read_log(file).tables["dvl"]["forward_mps"].tolist() == pytest.approx([1 + k / 7 for k in range(60)])
 
 
-@pytest.mark.parametrize("form", WRITERS)
-@pytest.mark.parametrize("ending", PACK)
-def test_a_compressed_log_cut_anywhere_is_reported(tmp_path: Path, form: str, ending: str) -> None:
-    write, wanted = WRITERS[form]
-    unpacked = write(tmp_path)
-    log, whole, rng = open_log(unpacked), unpacked.read_bytes(), random.Random(form + ending)
-    ((topic, paths),) = wanted.items()
-    right = rows_of(log.read(wanted)[topic], paths)
-    packed = PACK[ending](whole)
-    file = tmp_path / f"dvl.csv.{ending}"
-    for _ in range(8):
-        file.write_bytes(packed[: rng.randrange(16, len(packed))])
-        rows, said = read(file, topic, paths)
-        assert rows <= right
-        assert said
-
-
 @pytest.mark.parametrize("ending", ["zst", "gz", "bz2", "xz"])
 def test_a_compressed_log_with_a_wrong_checksum_is_reported(tmp_path: Path, ending: str) -> None:
     packed, rng = PACK[ending](DVL.encode()), random.Random(ending)

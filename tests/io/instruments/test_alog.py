@@ -1,6 +1,5 @@
 """Logs of MOOS as pLogger writes them: applications are topics, and their numbers are fields."""
 
-import random
 from pathlib import Path
 
 import numpy as np
@@ -127,18 +126,6 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
 
     np.testing.assert_array_equal(columns["X"], [1, 3, np.nan, 5, 7])
     np.testing.assert_array_equal(columns["Y"], [2, np.nan, 4, 6, 8])
-
-
-def test_a_moos_log_cut_anywhere_lacks_only_its_last_line_and_says_so(tmp_path: Path) -> None:
-    whole, rng = write_alog(tmp_path / "a.alog").read_text(), random.Random(3)
-    for end in (rng.randrange(len(HEAD) + 200, len(whole)) for _ in range(60)):
-        (tmp_path / "a.alog").write_text(whole[:end])
-        log = AlogLog(tmp_path / "a.alog")
-        records = log.read({"/iDVL": ["DVL_VEL_X"]})["/iDVL"]
-
-        values = records.columns["DVL_VEL_X"]
-        np.testing.assert_array_equal(values, 1 + np.arange(len(values)) / 64)
-        assert any(finding.lost_data for finding in log.findings()) == (whole[end - 1] != "\n")
 
 
 def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from autopilot_recordings import COUNT, onboard, packets, row, write_bin, write_tlog
 from recordings import SECOND, T0
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.instruments.dataflash_log import DataflashLog
 from usbldr.io.instruments.tlog_log import TelemetryLog
@@ -169,37 +169,6 @@ def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
     assert next(topic.count for topic in log.topics() if topic.name == "ATT") == COUNT
     (finding,) = log.findings()
     assert finding.text == "1 messages have an impossible time; left out"
-
-
-@pytest.mark.parametrize("write", [write_tlog, write_bin])
-@pytest.mark.parametrize("kind", ["cuts", "flips"])
-def test_no_damage_of_an_autopilots_log_is_a_traceback_or_a_silent_loss(tmp_path: Path, write: Any, kind: str) -> None:
-    file = write(tmp_path / "dive")
-    whole, rng = file.read_bytes(), random.Random(kind)
-    total = sum(topic.count for topic in open_log(file).topics())
-    for _ in range(40):
-        if kind == "cuts":
-            spoilt = whole[: rng.randrange(len(whole))]
-            at_end = spoilt in boundaries(write)
-        else:
-            bent, at_end = bytearray(whole), False
-            for _ in range(rng.choice([1, 1, 5, 50])):
-                bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
-            spoilt = bytes(bent)
-        file.write_bytes(spoilt)
-        try:
-            log = open_log(file)
-            count = sum(topic.count for topic in log.topics())
-            said = any(topic.problem for topic in log.topics()) or bool(log.findings())
-        except UsbldrError:
-            continue
-        assert said or at_end or count >= total
-
-
-def boundaries(write: Any) -> set[bytes]:
-    """Return the files that end after a message: whole ones, to all appearances."""
-    parts = packets() if write is write_tlog else onboard()
-    return {b"".join(parts[:k]) for k in range(len(parts))}
 
 
 def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:

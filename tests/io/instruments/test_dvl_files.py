@@ -2,7 +2,6 @@
 
 import csv
 import json
-import random
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 from dvl_recordings import COUNT, ensemble, write_json, write_pd0, write_pd6
 from recordings import SECOND, T0
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
 from usbldr.io.reading.opening import Request
@@ -59,23 +58,6 @@ def test_velocities_of_pd0_in_earth_axes_are_refused(tmp_path: Path) -> None:
         read_log(write_pd0(tmp_path / "a.pd0", 3))
 
 
-def test_no_damage_of_pd0_is_silent(tmp_path: Path) -> None:
-    file, rng = write_pd0(tmp_path / "a.pd0"), random.Random(3)
-    whole, length = file.read_bytes(), len(ensemble(0, 1, (0, 0, 0, 0)))
-    for case in range(60):
-        bent = bytearray(whole)
-        at = rng.randrange(length, len(whole))
-        bent[at] ^= 1 << rng.randrange(8)
-        spoilt = bytes(bent) if case % 2 else whole[:at]
-        file.write_bytes(spoilt)
-        log = open_log(file)
-        count = next(topic.count for topic in log.topics())
-        records = log.read({"/bottom_track": ["x", "y"]})["/bottom_track"]
-        assert set(records.columns["x"].tolist()) == {0.25}
-        assert count == (COUNT - 1 if case % 2 else at // length)
-        assert [finding.lost_data for finding in log.findings()] == [True] * (case % 2 == 1 or at % length > 0)
-
-
 def test_a_river_boats_pd0_has_the_values_of_an_independent_reader(field_logs: Path) -> None:
     """The CSV file is not ours: it has the velocities with four decimals, and none if a beam has none."""
     folder = field_logs / "mhkit_riverpro"
@@ -118,22 +100,6 @@ def test_sensors_of_pd6_that_write_zeros_are_none(tmp_path: Path) -> None:
     assert [topic.name for topic in log.topics()] == ["/BI", "/BS", "/BE"]
 
 
-def test_cut_and_altered_lines_of_pd6_are_reported(tmp_path: Path) -> None:
-    file = write_pd6(tmp_path / "a.pd6")
-    whole, rng = file.read_bytes(), random.Random(1)
-    for _ in range(25):
-        cut = rng.randrange(400, len(whole))
-        file.write_bytes(whole[:cut])
-        log = open_log(file)
-        groups = whole[:cut].count(b":BS")
-        read = next(topic.count for topic in log.topics() if topic.name == "/BS")
-        assert read >= groups - 1
-        assert read == groups or log.findings() or whole[:cut].endswith(b"\n")
-    file.write_bytes(whole.replace(b"-420", b"-4x0", 1))
-    (finding,) = open_log(file).findings()
-    assert finding.text == "a.pd6: 1 lines are cut, altered or without a time, the first is line 4; left out"
-
-
 def test_reports_of_water_linked_are_read(tmp_path: Path) -> None:
     file = write_json(tmp_path / "a.jsonl")
     log = read_log(file)
@@ -173,21 +139,6 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     log = read_log(tmp_path / "timed.txt", Request(topics={"usbl": "/global"}))
     assert len(log.tables["usbl"]) == COUNT
     assert log.start_ns == T0
-
-
-def test_lines_that_are_no_json_are_reported(tmp_path: Path) -> None:
-    file = write_json(tmp_path / "a.jsonl")
-    whole, rng = file.read_bytes(), random.Random(2)
-    for _ in range(25):
-        cut = rng.randrange(600, len(whole))
-        file.write_bytes(whole[:cut])
-        try:
-            log = open_log(file)
-            count = next(topic.count for topic in log.topics())
-        except UsbldrError:
-            continue
-        assert count >= whole[:cut].count(b'"velocity",') - 1
-        assert log.findings() or whole[:cut].endswith((b"\n", b"}", b"\r"))
 
 
 def test_each_file_is_a_log(tmp_path: Path) -> None:

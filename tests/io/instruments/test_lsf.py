@@ -1,8 +1,6 @@
 """Logs of IMC messages, written and decoded by imcpy."""
 
 import gzip
-import random
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -78,38 +76,6 @@ def test_definitions_that_are_missing_or_broken_are_named(tmp_path: Path, text: 
     with pytest.raises(UsageError if text is None else LogError, match=r"IMC") as fault:
         open_log(file)
     assert "\n" not in str(fault.value)
-
-
-def cut(data: bytes, rng: random.Random) -> bytes:
-    return data[: rng.randrange(200, len(data))]
-
-
-def flipped(data: bytes, rng: random.Random) -> bytes:
-    bent = bytearray(data)
-    for _ in range(rng.choice([1, 1, 5, 20])):
-        bent[rng.randrange(2, len(bent))] ^= 1 << rng.randrange(8)
-    return bytes(bent)
-
-
-@pytest.mark.parametrize("damage", [cut, flipped])
-def test_no_damage_of_an_lsf_log_is_silent(tmp_path: Path, damage: Callable[[bytes, random.Random], bytes]) -> None:
-    file, rng = write_lsf(tmp_path), random.Random(4)
-    whole, read = file.read_bytes(), 0
-    ends = set(np.cumsum([len(data) for data in messages()]).tolist())
-    for _ in range(40):
-        spoilt = damage(whole, rng)
-        file.write_bytes(spoilt)
-        log = open_log(file)
-        total = sum(topic.count for topic in log.topics())
-        said = any(finding.lost_data for finding in log.findings())
-        assert said != (len(spoilt) in ends - {len(whole)} if damage is cut else False)
-        read += total
-        for topic in log.topics():
-            if topic.type == "imc/GroundVelocity":
-                values = log.read({topic.name: ["x", "y"]})[topic.name].columns
-                assert set(values["x"].tolist()) <= {1 + k / 7 for k in range(COUNT)}
-                assert set(values["y"].tolist()) <= {0.25}
-    assert read / (40 * len(messages())) > (0.3 if damage is cut else 0.9)
 
 
 @pytest.mark.parametrize("bits", [1, 2, 4, 7])

@@ -1,6 +1,5 @@
 """PD4 and PD5 files: values by the book, days, damage."""
 
-import random
 from datetime import date
 from pathlib import Path
 
@@ -134,23 +133,6 @@ def test_the_first_and_the_last_day_are_days_like_others(tmp_path: Path, day: st
     days = (date.fromisoformat(day) - date(1970, 1, 1)).days
 
     assert read_log(dated(write_pd45(tmp_path / "a.pd4", 4), day)).start_ns == days * 86_400 * SECOND + FIRST
-
-
-@pytest.mark.parametrize("form", [4, 5])
-def test_no_damage_is_silent(tmp_path: Path, form: int) -> None:
-    file, rng, parts = tmp_path / "a.bin", random.Random(form), pd45_ensembles(form)
-    whole, length = b"".join(parts), len(parts[0])
-    for case in range(60):
-        bent, at = bytearray(whole), rng.randrange(length, len(whole))
-        bent[at] ^= 1 << rng.randrange(8)
-        file.write_bytes(bytes(bent) if case % 2 else whole[:at])
-        log = open_log(file)
-        count = next(topic.count for topic in log.topics())
-        forward = log.read({"/bottom_track": ["y"]})["/bottom_track"].columns["y"]
-        assert set(forward.tolist()) <= {(1500 + k) / 1000 for k in range(COUNT)}
-        assert count == (COUNT - 1 if case % 2 else at // length)
-        damaged = [finding for finding in log.findings() if finding.lost_data]
-        assert len(damaged) == (case % 2 == 1 or at % length > 0)
 
 
 @pytest.mark.parametrize("block", [1, 87, 88, 1000])

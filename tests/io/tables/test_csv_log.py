@@ -129,26 +129,6 @@ def test_without_one_good_row_the_first_fault_is_the_error(tmp_path: Path) -> No
     assert str(fault.value) == f'{folder / "compass.csv"}: line 2: heading_deg is "south", not a number'
 
 
-@pytest.mark.long
-def test_a_csv_file_cut_anywhere_is_never_silently_wrong(tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    east, north = rng.normal(0, 100, (2, 12))
-    lines = [f"{T0 + k * 1_000_000_000},{east[k]:.10f},{north[k]:.10f}\n" for k in range(12)]
-    whole = "time_ns,east_m,north_m\n" + "".join(lines)
-    file = tmp_path / "usbl.csv"
-    borders = {whole.index("\n") + 1 + sum(map(len, lines[:k])) for k in range(13)}  # there nothing shows
-
-    for end in range(len(whole)):
-        file.write_text(whole[:end], encoding="utf-8")
-        try:
-            log = read_log(file)
-        except LogError:
-            continue
-        assert log.tables["usbl"]["east_m"].isin(np.round(east, 10)).all(), f"cut at {end}"
-        assert log.tables["usbl"]["north_m"].isin(np.round(north, 10)).all(), f"cut at {end}"
-        assert end in borders or any(finding.lost_data for finding in log.findings), f"cut at {end}"
-
-
 def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
     (tmp_path / "compass.csv").write_text("time_ns,heading_deg\n1,2\n2,3\n3,44", encoding="utf-8")
 

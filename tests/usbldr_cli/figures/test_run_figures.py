@@ -3,7 +3,6 @@ import re
 import struct
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -11,9 +10,9 @@ from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
-from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.filters.types import Outage, Trajectory, Truth
+from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.conventions.sanity import truth_jump_findings
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.report_json import Run, ScoredTrack
@@ -25,7 +24,7 @@ from usbldr_cli.figures.drawing import draw as draw_all
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
-from usbldr_cli.figures.style import OTHER_COLOUR, broken_at_gaps, in_style, save
+from usbldr_cli.figures.style import broken_at_gaps, in_style, save
 from usbldr_cli.figures.track import track_figure
 
 PAPER = find_scenario("paper")
@@ -100,22 +99,6 @@ def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_trut
         *("track.png", "errors.png", "error_cdf.png", "error_distance.png"),
     ]
     assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "fixes.png", "ess.png"]
-
-
-@pytest.mark.long
-def test_the_same_run_draws_the_same_bytes_and_leaves_the_settings_of_others_alone(tmp_path: Path) -> None:
-    before = dict(mpl.rcParams)
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        drawn(tmp_path / name, a_run(CPF))
-
-    for path in (tmp_path / "one").iterdir():
-        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
-    assert dict(mpl.rcParams) == before
-
-
-def test_every_method_has_a_colour_of_its_own() -> None:
-    assert len({OTHER_COLOUR, *(method.colour for method in METHODS.values())}) == len(METHODS) + 1
 
 
 @pytest.mark.parametrize(
@@ -255,47 +238,6 @@ def test_vector_graphics_have_the_same_bytes_each_time(tmp_path: Path, form: str
     assert figures[0].startswith(head)
 
 
-def test_a_distribution_of_two_errors_is_two_points() -> None:
-    run = a_run(CPF)
-    truth = LOG.truth
-    assert truth is not None
-    few = evaluate(USBL, Truth(truth.time_s[:2], truth.position_m[:2], truth.sd_m[:2], truth.kind, truth.source))
-
-    with in_style():
-        figure = cdf_figure(dataclasses.replace(run, reference_tracks=(ScoredTrack(USBL, few),)))
-
-    assert figure is not None
-    points = next(line for line in figure.axes[0].get_lines() if line.get_label() == "usbl (2 errors only)")
-    assert (points.get_linestyle(), len(points.get_xdata())) == ("None", 2)
-
-
-def test_innovations_of_a_smoothed_run_are_said_to_be_of_the_forward_pass() -> None:
-    with in_style():
-        assert "of the forward pass" in words(innovation_figure(a_run(dataclasses.replace(CPF, smoothed=True))))
-        assert "of the forward pass" not in words(innovation_figure(a_run(CPF)))
-
-
-def test_the_band_without_outliers_is_inside_the_band_with_them() -> None:
-    fix = next(update for update in CPF.updates if update.sensor == "usbl")
-
-    with in_style():
-        said = labels(innovation_figure(a_run(CPF)))
-
-    assert fix.nominal_sd[0] < fix.innovation_sd[0]
-    assert {"2 sigma, outliers included", "2 sigma without outliers"} <= set(said)
-
-
-def test_one_fix_kilometres_away_does_not_shrink_the_track() -> None:
-    far = TIMELINE.fix_m.copy()
-    far[50] += [5000.0, -3000.0]
-    run = dataclasses.replace(a_run(CPF), timeline=dataclasses.replace(TIMELINE, fix_m=far))
-
-    with in_style():
-        west, east = track_figure(run).axes[0].get_xlim()
-
-    assert east - west < 300  # the vehicle makes 110 m east and 130 m north
-
-
 def run_with_wrong_truth_rows() -> Run:
     """Return a run whose truth begins 5 km away."""
     run = a_curved_run("ekf")
@@ -429,18 +371,6 @@ def test_outages_are_shaded_and_named_once() -> None:
     assert [label for label in labels(figure) if label.startswith("no ")] == ["no usbl", "no dvl"]
     spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in figure.axes[0].patches]
     assert spans == [(10.0, 30.0), (50.0, 60.0), (80.0, 90.0)]
-
-
-def test_no_legend_lies_over_a_panel() -> None:
-    for draw in (track_figure, error_figure, cdf_figure, innovation_figure, particle_figure):
-        with in_style():
-            figure = draw(a_run(CPF))
-            assert figure is not None
-            figure.draw_without_rendering()
-            legend = figure.legends[0].get_window_extent()
-
-            assert not any(legend.overlaps(axes.get_window_extent()) for axes in figure.axes)
-            assert legend.x1 <= figure.bbox.x1
 
 
 def test_a_line_is_broken_where_epochs_were_left_out() -> None:

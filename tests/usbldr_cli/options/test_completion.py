@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from click.shell_completion import CompletionItem, ShellComplete, get_completion_class
+from click.shell_completion import ShellComplete
 
 from checkout import SAMPLES
 from usbldr.filters.replay.methods import METHODS
@@ -73,28 +73,11 @@ def test_what_is_suggested(words: tuple[str, ...], wanted: list[str]) -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_asking_for_help_in_the_middle_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    assert suggested("replay", "--help-all", "") == ["<file>"]
-    assert suggested("--version", "re") == ["replay"]
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.usefixtures("here")
 def test_a_log_that_takes_long_to_list_does_not_keep_the_shell_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(completion, "PATIENCE_S", 0.05)
     monkeypatch.setattr(detect, "open_log", lambda path: time.sleep(60))
 
     assert suggested("replay", "dive.mcap", "--dvl", "") == ["none"]
-
-
-def test_bash_splits_an_option_at_its_equals_sign(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COMP_WORDS", "usbldr replay --filter = ad")
-    monkeypatch.setenv("COMP_CWORD", "4")
-    completion.register()
-    bash = get_completion_class("bash")(cli, {}, "usbldr", "_USBLDR_COMPLETE")
-
-    assert bash.get_completion_args() == (["replay", "--filter"], "ad")
-    assert bash.format_completion(CompletionItem("adf")) == "plain,adf"
 
 
 @needs_bash

@@ -61,11 +61,6 @@ def test_runs_are_counted_one_by_one_and_named_with_verbose() -> None:
         assert any(line.startswith(f"usbldr: {method} on {DIVE}, seed 0: mean horizontal error ") for line in lines)
 
 
-def test_without_a_terminal_there_is_no_bar(tmp_path: Path) -> None:
-    for kind in ("bar", "none"):
-        assert not [line for line in replay(tmp_path, "--progress", kind)[1] if "%" in line and "[" in line]
-
-
 @pytest.mark.parametrize("name", list(COMMANDS))
 def test_every_command_takes_verbose_and_the_long_ones_progress(name: str) -> None:
     command = cli.get_command(cli.make_context("usbldr", [], resilient_parsing=True), name)
