@@ -133,7 +133,8 @@ def evaluate(
         warnings += (_shift_text(shift, error_m, time_s, truth_m),)
     judged_truth = replace(truth, time_s=row_s, position_m=row_m)
     if (offset := time_offset(time_s, estimate_m, judged_truth)) is not None and offset.notable:
-        warnings += (offset.sentence(truth.source, "gps" if truth.kind == "gps" else "truth"),)
+        section = "gps" if truth.kind == "gps" else "truth"
+        warnings += (offset.sentence(truth.source, section, by_fixes=bool(trajectory.updates)),)
     elif moves_otherwise(shift, time_s, error_m, truth_m):
         warnings += (
             "track and truth move differently: the track explains less than half of how the truth moves in a minute, "

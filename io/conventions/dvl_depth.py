@@ -15,7 +15,16 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.timestamps import Times, times_of
 from usbldr.io.findings import Finding
-from usbldr.io.messages.dvl import TOO_FAST, dvl_advice, dvl_causes, in_millimetres, inverse_interval, usual_unit
+from usbldr.io.messages.dvl import (
+    FAST_SHARE,
+    FAST_SHARE_NAMED,
+    TOO_FAST,
+    dvl_advice,
+    dvl_causes,
+    in_other_unit,
+    inverse_interval,
+    usual_unit,
+)
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
@@ -136,11 +145,11 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     own = OWN_COLUMNS_BY_NAME if unit_by == "column names" else ""
     other = usual_unit(speed_mps[causes[TOO_FAST]] / to_mps)
     valid, invalid = valid_mask(raw, causes, "dvl", "not used", dvl_advice(causes, other if free else "", own))
-    if unit_by == "default" and in_millimetres(raw, causes):
+    if unit_by in ("default", "column names") and in_other_unit(raw, causes, FAST_SHARE_NAMED if own else FAST_SHARE):
         fast = int(np.sum(causes[TOO_FAST]))
         raise raw.fault(
             f"{fast} of {len(valid)} records of {raw.topic.name} (dvl) are {TOO_FAST}; "
-            f'state unit = "{other}" under [dvl] if they are {other}, unit = "m/s" if not'
+            f'state {own}unit = "{other}" under [dvl] if they are {other}, unit = "m/s" if not'
         )
     sd, sd_chosen = _dvl_sd(raw, section, to_mps)
     columns: dict[str, Vector | Mask] = {

@@ -1,5 +1,6 @@
 """Positions of any kind as east and north on the local plane; GPS fixes as a whole table."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast
 
@@ -19,6 +20,7 @@ from usbldr.io.settings.sensor_sections import GpsSection
 
 UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
+BEYOND_DEG = "beyond 90 or 360 degrees"
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
 VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
@@ -70,9 +72,17 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         by_type = (raw.number("fix_type") < 2) | by_ubx | np.isin(raw.number("imc_fix_type"), IMC_NO_FIXES)
         causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (quality == 0) | by_type | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
-        causes["beyond 90 or 360 degrees"] = (np.abs(a) > 90) | (np.abs(b) > 360)
+        causes[BEYOND_DEG] = (np.abs(a) > 90) | (np.abs(b) > 360)
         return causes
     return causes | off_plane_causes(a, b)
+
+
+def exchanged_advice(raw: RawRecords, causes: Mapping[str, Mask]) -> str:
+    """Return, as the end of a sentence, that latitudes and longitudes, which cannot be, could be if exchanged."""
+    beyond = causes.get(BEYOND_DEG, np.zeros(1, np.bool_))
+    lat, lon = _pair(raw)
+    other_way = (np.abs(lon) <= 90) & (np.abs(lat) <= 360)
+    return "; latitude and longitude are probably exchanged" if np.mean(beyond & other_way) > 0.5 else ""
 
 
 def _negative_variance(raw: RawRecords) -> Mask:
@@ -95,7 +105,8 @@ def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector
     if frame != "latlon":
         return (y, x) if frame == "NED" else (x, y)
     if origin is None:
-        valid_mask(raw, place_causes(raw, frame), "position", "left out")  # if all are invalid, that is the reason
+        causes = place_causes(raw, frame)  # if all are invalid, that is the reason
+        valid_mask(raw, causes, "position", "left out", exchanged_advice(raw, causes))
         raise raw.fault(
             f"{raw.topic.name} holds latitudes and longitudes, but the plane has no origin; "
             "state origin_lat_deg and origin_lon_deg under [map]"
@@ -174,7 +185,8 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     frame, frame_by, findings = chosen_convention(raw, "frame", section.frame, by_name)
     if latlon != (frame == "latlon") and latlon:
         raise SettingError(f'frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
-    good, invalid = valid_mask(raw, place_causes(raw, frame), "gps", "left out")
+    causes = place_causes(raw, frame)
+    good, invalid = valid_mask(raw, causes, "gps", "left out", exchanged_advice(raw, causes))
     east, north = on_plane(raw, frame, origin)
     covariance = message_covariance(raw, frame)
     sd = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)

@@ -19,7 +19,7 @@ from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
 from usbldr.io.conventions.map_north import on_plane_north
-from usbldr.io.conventions.positions import off_plane_causes, on_plane
+from usbldr.io.conventions.positions import exchanged_advice, off_plane_causes, on_plane
 from usbldr.io.conventions.time_series import TimeSeries
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl_covariance import (
@@ -97,7 +97,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         findings.append(raw.finding("MAP-UNKNOWN", text))
 
     causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
-    good, invalid = valid_mask(raw, causes, "usbl", "left out")
+    good, invalid = valid_mask(raw, causes, "usbl", "left out", exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)
     own, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m)
     R = with_variance_floor(

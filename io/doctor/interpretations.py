@@ -237,7 +237,12 @@ def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
 
 
 def _gps_evidence(log: Log, timeline: Timeline, best: Interpretation, group: Indices) -> list[HandednessEvidence]:
-    """Compare the track and its mirror image with GPS up to a shift; only which fits better is used."""
+    """Compare the track and its mirror image with GPS up to a shift; only which fits better is used.
+
+    GPS of another place decides nothing: exchanged coordinates are a mirror image themselves.
+    """
+    if any(finding.code == "PLACES-APART" for finding in log.findings):
+        return []
     reinterpreted = reinterpret(log, timeline, best.flips)
     rotation = best.fit
     stretch = _groups_of_gps(timeline, group)

@@ -11,6 +11,7 @@ BOTTOM, WATER = 1, 2  # of velocity_mode and velocity_reference
 MAX_SPEED_MPS = 20.0  # [m/s] no vehicle with a DVL, and no ship above it, goes so fast
 USUAL_SPEED_MPS = 1.0  # [m/s] of a vehicle, within a factor three, by which units a factor ten apart are told
 TOO_FAST = f"faster than {MAX_SPEED_MPS:g} m/s"
+FAST_SHARE, FAST_SHARE_NAMED = 0.1, 0.5  # of records, from which on the unit is wrong; one that column names state
 NO_COORDINATES = "; velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
 
 
@@ -58,8 +59,8 @@ def inverse_interval(raw: RawRecords) -> Vector:
     return 1e6 / np.where(interval_us > 0, interval_us, np.nan)
 
 
-def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:
-    """Return whether too many records for m/s exceed 20 m/s: one in ten of those without another fault.
+def in_other_unit(raw: RawRecords, causes: dict[str, Mask], least_share: float) -> bool:
+    """Return whether too many records for m/s exceed 20 m/s: this share of those without another fault.
 
     One constant velocity does not count; a DVL without bottom lock writes such.
     """
@@ -67,7 +68,7 @@ def in_millimetres(raw: RawRecords, causes: dict[str, Mask]) -> bool:
     known = ~np.any(others, axis=0)
     fast = known & causes[TOO_FAST]
     _, counts = np.unique(np.column_stack([raw.number("x"), raw.number("y")])[fast], axis=0, return_counts=True)
-    often = np.sum(fast) >= max(3, 0.1 * np.sum(known))
+    often = np.sum(fast) >= max(3, least_share * np.sum(known))
     return bool(often and counts.max() <= np.sum(fast) / 2)
 
 

@@ -12,6 +12,7 @@ from commands import findings, run
 from usbldr.filters.errors import UsbldrError
 from usbldr_cli.main import cli
 
+RIVER = Path(__file__).parents[2] / "docs" / "real_log"
 Edit = Callable[[pd.DataFrame], pd.DataFrame]
 KNOT_MPS = 1852 / 3600
 LIMITS = '[dvl]\ntopic = "/dvl"\n[map]\norigin_lat_deg = 45.0\norigin_lon_deg = -30.0\n'
@@ -24,12 +25,23 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
     return {name: pd.read_csv(folder / "turns" / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")}
 
 
+@pytest.fixture(scope="module")
+def river(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, pd.DataFrame], str]:
+    """Return the sensors and the configuration of a real log: a boat's ADCP, compass and GPS."""
+    folder = tmp_path_factory.mktemp("river") / "river"
+    run("export", RIVER / "riverpro.mcap", "--config", RIVER / "corrected.toml", "-o", folder)
+    configuration = (folder / "usbldr.toml").read_text(encoding="utf-8")
+    return {name: pd.read_csv(folder / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")}, re.sub(
+        r"\[truth\]\n(.+\n)*", "", configuration
+    )
+
+
 @pytest.fixture
 def edited(dive: dict[str, pd.DataFrame], tmp_path: Path) -> Callable[..., Path]:
-    def write(configuration: str = LIMITS, **edits: Edit) -> Path:
+    def write(configuration: str = LIMITS, tables: dict[str, pd.DataFrame] | None = None, **edits: Edit) -> Path:
         folder = tmp_path / "dive"
         folder.mkdir(exist_ok=True)
-        for name, table in dive.items():
+        for name, table in (tables or dive).items():
             edits.get(name, lambda same: same)(table.copy()).to_csv(folder / f"{name}.csv", index=False)
         (folder / "usbldr.toml").write_text(configuration, encoding="utf-8")
         return folder
@@ -50,6 +62,10 @@ def later(table: pd.DataFrame, seconds: float) -> pd.DataFrame:
     return table.assign(**{name: table[name] + round(seconds * 1e9) for name in moved})
 
 
+def swapped(table: pd.DataFrame) -> pd.DataFrame:
+    return table.drop(columns=["east_m", "north_m"]).rename(columns={"lat_deg": "lon_deg", "lon_deg": "lat_deg"})
+
+
 @pytest.mark.long
 def test_gps_time_instead_of_utc_is_proposed_and_the_proposal_is_right(edited: Callable[..., Path]) -> None:
     ahead = edited(gps=lambda table: later(table, 18.0))
@@ -64,11 +80,9 @@ def test_gps_time_instead_of_utc_is_proposed_and_the_proposal_is_right(edited: C
 
 
 def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..., Path]) -> None:
-    def swapped(table: pd.DataFrame) -> pd.DataFrame:
-        return table.drop(columns=["east_m", "north_m"]).rename(columns={"lat_deg": "lon_deg", "lon_deg": "lat_deg"})
-
     code, said = replayed(edited(gps=swapped))
     assert (code, "check whether latitude and longitude are exchanged" in said) == (3, True)
+    assert "mirror image" not in said  # which exchanged coordinates are, but not those of the fixes
 
     def in_ms(table: pd.DataFrame) -> pd.DataFrame:
         return table.assign(time_ns=table["time_ns"] // 1_000_000).drop(columns="received_ns")
@@ -148,3 +162,70 @@ def test_excluded_fixes_are_those_that_the_log_never_had(edited: Callable[..., P
     assert (code, said.splitlines()[-1]) == (without[0], without[1].splitlines()[-1])
     assert "bit-identical" in run("replay", "--verify", log.with_name("run")).output
     assert "write SENSOR@FROM:TO" in replayed(log, "--exclude", "usbl")[1]
+
+
+def times(factor: float) -> Edit:
+    return lambda table: table.assign(**{name: table[name] * factor for name in ("starboard_mps", "forward_mps")})
+
+
+def at_the_ends(table: pd.DataFrame) -> pd.DataFrame:
+    time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
+    return table[(time_s < 15) | (time_s > time_s.iloc[-1] - 15)]
+
+
+def at_anchor(table: pd.DataFrame) -> pd.DataFrame:
+    time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
+    place = {"lat_deg": 64.5622 + 5e-5 * np.cos(time_s / 60), "lon_deg": -149.068 + 1e-4 * np.sin(time_s / 40)}
+    return table.drop(columns=["east_m", "north_m"]).assign(**place)
+
+
+def scattered(table: pd.DataFrame) -> pd.DataFrame:
+    more_m = 7.0 * np.random.default_rng(1).normal(size=(len(table), 2)) * (np.arange(len(table))[:, None] > 82)
+    return table.assign(east_m=table["east_m"] + more_m[:, 0], north_m=table["north_m"] + more_m[:, 1])
+
+
+REAL = {
+    "a clock of the truth": ({"gps": lambda table: later(table, 18.0)}, r"\(GPS time and UTC are 18 s apart\)"),
+    "exchanged coordinates": (
+        {"gps": swapped},
+        "latitude and longitude are probably exchanged",
+    ),
+    "a wrong sign": (
+        {"dvl": lambda table: table.assign(starboard_mps=-table["starboard_mps"])},
+        r'state axes = "PFD" under \[dvl\] \[DVL-AXES\]',
+    ),
+    "two fixes": ({"usbl": lambda table: table.iloc[[0, 82]]}, r"not comparable with raw USBL \(2 common epochs\)"),
+    "a truth at the surface": ({"gps": at_the_ends}, r"in the \d+ % of the epochs that have a truth"),
+    "cm/s": ({"dvl": times(100.0)}, r'unit = "cm/s" under \[dvl\] if they are cm/s'),
+    "knots": ({"dvl": times(1 / KNOT_MPS)}, r"they are knots: state scale_error = 0\.9438"),
+    "late fixes": (
+        {"usbl": lambda table: later(table, 6.0)},
+        r"the fixes are late: latency_s = [56]\.\d+ under \[usbl\]",
+    ),
+    "noise that rises": (
+        {"usbl": scattered},
+        r"the noise of the usbl grows by a factor of [12]\.\d at about [789]\d s",
+    ),
+    "a noisy compass": (
+        {
+            "compass": lambda table: table.assign(
+                heading_deg=table["heading_deg"] + 6.0 * (-1.0) ** np.arange(len(table))
+            )
+        },
+        r"innovations of the compass are \d\.\d times as large as their sigmas",
+    ),
+    "the GPS of another vessel": ({"gps": at_anchor}, "track and truth move differently"),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+@pytest.mark.long
+def test_each_cause_is_said_of_a_real_log(
+    name: str, river: tuple[dict[str, pd.DataFrame], str], edited: Callable[..., Path]
+) -> None:
+    tables, configuration = river
+    edits, sentence = REAL[name]
+
+    said = replayed(edited(configuration, tables, **edits))[1]
+
+    assert re.search(sentence, said), said
