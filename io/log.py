@@ -47,6 +47,7 @@ class Log:
     findings: tuple[Finding, ...] = ()
     raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if requested
     attitude: pd.DataFrame | None = None  # time_s, roll_deg, pitch_deg of the compass, evenly spread over the log
+    altitude: pd.DataFrame | None = None  # time_s, altitude_m of the DVL above the bottom, where its records have it
     unread: Mapping[str, str] = field(default_factory=dict[str, str])  # topic -> why it cannot be read
 
     @property

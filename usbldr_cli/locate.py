@@ -1,6 +1,7 @@
 """``usbldr locate``: where each photo, ping or sample of a dive was taken, and how sure that is."""
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
@@ -15,6 +16,7 @@ from usbldr_cli.options.verbosity import verbose_option
 if TYPE_CHECKING:
     import pandas as pd
 
+ABSOLUTE = "<altitudeMode>absolute</altitudeMode>"  # heights of KML count from the sea, and not from its floor
 ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
 
 
@@ -47,6 +49,20 @@ ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
     metavar="FILE",
     help="NAME.csv, .geojson, .kml or .parquet.  [may be repeated; default: CSV to stdout]",
 )
+@click.option(
+    "--opening-angle",
+    "opening_deg",
+    type=click.FloatRange(0, 170, min_open=True),
+    nargs=2,
+    metavar="ACROSS ALONG",
+    help="Opening angles in degrees of a camera that looks down: adds what it saw of the bottom.",
+)
+@click.option(
+    "--geotag",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Write copies of the photos with GPS tags into FOLDER; sidecars (.xmp) of what is no JPEG.",
+)
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @verbose_option
 def locate(
@@ -56,6 +72,8 @@ def locate(
     lever_m: tuple[float, float, float],
     clock_s: float,
     output: tuple[Path, ...],
+    opening_deg: tuple[float, float] | None,
+    geotag: Path | None,
     force: bool,
 ) -> None:
     """Say where each photo, ping or sample was taken, from the smoothed run directory RUN.
@@ -69,6 +87,7 @@ def locate(
     $ usbldr locate dive-run --at photos --lever-arm 0 1.2 -0.3 -o photos.csv -o photos.kml
     """
     from usbldr.io.reading.sample_times import NAME, sample_times
+    from usbldr.io.reports.geotags import Place, write_geotags
     from usbldr.io.reports.locate import OUTSIDE, located, read_smoothed_run
 
     for file in output:
@@ -79,16 +98,27 @@ def locate(
     smoothed = read_smoothed_run(run)
     if smoothed.origin is None and any(file.suffix.lower() in (".geojson", ".kml") for file in output):
         raise UsageError(f"{run} has no latitudes: state origin_lat_deg and origin_lon_deg under [map] and repeat it")
+    if geotag is not None and (smoothed.origin is None or not Path(place).is_dir()):
+        why = "--at is no folder of photos" if smoothed.origin is not None else f"{run} has no latitudes"
+        raise UsageError(f"--geotag: {why}")
     times = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock_s)
-    found = located(smoothed, times.time_ns, lever_m)
+    found = located(smoothed, times.time_ns, lever_m, opening_deg)
+    if opening_deg is not None and not found["altitude_m"].notna().any():
+        click.echo("usbldr: no footprint: the log has no altitude at these times (of its DVL)", err=True)
     found.insert(0, NAME, list(times.names))
     own = times.columns.rename(columns={name: f"own_{name}" for name in times.columns if name in found})
     table = found.join(own)
-    if not output:
+    if not output and geotag is None:
         click.echo(_csv(table), nl=False)
     for file in output:
         _write(file, table, smoothed.folder.name)
         click.echo(f"{file}: written")
+    if geotag is not None:
+        columns = [table[name] for name in (NAME, *Place._fields)]
+        places = {Path(place) / name: Place(*where) for name, *where in zip(*columns, strict=True)}
+        placed = {photo: where for photo, where in places.items() if math.isfinite(where.lat_deg)}
+        copies, sidecars = write_geotags(geotag, placed, force)
+        click.echo(f"{geotag}: {copies} copies with GPS tags and {sidecars} sidecars written")
     outside = int((found["note"] == OUTSIDE).sum())
     marked = int((found["note"] != "").sum()) - outside
     if outside or marked:
@@ -121,12 +151,18 @@ def _geojson(rows: "list[dict[Any, Any]]") -> str:
     features = [
         {
             "type": "Feature",
-            "geometry": {"type": "Point", "coordinates": [round(one["lon_deg"], 9), round(one["lat_deg"], 9)]},
+            "geometry": {"type": "Point", "coordinates": _place(one)},
             "properties": {str(name): _plain(value) for name, value in one.items()},
         }
         for one in rows
     ]
     return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+
+
+def _place(one: "dict[Any, Any]") -> list[float]:
+    """Return longitude, latitude and, if the depth is known, the height above the sea."""
+    place = [round(one["lon_deg"], 9), round(one["lat_deg"], 9)]
+    return [*place, round(-one["depth_m"], 4)] if math.isfinite(one["depth_m"]) else place
 
 
 def _plain(value: Any) -> Any:
@@ -140,7 +176,8 @@ def _kml(rows: "list[dict[Any, Any]]", title: str) -> str:
     marks = [
         f"<Placemark><name>{escape(printable(str(one['name'])))}</name>"
         f"<description>{one['radius95_m']:.2f} m (95 %) {escape(one['note'])}</description>"
-        f"<Point><coordinates>{one['lon_deg']:.9f},{one['lat_deg']:.9f}</coordinates></Point></Placemark>"
+        f"<Point>{ABSOLUTE if len(place := _place(one)) > 2 else ''}"
+        f"<coordinates>{','.join(map(str, place))}</coordinates></Point></Placemark>"
         for one in rows
     ]
     head = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'

@@ -27,7 +27,7 @@ ANGLE_AT = 58  # fixed: the place of any other angle in the fixed leader, degree
 HUNDREDTH_NS = 10_000_000  # fixed
 CENTURY = 80  # [years] of two digits below it are after 2000
 FIELDS: Mapping[str, tuple[str, ...]] = {
-    "/bottom_track": ("x", "y", "z", "coordinates"),
+    "/bottom_track": ("x", "y", "z", "coordinates", "altitude"),
     "/heading": ("heading_deg",),
     "/depth": ("depth_m",),
     "/gga": ("latitude", "longitude", "quality"),
@@ -45,7 +45,9 @@ USED = np.dtype(
         ("coordinates", "u1"),
         ("angle_deg", "u1"),
         ("tracked", "u1"),  # whether there is bottom track
+        ("range_cm", "<u2", 4),  # of the bottom, vertical, by beams; 0: unknown
         ("velocity_mmps", "<i2", 4),  # of the bottom, along beams or axes
+        ("range_high", "u1", 4),  # in 65,536 cm, of newer instruments
     ]
 )
 """What is used of an ensemble."""
@@ -118,7 +120,7 @@ def _used(parts: Mapping[int, Sequence[bytes]]) -> bytes:
     if not fixed or not leader:
         return b""
     angle = fixed[ANGLE_AT : ANGLE_AT + 1] or b"\0"
-    track = b"\1" + bottom[24:32] if bottom else bytes(9)
+    track = b"\1" + bottom[16:32] + bottom[77:81].ljust(4, b"\0") if bottom else bytes(21)
     return leader[4:11] + leader[16:20] + fixed[4:6] + fixed[25:26] + angle + track
 
 
@@ -146,12 +148,20 @@ def _records(rows: NDArray[np.void], times: Nanoseconds) -> dict[str, Records]:
     if np.any(tracked):
         velocities, coordinates = instrument_velocities(rows[tracked])
         x, y, z = velocities.T
-        tables["/bottom_track"] = Records(times[tracked], {"x": x, "y": y, "z": z, "coordinates": coordinates})
+        columns = {"x": x, "y": y, "z": z, "coordinates": coordinates, "altitude": _altitudes_m(rows[tracked])}
+        tables["/bottom_track"] = Records(times[tracked], columns)
     quantities = {"/heading": ("heading_deg", rows["heading_cdeg"] / 100), "/depth": ("depth_m", rows["depth_dm"] / 10)}
     for topic, (column, values) in quantities.items():
         if len(values) and np.ptp(values) > 0:
             tables[topic] = Records(times, {column: values})
     return tables
+
+
+def _altitudes_m(rows: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return the mean range to the bottom of the beams that see it, (n,), NaN if none does."""
+    range_m = (rows["range_cm"] + 65536.0 * rows["range_high"]) / 100
+    seen = np.count_nonzero(range_m, axis=1)
+    return np.where(seen > 0, range_m.sum(axis=1) / np.maximum(seen, 1), np.nan)
 
 
 def _placed(topic: str, found: Sequence[Sequence[float]], times: Nanoseconds, timed: NDArray[np.bool_]) -> Records:

@@ -77,6 +77,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     start_ns = _start_ns(sensors.tables, topics)
     truth = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
     tables, provenance = sensors.tables, sensors.provenance | truth.provenance
+    altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
     findings = [*roles.findings, *sensors.findings, *truth.findings]
     findings += position_findings(tables, provenance, sensors.origin)
     if truth.truth is not None and truth.truth.kind == "gps":
@@ -94,6 +95,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         configuration=opened.file,
         settings=configuration,
         findings=(*reader.findings(), *findings),
+        altitude=altitude,
         attitude=None if sensors.attitude is None else _attitude_table(sensors.attitude, start_ns),
         unread={topic.name: topic.problem for topic in topics if topic.problem},
         raws=sensors.raws,
@@ -146,6 +148,15 @@ def _attitude_table(made: ConvertedTable, start_ns: int) -> pd.DataFrame:
     return pd.DataFrame(
         {"time_s": (series.time_ns - start_ns) / 1e9, "roll_deg": roll_deg, "pitch_deg": pitch_deg}, copy=False
     )
+
+
+def _altitude_table(dvl: pd.DataFrame, start_ns: int) -> pd.DataFrame | None:
+    """Return the altitudes of a DVL's table by time; None if it has none."""
+    if "altitude_m" not in dvl:
+        return None
+    known = dvl.loc[dvl["altitude_m"].notna(), ["time_ns", "altitude_m"]].sort_values("time_ns")
+    seconds = (known["time_ns"].to_numpy(dtype=np.int64) - start_ns) / 1e9
+    return pd.DataFrame({"time_s": seconds, "altitude_m": known["altitude_m"].to_numpy()})
 
 
 def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:

@@ -23,6 +23,8 @@ from usbldr.io.reports.run_directory import REPORT
 SHARE = 0.95  # fixed: of the positions that the radius holds
 ANGLES = np.radians(np.arange(0.5, 90))  # of a quarter circle, for the integral of the radius
 ROUNDS = 40  # of bisection: far below a millimetre
+STEEPEST_RAY = np.cos(np.radians(80.0))  # [-] of a footprint: nearer to the horizon no bottom is flat enough
+CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])  # fixed: of a footprint, starboard and forward
 OUTSIDE, BEFORE, OUTAGE = "outside the run", "before the first fix", "in an outage of the {}"
 
 
@@ -73,11 +75,18 @@ def read_smoothed_run(folder: Path) -> SmoothedRun:
     )
 
 
-def located(run: SmoothedRun, time_ns: Nanoseconds, lever_m: LeverArm = (0.0, 0.0, 0.0)) -> pd.DataFrame:
+def located(
+    run: SmoothedRun,
+    time_ns: Nanoseconds,
+    lever_m: LeverArm = (0.0, 0.0, 0.0),
+    opening_deg: tuple[float, float] | None = None,
+) -> pd.DataFrame:
     """Return where a sensor was at Unix times (n,), with the arm starboard, forward, up of the vehicle to it.
 
-    Columns: time_ns, lat_deg, lon_deg, east_m, north_m, depth_m, heading_deg, roll_deg, pitch_deg, sd_east_m,
-    sd_north_m, cov_en_m2, radius95_m, note. Outside of the run all but the time and the note are NaN.
+    Columns: time_ns, lat_deg, lon_deg, east_m, north_m, depth_m, altitude_m (of the sensor above the bottom),
+    heading_deg, roll_deg, pitch_deg, sd_east_m, sd_north_m, cov_en_m2, radius95_m; with the opening angles across and
+    along of a camera that looks down, footprint_across_m, footprint_along_m and footprint, a polygon of WKT in degrees
+    (longitude first); last note. Outside of the run all but the time and the note are unknown.
     """
     table = run.epochs
     known_s = table["time_s"].to_numpy(dtype=float)
@@ -88,6 +97,8 @@ def located(run: SmoothedRun, time_ns: Nanoseconds, lever_m: LeverArm = (0.0, 0.
     share = np.clip((time_s - known_s[at]) / step_s, 0.0, 1.0)
 
     def between(column: str) -> Vector:
+        if column not in table:  # of a run of an older version
+            return np.full(len(time_s), np.nan)
         values = table[column].to_numpy(dtype=float)
         mixed = np.where(share > 0, share * values[at + 1], 0.0) + np.where(share < 1, (1 - share) * values[at], 0.0)
         return np.where(inside, mixed, np.nan)
@@ -108,6 +119,7 @@ def located(run: SmoothedRun, time_ns: Nanoseconds, lever_m: LeverArm = (0.0, 0.
         "east_m": east,
         "north_m": north,
         "depth_m": between("depth_m") - arm[:, 2],
+        "altitude_m": between("altitude_m") + arm[:, 2],
         "heading_deg": heading_deg % 360,
         "roll_deg": roll,
         "pitch_deg": pitch,
@@ -118,7 +130,31 @@ def located(run: SmoothedRun, time_ns: Nanoseconds, lever_m: LeverArm = (0.0, 0.
     }
     made = pd.DataFrame({name: np.where(unknown, np.nan, values) for name, values in columns.items()})
     made.insert(0, "time_ns", np.asarray(time_ns, dtype=np.int64))
+    if opening_deg is not None:
+        made = made.assign(**_footprints(run.origin, made, tilted, opening_deg))
     return made.assign(note=_notes(run, time_s, inside))
+
+
+def _footprints(
+    origin: Origin | None, made: pd.DataFrame, attitude: Array, opening_deg: tuple[float, float]
+) -> dict[str, Vector | list[str]]:
+    """Return width, length and corners of what a camera along the vehicle's down axis sees of a flat bottom."""
+    half = np.tan(np.radians(opening_deg) / 2)
+    rays = np.einsum("nij,kj->nki", attitude, np.column_stack([CORNERS * half, -np.ones(len(CORNERS))]))
+    lowest = np.max(rays[:, :, 2] / np.linalg.norm(rays, axis=2), axis=1)
+    altitude_m = made["altitude_m"].to_numpy(dtype=float)
+    seen = (lowest < -STEEPEST_RAY) & (altitude_m > 0)
+    reach_m = np.where(seen, altitude_m, np.nan)[:, None, None] * rays[:, :, :2] / -rays[:, :, 2:]
+    sides_m = np.linalg.norm(np.diff(reach_m, axis=1), axis=2)
+    polygons = [""] * len(made)
+    if origin is not None:
+        corners_m = made[["east_m", "north_m"]].to_numpy(dtype=float)[:, None] + reach_m
+        lat, lon = to_geodetic(origin, corners_m[..., 0].ravel(), corners_m[..., 1].ravel())
+        places = np.stack([lon, lat], axis=1).reshape(*corners_m.shape)
+        for row in np.flatnonzero(seen & np.isfinite(corners_m).all(axis=(1, 2))):
+            polygons[row] = f"POLYGON (({', '.join(f'{x:.9f} {y:.9f}' for x, y in places[row].tolist())}))"
+    across, along = sides_m[:, [0, 2]].mean(axis=1), sides_m[:, [1, 3]].mean(axis=1)
+    return {"footprint_across_m": across, "footprint_along_m": along, "footprint": polygons}
 
 
 def _cubic(table: pd.DataFrame, heading_rad: Vector, at: Indices, share: Vector, step_s: Vector) -> Array:

@@ -1,4 +1,4 @@
-"""The vehicle's pose at the epochs of a track beside its position: depth, roll, pitch, and how sure its heading is."""
+"""The vehicle's pose at the epochs of a track beside its position: depth, altitude, tilt, and its heading's sigma."""
 
 import numpy as np
 import pandas as pd
@@ -10,7 +10,9 @@ MAX_GAP_S = 3.0  # [s] across which depth, roll and pitch are interpolated
 
 
 def pose_table(log: Log, trajectory: Trajectory) -> pd.DataFrame | None:
-    """Return depth, roll, pitch, and the covariance of the heading with the position; None if it has no heading.
+    """Return depth, altitude, roll, pitch, and the heading's covariance with the position; None without a heading.
+
+    The altitude is that of the vehicle's reference point above the bottom: what the DVL measured, less its arm up.
 
     Unknown values are NaN. Headings are clockwise, the covariances with east and north in metres times degrees.
     """
@@ -24,6 +26,7 @@ def pose_table(log: Log, trajectory: Trajectory) -> pd.DataFrame | None:
         {
             "time_s": time_s,
             "depth_m": column_at(time_s, log.tables.get("depth"), "depth_m"),
+            "altitude_m": column_at(time_s, log.altitude, "altitude_m") - log.parameters.dvl_lever_m[2],
             "roll_deg": column_at(time_s, tilt, "roll_deg"),
             "pitch_deg": column_at(time_s, tilt, "pitch_deg"),
             "sd_heading_deg": np.degrees(np.sqrt(trajectory.cov[:, psi, psi])),

@@ -208,7 +208,9 @@ def write_tables(folder: Path, run: Run) -> None:
     ):
         moved, fixes, truth = _on_the_map(run, fixes)
         write_geojson(folder / "track.geojson", moved, truth, fixes, run.log.origin)
-        write_kml(folder / "track.kml", f"{run.label} on {run.log.path.name}", moved, truth, run.log.origin)
+        title, deep = f"{run.label} on {run.log.path.name}", run.log.tables.get("depth")
+        depth = None if deep is None else column_at(moved.time_s, deep, "depth_m")
+        write_kml(folder / "track.kml", title, moved, truth, run.log.origin, depth)
 
 
 def _on_the_map(run: Run, fixes: pd.DataFrame) -> tuple[Trajectory, pd.DataFrame, Truth | None]:

@@ -179,9 +179,14 @@ def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def write_kml(path: Path, name: str, trajectory: Trajectory, truth: Truth | None, origin: Origin) -> None:
-    """Write the track and the truth as lines on the water, KML 2.2."""
-    lines = [(trajectory.label, "ffb27200", [_track_line(trajectory, origin)])]  # colours are alpha, blue, green, red
+def write_kml(
+    path: Path, name: str, trajectory: Trajectory, truth: Truth | None, origin: Origin, depth_m: Vector | None = None
+) -> None:
+    """Write the track and the truth as lines on the water, KML 2.2; the track at its depth (K,), if it is known."""
+    deep = depth_m is not None and bool(np.isfinite(depth_m).any())
+    lines = [
+        (trajectory.label, "ffb27200", [_track_line(trajectory, origin, depth_m if deep else None)])
+    ]  # colours are alpha, blue, green, red
     if truth is not None:
         lines.append((f"truth ({truth.kind})", "ff000000", _truth_lines(truth, origin)))
     placemarks = "".join(
@@ -197,13 +202,19 @@ def write_kml(path: Path, name: str, trajectory: Trajectory, truth: Truth | None
 
 
 def _kml_line(line: list[list[float]]) -> str:
-    return f"<LineString><coordinates>{' '.join(f'{lon},{lat}' for lon, lat in line)}</coordinates></LineString>"
+    mode = "<altitudeMode>absolute</altitudeMode>" if len(line[0]) > 2 else ""
+    places = " ".join(",".join(map(str, place)) for place in line)
+    return f"<LineString>{mode}<coordinates>{places}</coordinates></LineString>"
 
 
-def _track_line(trajectory: Trajectory, origin: Origin) -> list[list[float]]:
-    defined = np.isfinite(trajectory.position_m).all(axis=1)
-    time_s, position_m = trajectory.time_s[defined], trajectory.position_m[defined]
-    line = _coordinates(position_m[a_point_a_second(time_s)], origin)
+def _track_line(trajectory: Trajectory, origin: Origin, depth_m: Vector | None = None) -> list[list[float]]:
+    """Return longitude, latitude and, with a depth (K,), height of a point a second; a depth not known is 0."""
+    shown = np.flatnonzero(np.isfinite(trajectory.position_m).all(axis=1))
+    shown = shown[a_point_a_second(trajectory.time_s[shown])]
+    line = _coordinates(trajectory.position_m[shown], origin)
+    if depth_m is not None:
+        heights = (0.0 - np.nan_to_num(depth_m[shown])).round(DECIMALS["m"]).tolist()
+        line = [[*place, up] for place, up in zip(line, heights, strict=True)]
     return line if len(line) > 1 else line * 2  # a line has two ends
 
 

@@ -62,7 +62,7 @@ def _kind(choices: Sequence[str], optional: str = "") -> OwnColumns:
 
 
 OWN_COLUMNS: Mapping[str, OwnColumns] = {
-    "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps valid"),
+    "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps valid altitude_m"),
     "compass": _kind(["heading_deg"], "sd_deg roll_deg pitch_deg"),
     "usbl": _kind(
         ["east_m north_m", "lat_deg lon_deg", "slant_range_m bearing_deg"],

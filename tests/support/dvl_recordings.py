@@ -18,8 +18,10 @@ def ensemble(k: int, coordinates: int, velocity: tuple[int, int, int, int], gga:
     variable[2:4] = struct.pack("<H", k)
     variable[4:11] = bytes([20, 9, 13, 12, 26, k, 50])  # 2020-09-13 12:26
     variable[14:20] = struct.pack("<HHH", 1500, 100 + k, (35_500 + 50 * k) % 36_000)
-    bottom = bytearray(80)
+    bottom = bytearray(81)
+    bottom[16:24] = struct.pack("<4H", 4464, 0, 5464, 4964)  # with the next: 700, unknown, 710 and 705 m
     bottom[24:32] = struct.pack("<4h", *velocity)
+    bottom[77:81] = b"\1\0\1\1"
     parts = [bytes(fixed), b"\x80\0" + bytes(variable[2:]), b"\0\6" + bytes(bottom[2:])]
     if gga:
         place = 64.5 + k * 1e-6, b"N", 149.0, b"W", 2

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,8 @@ from click.testing import CliRunner
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from checkout import SAMPLES
+from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.reports.locate import BEFORE, OUTSIDE, SmoothedRun, located, radius
 from usbldr_cli.main import cli
 
@@ -128,6 +131,22 @@ def test_photos_are_timed_by_exif_and_the_clock(dive, tmp_path):
     assert "two.jpg states no time" in str(run("locate", dive, "--at", tmp_path / "photos").exception)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["lawnmower.mcap", "paper.mcap"])
+def test_places_err_as_the_track_does_on_the_sample_logs(name, tmp_path):
+    args = ("replay", SAMPLES / name, "--filter", "adf", "--smooth", "--plots", "none", "-o", tmp_path / "run", "-q")
+    assert run(*args).exception is None
+    truth = pd.read_csv(tmp_path / "run" / "truth.tum", sep=" ", header=None, dtype={0: str})
+    stamps = truth[0].str.replace(".", "").rename("time_ns").astype("int64")
+    stamps.to_csv(tmp_path / "times.csv", index=False)
+    done = run("locate", tmp_path / "run", "--at", tmp_path / "times.csv", "-o", tmp_path / "found.csv")
+    assert done.exception is None
+    found, report = pd.read_csv(tmp_path / "found.csv"), json.loads((tmp_path / "run" / "report.json").read_text())
+    for axis, column in (("east", 1), ("north", 2)):
+        error_m = found[f"{axis}_m"] - truth[column]
+        assert np.sqrt(np.mean(error_m**2)) == pytest.approx(report["metrics"][f"rmse_{axis}_m"], abs=1e-3)
+
+
 def test_what_cannot_be_located_is_one_sentence(dive, tmp_path):
     table = tmp_path / "samples.csv"
     table.write_text("moment\n1\n")
@@ -140,3 +159,85 @@ def test_what_cannot_be_located_is_one_sentence(dive, tmp_path):
     refused = str(run("locate", tmp_path / "forward", "--at", table).exception)
     assert "is not smoothed" in refused
     assert "--smooth --force" in refused
+
+
+def photo(path, moment, order="<"):
+    """Write a JPEG with a maker note whose bytes hold an offset into its EXIF block, taken at a moment in UTC."""
+    exif = Image.Exif()
+    exif.endian = order
+    exif[271] = "Camera Works"
+    exif.get_ifd(34665).update({36867: moment, 36881: "+00:00", 37500: b"maker\0\1\2" * 9})
+    Image.effect_noise((64, 48), 60).convert("RGB").save(path, exif=exif, quality=90)
+
+
+def scan(content):
+    """Return the segments of a JPEG but for EXIF, and the picture data."""
+    at, others = 2, []
+    while content[at + 1] != 0xDA:
+        length = int.from_bytes(content[at + 2 : at + 4], "big")
+        others += [content[at : at + 2 + length]] if content[at + 1] != 0xE1 else []
+        at += 2 + length
+    return others, content[at:]
+
+
+def test_copies_of_photos_have_the_place_and_the_same_picture(dive, tmp_path):
+    """Pillow, which wrote nothing of the tags, reads the copy; a PNG gets a sidecar, one outside the run nothing."""
+    folder, tagged = tmp_path / "photos", tmp_path / "tagged"
+    folder.mkdir()
+    photo(folder / "one.jpg", "2026:01:01 00:01:40")
+    photo(folder / "two.JPG", "2026:01:01 00:02:40", ">")
+    photo(folder / "late.jpg", "2027:01:01 00:01:40")
+    exif = Image.Exif()
+    exif[271] = "Camera Works"
+    exif.get_ifd(34665).update({36867: "2026:01:01 00:01:40"})
+    Image.new("RGB", (4, 4)).save(folder / "three.png", exif=exif)
+    args = ("locate", dive, "--at", folder, "--lever-arm", 0, 0, -30, "-o", tmp_path / "found.csv", "--geotag", tagged)
+    done = run(*args)
+    assert done.exception is None
+    assert "2 copies with GPS tags and 1 sidecars written" in done.output
+    assert sorted(file.name for file in tagged.iterdir()) == ["one.jpg", "three.png.xmp", "two.JPG"]
+    found = pd.read_csv(tmp_path / "found.csv").set_index("name")
+    for name in ("one.jpg", "two.JPG"):
+        before, after = (folder / name).read_bytes(), (tagged / name).read_bytes()
+        assert scan(before) == scan(after)
+        with Image.open(folder / name) as one, Image.open(tagged / name) as two:
+            old, new = one.getexif(), two.getexif()
+        assert dict(old.get_ifd(34665)) == dict(new.get_ifd(34665))
+        assert new[271] == "Camera Works"
+        gps = new.get_ifd(0x8825)
+        degrees = [float(gps[tag] @ np.array([1, 1 / 60, 1 / 3600])) for tag in (2, 4)]
+        assert (gps[1], gps[3]) == ("N", "W")
+        assert degrees == pytest.approx([found.lat_deg[name], -found.lon_deg[name]], abs=1e-9)
+        assert float(gps[31]) == pytest.approx(found.radius95_m[name], abs=1e-4)
+    tags = ElementTree.parse(tagged / "three.png.xmp").getroot()[0][0].attrib
+    degrees, minutes = tags["{http://ns.adobe.com/exif/1.0/}GPSLatitude"].split(",")
+    assert int(degrees) + float(minutes[:-1]) / 60 == pytest.approx(found.lat_deg["three.png"], abs=1e-9)
+    other = [*args[:8], *args[10:]]
+    assert "exists already" in str(run(*other).exception)
+    assert "the photos are there" in str(run(*other[:-1], folder, "--force").exception)
+
+
+def test_a_footprint_is_where_the_corners_of_the_view_meet_the_bottom():
+    """Against rays turned by scipy; without a tilt it is twice the altitude times the tangent of half an angle."""
+    level = circling()
+    level = level._replace(origin=Origin(45.0, -30.0, OriginKind.MAP))
+    level.epochs["altitude_m"] = 6.0
+    found = located(level, at([10.0]), (0.0, 2.0, -1.0), (60.0, 40.0))
+    heading, pitch, roll = found.heading_deg[0], -5.0, 10.0
+    turn = Rotation.from_euler("ZYX", [heading, pitch, roll], degrees=True)
+    high = found.altitude_m[0]
+    assert high == pytest.approx(6.0 - turn.apply([2.0, 0.0, 1.0])[2])
+    text = found.footprint[0].removeprefix("POLYGON ((").removesuffix("))")
+    lon, lat = np.array([place.split() for place in text.split(", ")], dtype=float).T
+    east, north = to_plane(level.origin, lat, lon)
+    across, along = np.tan(np.radians([30.0, 20.0]))
+    for corner, (s, f) in enumerate([(-1, -1), (1, -1), (1, 1), (-1, 1)]):
+        ray = turn.apply([f * along, s * across, 1.0])  # north, east, down
+        n, e, _ = ray * high / ray[2]
+        assert east[corner] == pytest.approx(found.east_m[0] + e, abs=1e-3)
+        assert north[corner] == pytest.approx(found.north_m[0] + n, abs=1e-3)
+    level.epochs[["roll_deg", "pitch_deg"]] = 0.0
+    flat = located(level, at([10.0]), opening_deg=(60.0, 40.0))
+    assert [flat.footprint_across_m[0], flat.footprint_along_m[0]] == pytest.approx([12 * across, 12 * along])
+    level.epochs["roll_deg"] = 70.0
+    assert located(level, at([10.0]), opening_deg=(60.0, 40.0)).footprint[0] == ""

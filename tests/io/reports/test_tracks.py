@@ -161,3 +161,8 @@ def test_kml_is_well_formed_and_holds_the_same_lines(tmp_path: Path) -> None:
     lines = [line.text.split() for line in root.iter(f"{space}coordinates") if line.text]
     assert [len(line) for line in lines] == [200, 200]
     assert [float(x) for x in lines[0][0].split(",")] == pytest.approx([ORIGIN.lon_deg, ORIGIN.lat_deg])
+    write_kml(tmp_path / "t.kml", "deep", TRACK, TRUTH, ORIGIN, np.linspace(0.0, 40.0, len(TRACK.time_s)))
+    estimate, truth = ElementTree.parse(tmp_path / "t.kml").getroot().iter(f"{space}LineString")
+    assert estimate.findtext(f"{space}altitudeMode") == "absolute"
+    assert (estimate.findtext(f"{space}coordinates") or "").split()[-1].split(",")[2] == "-40.0"
+    assert truth.findtext(f"{space}altitudeMode") is None  # the GPS of a ship is at the surface

@@ -1,0 +1,153 @@
+"""Positions in photos: GPS tags in a copy of a JPEG whose other bytes stay as they are, or an XMP sidecar.
+
+The tags go behind what the EXIF block holds, so that every offset in it still holds, also those within maker notes:
+Pillow encodes the picture anew, and libraries that write EXIF again lose such notes. Sources: EXIF 2.32 (CIPA
+DC-008), section 4; TIFF 6.0; XMP specification part 2.
+"""
+
+import math
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.filters.errors import UsageError
+from usbldr.io.reports.run_directory import write_atomically
+from usbldr.io.writing import writing
+
+JPEGS = (".jpg", ".jpeg")
+START, APP1, SCAN, HEAD = b"\xff\xd8", 0xE1, 0xDA, b"Exif\0\0"  # fixed: of JPEG files
+GPS_POINTER, BYTE, ASCII, LONG, RATIONAL = 0x8825, 1, 2, 4, 5  # fixed: by TIFF and EXIF
+MAX_SEGMENT = 65_533  # [bytes] fixed: the length of a JPEG segment has 16 bits and counts itself
+PARTS = 10**6  # of a second of arc and of a metre: 0.03 mm on the ground, and finer than any depth
+
+
+class Place(NamedTuple):
+    """Where a photo was taken; NaN is unknown."""
+
+    lat_deg: float
+    lon_deg: float
+    depth_m: float
+    radius95_m: float
+
+
+def write_geotags(folder: Path, photos: Mapping[Path, Place], force: bool) -> tuple[int, int]:
+    """Write a copy with GPS tags, or else a sidecar NAME.jpg.xmp, of each photo into a folder; return how many of each.
+
+    Raises UsageError if the photos are in this folder, or a file exists already and is not to be replaced.
+    """
+    if any(photo.parent.resolve() == folder.resolve() for photo in photos):
+        raise UsageError(f"--geotag {folder}: the photos are there; name another folder for their copies")
+    copies = sidecars = 0
+    with writing(folder, "choose another folder for --geotag"):
+        folder.mkdir(parents=True, exist_ok=True)
+        for photo, place in photos.items():
+            tagged = tagged_jpeg(photo.read_bytes(), place) if photo.suffix.lower() in JPEGS else None
+            name = photo.name if tagged is not None else f"{photo.name}.xmp"
+            if (folder / name).exists() and not force:
+                raise UsageError(f"{folder / name} exists already: choose another --geotag, or --force to replace it")
+            write_atomically(folder / name, tagged if tagged is not None else sidecar(place).encode())
+            copies, sidecars = copies + (tagged is not None), sidecars + (tagged is None)
+    return copies, sidecars
+
+
+def tagged_jpeg(content: bytes, place: Place) -> bytes | None:
+    """Return a JPEG file with the place in its EXIF block; None if it has no such block, or one that is full."""
+    at = len(START)
+    while content[at : at + 1] == b"\xff" and at + 4 <= len(content) and content[at + 1] != SCAN:
+        (length,) = struct.unpack_from(">H", content, at + 2)
+        if content[at + 1] == APP1 and content[at + 4 : at + 4 + len(HEAD)] == HEAD:
+            try:
+                block = HEAD + _with_gps(content[at + 4 + len(HEAD) : at + 2 + length], place)
+            except (struct.error, ValueError):
+                return None
+            if len(block) > MAX_SEGMENT:
+                return None
+            return content[: at + 2] + struct.pack(">H", len(block) + 2) + block + content[at + 2 + length :]
+        at += 2 + length
+    return None
+
+
+def _with_gps(tiff: bytes, place: Place) -> bytes:
+    """Return a TIFF block with its first directory again at its end, there with GPS tags, which follow."""
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    if order is None:
+        raise ValueError("no TIFF block")
+    (first,) = struct.unpack_from(order + "I", tiff, 4)
+    (count,) = struct.unpack_from(order + "H", tiff, first)
+    end = first + 2 + 12 * count
+    (following,) = struct.unpack_from(order + "I", tiff, end)
+    entries = [tiff[at : at + 12] for at in range(first + 2, end, 12)]
+    entries = [one for one in entries if struct.unpack_from(order + "H", one)[0] != GPS_POINTER]
+    made = tiff + b"\0" * (len(tiff) % 2)
+    gps_at = len(made) + 2 + 12 * (len(entries) + 1) + 4
+    pointer = struct.pack(order + "HHII", GPS_POINTER, LONG, 1, gps_at)
+    entries = sorted([*entries, pointer], key=lambda one: struct.unpack_from(order + "H", one)[0])
+    directory = struct.pack(order + "H", len(entries)) + b"".join(entries) + struct.pack(order + "I", following)
+    return made[:4] + struct.pack(order + "I", len(made)) + made[8:] + directory + _gps_directory(order, gps_at, place)
+
+
+def _gps_directory(order: str, at: int, place: Place) -> bytes:
+    """Return the directory of GPS tags that begins at an offset of its TIFF block, with its values behind it."""
+
+    def rationals(*values: float) -> tuple[int, int, bytes]:
+        pairs = [part for value in values for part in (round(value * PARTS), PARTS)]
+        return RATIONAL, len(values), struct.pack(f"{order}{len(pairs)}I", *pairs)
+
+    def text(value: str) -> tuple[int, int, bytes]:
+        return ASCII, len(value) + 1, value.encode() + b"\0"
+
+    def angle(degrees: float) -> tuple[int, int, bytes]:
+        micros = round(abs(degrees) * 3600 * PARTS)  # of a second, so that no part is 60
+        minutes, seconds = divmod(micros, 60 * PARTS)
+        numbers = (minutes // 60, 1, minutes % 60, 1, seconds, PARTS)
+        return RATIONAL, 3, struct.pack(order + "6I", *numbers)
+
+    tags = {
+        0: (BYTE, 4, b"\2\3\0\0"),  # version 2.3
+        1: text("S" if place.lat_deg < 0 else "N"),
+        2: angle(place.lat_deg),
+        3: text("W" if place.lon_deg < 0 else "E"),
+        4: angle(place.lon_deg),
+        18: text("WGS-84"),
+    }
+    if math.isfinite(place.depth_m):
+        tags |= {5: (BYTE, 1, bytes([place.depth_m > 0])), 6: rationals(abs(place.depth_m))}  # 1: below sea level
+    if math.isfinite(place.radius95_m):
+        tags[31] = rationals(place.radius95_m)  # GPSHPositioningError
+    entries, values = list[bytes](), b""
+    behind = at + 2 + 12 * len(tags) + 4
+    for tag, (kind, count, value) in sorted(tags.items()):
+        here = value.ljust(4, b"\0") if len(value) <= 4 else struct.pack(order + "I", behind + len(values))
+        entries.append(struct.pack(order + "HHI", tag, kind, count) + here)
+        values += (value + b"\0" * (len(value) % 2)) if len(value) > 4 else b""
+    return struct.pack(order + "H", len(tags)) + b"".join(entries) + struct.pack(order + "I", 0) + values
+
+
+def sidecar(place: Place) -> str:
+    """Return the place as an XMP sidecar: degrees and minutes, and metres as ratios."""
+
+    def angle(degrees: float, positive: str, negative: str) -> str:
+        whole, minutes = divmod(round(abs(degrees) * 60 * 10**7), 60 * 10**7)
+        return f"{whole},{minutes / 10**7:.7f}{negative if degrees < 0 else positive}"
+
+    tags = {
+        "GPSVersionID": "2.3.0.0",
+        "GPSMapDatum": "WGS-84",
+        "GPSLatitude": angle(place.lat_deg, "N", "S"),
+        "GPSLongitude": angle(place.lon_deg, "E", "W"),
+    }
+    if math.isfinite(place.depth_m):
+        tags |= {
+            "GPSAltitudeRef": str(int(place.depth_m > 0)),
+            "GPSAltitude": f"{round(abs(place.depth_m) * 1000)}/1000",
+        }
+    if math.isfinite(place.radius95_m):
+        tags["GPSHPositioningError"] = f"{round(place.radius95_m * 1000)}/1000"
+    held = "".join(f'\n    exif:{name}="{value}"' for name, value in tags.items())
+    return (
+        '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>\n<x:xmpmeta xmlns:x="adobe:ns:meta/">\n'
+        ' <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">\n'
+        f'  <rdf:Description rdf:about="" xmlns:exif="http://ns.adobe.com/exif/1.0/"{held}/>\n'
+        ' </rdf:RDF>\n</x:xmpmeta>\n<?xpacket end="w"?>\n'
+    )
