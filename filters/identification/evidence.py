@@ -32,6 +32,7 @@ from usbldr.filters.identification.identification import (
     FalseRun,
     Identification,
     NoiseChange,
+    OpenPair,
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
@@ -52,6 +53,7 @@ from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, FixLikeliho
 from usbldr.filters.models.calibration import SENSOR_ERRORS, STATES
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.replay.position_fixes import with_gps_fixes
 from usbldr.filters.types import Mask, Timeline, Vector
 
 LOG_PRIOR_ODDS = -math.log(20)  # of an error that exists against one that does not: strong evidence is required
@@ -68,7 +70,9 @@ WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the star
 LINEARISATIONS = 2  # about the estimates of each subset
 FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 LEVER_OR_LATENCY = frozenset((LEVER, "latency"))
-HEAD_OR_VEHICLE = frozenset((HEAD, "heading")), frozenset((RANGE, "scale"))
+HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
+FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
+OPEN = 0.5  # [-] of its prior sigma: an error of the head so uncertain after the log is not told from the vehicle's
 
 
 class _Choice(NamedTuple):
@@ -76,6 +80,7 @@ class _Choice(NamedTuple):
 
     member: Member
     row: int  # in the subsets
+    named: frozenset[str]  # errors in it for which there is evidence, alone or with those they may be taken for
     subsets: Sequence[frozenset[str]]
     score: Vector  # (N,) of each subset
     found: FixLikelihoods
@@ -166,7 +171,8 @@ def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
 
 
 def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> _Choice:
-    """Return the subset of errors with the largest score, under the noise of the member."""
+    """Return the subset of errors with the largest score, under the noise of the member; aiding GPS has a say."""
+    timeline = with_gps_fixes(timeline, member.parameters)
     subsets = subsets_of(keys_of(timeline))
     members = [member.with_errors(subset, dict(zip(STEPS, member.about, strict=True))) for subset in subsets]
     for _ in range(LINEARISATIONS - 1):
@@ -174,8 +180,12 @@ def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> _Ch
     found = fix_likelihoods(timeline, members)
     score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) + len(subset & far) for subset in subsets])
     score[~_plausible(members, found)] = -np.inf
-    row = _row(score, subsets)
-    return _Choice(_relinearised(members, found)[row], row, subsets, score, found)
+    present, named = _present(score, subsets)
+    row, sd = subsets.index(present), prior_sds(member.parameters)
+    for pair in map(frozenset, HEAD_OR_VEHICLE):
+        (state,) = (name for key in pair & {HEAD, RANGE} for name in KEYS[key])
+        named |= pair if named & pair and pair <= present and found.sd[state][row] > OPEN * sd[state] else named
+    return _Choice(_relinearised(members, found)[row], row, named, subsets, score, found)
 
 
 def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
@@ -185,23 +195,25 @@ def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
     return np.all(within, axis=0)
 
 
-def _row(score: Vector, subsets: Sequence[frozenset[str]]) -> int:
-    """Return the row of the best subset; with both errors of a pair if the log cannot choose between them.
+def _present(score: Vector, subsets: Sequence[frozenset[str]]) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the errors of the best subset with those that are open beside it, and those of them that have evidence.
 
-    At a constant speed v a lever arm of -v tau forward is a latency of tau. Turned or scaled fixes of a head that rests
-    are a turned compass or a scaled DVL; a ship that moves would give evidence against the second of them. Both
-    together have the sigma that the log leaves open; the wrong one alone would be over-confident.
+    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose.
+    No head is mounted without error, so that those of a head are always present; the sigma of a ship's is soon small.
+    Turned or scaled fixes of a head that rests are a turned compass or a scaled DVL: these are present, too, unless the
+    evidence against them is strong, also where the two hide each other: the track depends on their shares.
     """
     best = subsets[int(np.argmax(score))]
-    both = best
+    present = named = best
     if len(best & LEVER_OR_LATENCY) == 1:
         other = subsets.index(best ^ LEVER_OR_LATENCY)
-        both |= LEVER_OR_LATENCY if score.max() - score[other] < -LOG_PRIOR_ODDS else best
-    for pair in HEAD_OR_VEHICLE:
-        if best & pair and pair <= subsets[-1]:
-            log_evidence = score[subsets.index(best | pair)] - score.max() - len(pair - best) * LOG_PRIOR_ODDS
-            both |= pair if log_evidence > -1.0 else best
-    return subsets.index(both)
+        present |= LEVER_OR_LATENCY if score.max() - score[other] < -LOG_PRIOR_ODDS else best
+        named = present
+    for head, vehicle in HEAD_OR_VEHICLE:
+        if head in subsets[-1] and np.isfinite(score[both := subsets.index(best | {head, vehicle})]):
+            gained = score[both] - score[subsets.index((best | {head}) - {vehicle})] - LOG_PRIOR_ODDS
+            present |= {head, vehicle} if gained > LOG_PRIOR_ODDS else {head}
+    return present, named
 
 
 def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Member]:
@@ -244,15 +256,26 @@ def _identification(timeline: Timeline, given: Parameters, stated: Parameters, c
         SensorErrorEvidence(
             key,
             _log_odds(key, choice),
-            key in present,
-            _estimates((key,), found, row) if key in present else (),
-            _effect_m(timeline, choice, key) if key in present else 0.0,
+            key in choice.named,
+            _estimates((key,), found, row) if key in choice.named else (),
+            _effect_m(timeline, choice, key) if key in choice.named else 0.0,
         )
         for key in KEYS
         if key in choice.subsets[-1]
     )
     parameters = replace(parameters, calibrate=kept)
-    return Identification(parameters, evidence, _noise_changes(given, parameters), _explanations(choice))
+    pairs = _open_pairs(timeline, choice, parameters.settled_sd)
+    return Identification(parameters, evidence, _noise_changes(given, parameters), _explanations(choice), pairs)
+
+
+def _open_pairs(timeline: Timeline, choice: _Choice, sd: Mapping[str, float]) -> tuple[OpenPair, ...]:
+    """Return the errors of the head with evidence that the log does not tell from those of the vehicle."""
+    if timeline.fix_away_m is None:
+        return ()
+    away_m = float(np.quantile(np.hypot(*timeline.fix_away_m.T), FARTHEST))
+    known = prior_sds(choice.member.parameters)
+    states = [(pair, state) for pair in HEAD_OR_VEHICLE if choice.named.issuperset(pair) for state in KEYS[pair[0]]]
+    return tuple(OpenPair(*pair, away_m, away_m * sd[s]) for pair, s in states if sd[s] > OPEN * known[s])
 
 
 def _explanations(choice: _Choice) -> tuple[Explanation, ...]:

@@ -36,6 +36,27 @@ class Explanation(NamedTuple):
     estimates: tuple[ErrorEstimate, ...]
 
 
+class OpenPair(NamedTuple):
+    """An error of a USBL head and one of the vehicle's sensors, of which the log shows little but the sum."""
+
+    head: str  # keys of usbl_likelihood.KEYS
+    vehicle: str
+    away_m: float  # distance of the farthest fixes from the head
+    sd_m: float  # 1-sigma that the pair leaves of the track there
+
+    @property
+    def text(self) -> str:
+        """Say what is open, what it costs, and what would decide."""
+        heading = self.head == "usbl-heading"
+        errors = "headings of the USBL head and the compass" if heading else "ranges of the USBL and speeds of the DVL"
+        key = "usbl_heading_sd_deg" if heading else "usbl_range_sd"
+        return (
+            f"of {errors} the log shows little but the difference, which leaves {self.sd_m:.2g} m open at "
+            f"{self.away_m:.0f} m from the head (part of the track's sigma); GPS fixes (--aid), a head that moves, or "
+            f"a survey of a transponder (usbldr calibrate-usbl) decide, or {key} under [calibrate] if the head is known"
+        )
+
+
 class NoiseChange(NamedTuple):
     """A number of the noise that was estimated from the log, see noise_fit.py."""
 
@@ -61,6 +82,7 @@ class Identification:
     noise_changes: tuple[NoiseChange, ...] = ()
     explanations: tuple[Explanation, ...] = ()  # the best, then rivals that the log cannot exclude
 
+    open_pairs: tuple[OpenPair, ...] = ()
     false_runs: tuple[FalseRun, ...] = ()  # whose fixes are the parameters' false_fixes
 
     @property
@@ -76,12 +98,17 @@ class Identification:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return which fixes were left out, and what to check if the fixes contradict dead reckoning."""
-        return self._false_runs_text + tuple(
-            f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} m/√s, "
-            "so that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, and the compass"
-            for one in self.noise_changes
-            if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
+        """Return which fixes were left out, rivals, and what to check if the fixes contradict dead reckoning."""
+        return (
+            *self._false_runs_text,
+            *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
+            *(
+                f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} "
+                "m/√s, so that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, "
+                "and the compass"
+                for one in self.noise_changes
+                if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
+            ),
         )
 
     @property

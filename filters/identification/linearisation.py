@@ -30,6 +30,7 @@ from usbldr.filters.types import Array, Timeline
 Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
 
 LEVER, CLOCK, HEAD, RANGE = "dvl-lever", "dvl-clock", "usbl-heading", "usbl-range"
+STEEP = 1 / 3  # [-] horizontal by vertical distance, below which that derivative is not linear within metres
 CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
@@ -53,6 +54,7 @@ REPORTED: Mapping[str, ReportedQuantity] = {
 BIAS_STATES = STATES["usbl-bias"]
 CURRENT_STATES = STATES["current"]
 OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
+OF_USBL = (*BIAS_STATES, *OFFSET_STATES, *STATES["latency"], *KEYS[HEAD], *KEYS[RANGE])  # which no GPS fix has
 ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
 PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
 STEPS: Mapping[str, float] = {
@@ -102,7 +104,8 @@ def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Po
     states = PASS_STATES
     about = dict(zip(STEPS, point, strict=True))
     line, latency_s = freed(timeline, about), about["usbl_latency"]
-    valid_s = line.fix_time_s[:fixes]
+    gps = np.zeros(len(line.fix_time_s[:fixes]), dtype=np.bool_) if line.fix_is_gps is None else line.fix_is_gps[:fixes]
+    valid_s = np.where(gps, timeline.fix_time_s[:fixes], line.fix_time_s[:fixes])
     late, early = (
         displacement_m(freed(timeline, about | {"dvl_clock": about["dvl_clock"] + step}))
         for step in (CLOCK_STEP_S, -CLOCK_STEP_S)
@@ -117,7 +120,9 @@ def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Po
     yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
     # the position is that of the DVL: what the stated lever arms add to it
     lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
-    reckoned_m = interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * latency_s
+    reckoned_m = (
+        interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * np.where(gps, 0.0, latency_s)[:, None]
+    )
     for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
         for axis, name in enumerate(names):
             H[:, axis, states.index(name)] = 1.0
@@ -130,4 +135,9 @@ def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Po
         away_m = timeline.fix_away_m[:fixes] - residual_m + np.median(residual_m, axis=0)
         H[:, :, states.index("usbl_heading")] = np.column_stack([-away_m[:, 1], away_m[:, 0]])
         H[:, :, states.index("usbl_range")] = away_m
+        if timeline.fix_levelled_by_m is not None:  # of h² = r² - z² the derivative is r² / h
+            z_m2, h_m2 = timeline.fix_levelled_by_m[:fixes] ** 2, np.sum(away_m**2, axis=1)
+            H[:, :, states.index("usbl_range")] *= (1 + z_m2 / np.maximum(h_m2, STEEP**2 * z_m2 + 1e-9))[:, None]
+    for name in OF_USBL:
+        H[gps, :, states.index(name)] = 0.0
     return Linearised(residual_m, H)

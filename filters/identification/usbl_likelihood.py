@@ -178,12 +178,13 @@ def _start(timeline: Timeline, members: Sequence[Member], log: Linearised) -> tu
     if first.start is not None:
         position, sd_m = np.array([first.start.east_m, first.start.north_m]), first.start.sd_m
     else:
-        fixes = starting_fixes(timeline, first)
+        own = np.ones(len(timeline.fix_m), dtype=np.bool_) if timeline.fix_is_gps is None else ~timeline.fix_is_gps
+        fixes = starting_fixes(timeline.with_fixes(own), first)
         time_s = fixes.time_s
         position, sd_m = start_position(timeline, time_s, fixes.position_m)
         carried = start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
         if fixes.sensor == "usbl":  # which an error of their head has moved
-            carried[:, HEAD_ROWS] -= log.measurement_matrix[:5, :, HEAD_ROWS].mean(axis=0)
+            carried[:, HEAD_ROWS] -= log.measurement_matrix[own[: len(log.residual_m)]][:5, :, HEAD_ROWS].mean(axis=0)
     walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)

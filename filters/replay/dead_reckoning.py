@@ -138,7 +138,12 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
     """
     line = replace(timeline, fix_time_s=timeline.fix_time_s - error.get("usbl_latency", 0.0))
     if line.fix_away_m is not None:
-        away_m = rotated(-error.get("usbl_heading", 0.0), line.fix_away_m) / (1 + error.get("usbl_range", 0.0))
+        scale, level_m2 = 1 + error.get("usbl_range", 0.0), np.sum(line.fix_away_m**2, axis=1)
+        shorter = np.full(len(level_m2), 1 / scale)
+        if line.fix_levelled_by_m is not None:  # h² = r² - z²
+            left_m2 = (level_m2 + line.fix_levelled_by_m**2) / scale**2 - line.fix_levelled_by_m**2
+            shorter = np.sqrt(np.maximum(left_m2, 0.0) / np.maximum(level_m2, 1e-12))
+        away_m = rotated(-error.get("usbl_heading", 0.0), line.fix_away_m) * shorter[:, None]
         line = replace(line, fix_m=line.fix_m + away_m - line.fix_away_m, fix_away_m=away_m)
     if clock_s := error.get("dvl_clock", 0.0):
         line = replace(line, dr_mps=interpolate(line, line.dr_mps, line.time_s + clock_s))

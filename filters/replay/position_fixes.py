@@ -6,11 +6,13 @@ both ends included.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, Parameters
 from usbldr.filters.models.states import StateLayout
@@ -60,6 +62,31 @@ def gps_fixes(timeline: Timeline, parameters: Parameters) -> PositionFixes:
     return PositionFixes(
         "gps", rows, t, t, timeline.gps_m[rows], cov_m2, parameters.gps, parameters.gps_lever_m, StateLayout()
     )
+
+
+def with_gps_fixes(timeline: Timeline, parameters: Parameters) -> Timeline:
+    """Return the timeline with the aiding GPS fixes among those of the USBL, as positions of the transponder.
+
+    Their covariance is divided by the factor that the parameters have for those of the USBL.
+    """
+    gps, count = gps_fixes(timeline, parameters), len(timeline.fix_time_s)
+    if not len(gps.time_s):
+        return timeline
+    yaw = np.interp(gps.time_s, timeline.time_s, timeline.dr_yaw_rad)
+    arm_m = rotated(yaw, np.array(gps.lever_m[:2]) - parameters.usbl_lever_m[:2])
+    away_m, depth_m, none = timeline.fix_away_m, timeline.fix_levelled_by_m, np.zeros_like(gps.position_m)
+    time_s = np.append(timeline.fix_time_s, gps.time_s)
+    every = replace(
+        timeline,
+        fix_time_s=time_s,
+        fix_received_s=np.append(timeline.fix_received_s, gps.received_s),
+        fix_m=np.vstack([timeline.fix_m, gps.position_m - arm_m]),
+        fix_cov_m2=np.vstack([timeline.fix_cov_m2, gps.cov_m2 / parameters.usbl_sd_scale**2]),
+        fix_away_m=None if away_m is None else np.vstack([away_m, none]),
+        fix_levelled_by_m=None if depth_m is None else np.append(depth_m, none[:, 0]),
+        fix_is_gps=np.arange(len(time_s)) >= count,
+    )
+    return every.with_fixes(np.argsort(time_s, kind="stable"))
 
 
 def require_gps(timeline: Timeline, windows: Sequence[TimeWindow], source: str) -> None:

@@ -30,13 +30,16 @@ from usbldr.io.conventions.usbl_covariance import (
 )
 from usbldr.io.conventions.usbl_head import UsblReference, rotated_clockwise, usbl_reference
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
+from usbldr.io.conventions.usbl_travel import fix_times, moved_by_head_m
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
-AWAY_COLUMNS = ("away_east_m", "away_north_m")  # optional, of fixes that were measured from there
+# optional, of fixes measured from a head: the line from there, and the depth that made a slant range horizontal
+AWAY_COLUMNS, LEVELLED_COLUMN = ("away_east_m", "away_north_m"), "levelled_by_m"
+OF_HEAD_COLUMNS = (*AWAY_COLUMNS, LEVELLED_COLUMN)
 HEADING_KEY = "heading_topic in head of [usbl]"
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
@@ -62,6 +65,7 @@ class PlacedFixes(NamedTuple):
     findings: list[Finding]
     relative_to_reference: bool = False  # counted from the head or beacon, not from the map
     by_bow: bool = False  # counted from the bow of the head's carrier
+    levelled_by_m: Vector | None = None  # depth that made a slant range a horizontal one; 0: it was not needed
 
 
 def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: FixContext) -> ConvertedTable:
@@ -72,8 +76,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     raw, target, findings = records_of_target(raw, section.target)
     kind, kind_by, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
-    times = times_of(raw, section.time, section.latency_s)
-    end = usbl_reference(section, beside.raws, beside.compass, origin, times.time_ns)
+    when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s))
+    times = when.times
+    end = usbl_reference(section, beside.raws, beside.compass, origin, when.at_head_ns)
     depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
     drop = depth - (end.depth_m if end else 0.0)
     if kind == "latlon":
@@ -82,6 +87,11 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         fixes = _by_range(raw, section, end, drop)
     else:
         fixes = _by_position(raw, section, origin, end, drop)
+    if end is not None and when.asked_ns is not None and when.slant_m is not None:
+        asked = usbl_reference(section, beside.raws, beside.compass, origin, when.asked_ns)
+        gone_m = end.place_m - asked.place_m if asked is not None else np.zeros_like(end.place_m)
+        excess_m = moved_by_head_m(fixes.position_m - end.place_m, when.slant_m, gone_m)
+        fixes = fixes._replace(position_m=fixes.position_m - excess_m)
     findings += [*more, *unused, *fixes.findings, *_unused(raw, section, kind, fixes), *(end.findings if end else ())]
     if (
         kind != "latlon"
@@ -99,7 +109,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out", exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)
-    own, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m)
+    own, sd_chosen = sensor_covariance(
+        section, fixes.stated_m2, line, fixes.vertical_m, fixes.levelled_by_m is not None
+    )
     R = with_variance_floor(
         own + reference_covariance(end, fixes.turned_m) if end is not None and fixes.relative_to_reference else own
     )
@@ -112,7 +124,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     }
     if fixes.relative_to_reference:
         columns |= dict(zip(AWAY_COLUMNS, line.T, strict=True))
-    chosen = [*target, Convention("kind", kind, kind_by), *fixes.conventions]
+    if fixes.levelled_by_m is not None:
+        columns[LEVELLED_COLUMN] = fixes.levelled_by_m
+    chosen = [*target, Convention("kind", kind, kind_by), *when.conventions, *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
     from_geodetic_end = end is not None and end.plane_lat_deg is not None and fixes.relative_to_reference
@@ -253,7 +267,8 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     chosen += [*turn_chosen, *_scaled(section)]
     offset = rotated_clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
     R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
-    return _from_end(end, frame, PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings))
+    made = PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings, levelled_by_m=np.nan_to_num(drop))
+    return _from_end(end, frame, made)
 
 
 def _scaled(section: UsblSection) -> list[Convention]:

@@ -19,18 +19,22 @@ DEFAULT_SD_M, DEFAULT_SD_REL = 1.0, 0.02  # 2 % of the slant range, at least 1 m
 
 
 def sensor_covariance(
-    section: UsblSection, stated_m2: Array, line_m: Array, drop_m: Vector
+    section: UsblSection, stated_m2: Array, line_m: Array, drop_m: Vector, levelled: bool = False
 ) -> tuple[Array, list[Convention]]:
     """Return the covariance of each fix, (n, 2, 2), and who chose it.
 
     ``stated_m2`` (n, 2, 2) is that of the messages, NaN if they state none; ``line_m`` (n, 2) the horizontal line of
-    sight, NaN without a known end, and ``drop_m`` (n,) its vertical part.
+    sight, NaN without a known end, and ``drop_m`` (n,) its vertical part. If slant ranges were ``levelled`` by a depth,
+    h² = r² - z², an error of the range is r / h times as large; below h² = 2 r sigma that derivative says too much.
     """
     count = len(line_m)
     slant = np.sqrt(np.sum(line_m**2, axis=-1) + np.nan_to_num(drop_m) ** 2)
     if section.bearing_sd_deg is not None:
         range_m, rel = section.range_sd_m or 0.0, section.range_sd_rel or 0.0
         along, across = range_m**2 + (rel * slant) ** 2, (np.radians(section.bearing_sd_deg) * slant) ** 2
+        if levelled:
+            level_m2 = np.sum(line_m**2, axis=-1)
+            along *= np.maximum(slant**2 / np.maximum(level_m2, 2 * slant * np.sqrt(along) + 1e-9), 1.0)
         parts = (
             ("range_sd_m", range_m, "m"),
             ("range_sd_rel", 100 * rel, "%"),

@@ -24,7 +24,9 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
     """
     makers = {"scale": _scale, "deviation": _deviation, CLOCK: _clock, LEVER: _lever, HEAD: _head, RANGE: _range}
     makers |= {"latency": _latency} if clock_known else {}
-    findings = [one for key, make in makers.items() if key not in found.contested for one in make(log, found)]
+    undecided = found.contested | {pair.head for pair in found.open_pairs}
+    findings = [one for key, make in makers.items() if key not in undecided for one in make(log, found)]
+    findings += [Finding("RIVAL-EXPLANATIONS", pair.text, topic_of(log, "usbl")) for pair in found.open_pairs]
     if found.contested:
         code = "LEVER-OR-LATENCY" if found.contested <= {LEVER, "latency"} else "RIVAL-EXPLANATIONS"
         texts = "; or ".join(explanation_text(one) for one in found.explanations)

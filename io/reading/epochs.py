@@ -21,7 +21,7 @@ from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.conventions.time_series import unwrap
-from usbldr.io.conventions.usbl import AWAY_COLUMNS
+from usbldr.io.conventions.usbl import AWAY_COLUMNS, LEVELLED_COLUMN
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import BLOCK_RECORDS, blocks
 
@@ -88,6 +88,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         fix_m=fixes[["east_m", "north_m"]].to_numpy(dtype=float),
         fix_cov_m2=fixes[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy(dtype=float).reshape(-1, 2, 2),
         fix_away_m=fixes[list(AWAY_COLUMNS)].to_numpy(dtype=float) if {*AWAY_COLUMNS} <= {*fixes} else None,
+        fix_levelled_by_m=fixes[LEVELLED_COLUMN].to_numpy(dtype=float) if LEVELLED_COLUMN in fixes else None,
         gps_time_s=gps[:, 0],
         gps_m=gps[:, 1:3],
         outages=(

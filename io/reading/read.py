@@ -17,6 +17,7 @@ from usbldr.io.conventions.sanity import (
     truth_underwater_findings,
 )
 from usbldr.io.conventions.time_series import time_series
+from usbldr.io.conventions.usbl import OF_HEAD_COLUMNS
 from usbldr.io.conventions.usbl_head import ship_choices
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import blocks
@@ -168,4 +169,5 @@ def _in_seconds(role: str, table: pd.DataFrame, start_ns: int) -> pd.DataFrame:
         columns[f"{name}_s"] = seconds = np.empty(len(time_ns))
         for rows in blocks(len(seconds)):
             seconds[rows] = (time_ns[rows] - start_ns) / 1e9
-    return pd.DataFrame({name: columns[name] for name in COLUMNS[role]}, copy=False)
+    kept = COLUMNS[role] + tuple(name for name in OF_HEAD_COLUMNS if name in columns)
+    return pd.DataFrame({name: columns[name] for name in kept}, copy=False)

@@ -188,6 +188,9 @@ class UsblSection(Section, frozen=True, kw_only=True):
     mount_pitch_deg: Degrees = 0.0
     level: bool = False
     sound_speed_scale: Annotated[float, Meta(ge=0.5, le=2)] = 1.0
+    stamped_at: Literal["position", "reply"] = "position"
+    sound_speed_mps: SoundSpeed | None = None
+    turnaround_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
     sd_m: SdMetres | Literal["message"] | None = None
     sd_scale: Factor = 1.0
     range_sd_m: SpreadMetres | None = None
@@ -206,6 +209,8 @@ class UsblSection(Section, frozen=True, kw_only=True):
             raise ValueError("state either head (at a known position) or beacon (the head is on the vehicle)")
         if self.beacon is not None and self.relative_to == "map":
             raise ValueError('fixes of a beacon are relative to the vehicle: relative_to cannot be "map"')
+        if self.stamped_at != "reply" and (self.sound_speed_mps is not None or self.turnaround_s):
+            raise ValueError('sound_speed_mps and turnaround_s need stamped_at = "reply"')
         if self.frame == "body" and self.relative_to == "map":
             raise ValueError('frame = "body" is relative to the head: relative_to cannot be "map"')
         polar = [self.range_sd_m, self.range_sd_rel, self.bearing_sd_deg]

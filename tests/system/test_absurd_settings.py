@@ -54,6 +54,7 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "usbl.head.latency_s": f"head = {{ {SHIP}, latency_s = V }}",
     "usbl.head.heading_latency_s": f"head = {{ {SHIP}, heading_latency_s = V }}",
     "usbl.sound_speed_scale": FIXED,
+    **dict.fromkeys(("usbl.sound_speed_mps", "usbl.turnaround_s"), f"stamped_at = 'reply'\n{FIXED}"),
     "usbl.target": "",
     "usbl.range_sd_m": f"bearing_sd_deg = 1.0\n{FIXED}",
     "usbl.range_sd_rel": f"bearing_sd_deg = 1.0\n{FIXED}",

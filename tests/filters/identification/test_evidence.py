@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.evidence import _Choice, _explanations, _row, identify, subsets_of
+from usbldr.filters.identification.evidence import _Choice, _explanations, _present, identify, subsets_of
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
@@ -115,12 +115,12 @@ def test_a_late_clock_of_the_dvl_is_found_as_a_number_of_the_run() -> None:
 
 def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None:
     score = np.full(len(SUBSETS), -50.0)
-    one, other, both = (SUBSETS.index(frozenset(keys)) for keys in ([LEVER], ["latency"], [LEVER, "latency"]))
+    one, other = (SUBSETS.index(frozenset([key])) for key in (LEVER, "latency"))
     score[one], score[other] = 0.0, -2.9
 
-    assert _row(score, SUBSETS) == both
+    assert _present(score, SUBSETS)[0] == {LEVER, "latency"}
     score[other] = -3.1  # log 20 is 2.996
-    assert _row(score, SUBSETS) == one
+    assert _present(score, SUBSETS)[0] == {LEVER}
 
 
 def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
@@ -176,7 +176,7 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     ):
         score[SUBSETS.index(frozenset(keys))] = value
     rows = {name: np.arange(len(SUBSETS), dtype=float) for name in REPORTED}
-    choice = _Choice(Member(ASSUMED, frozenset()), 0, SUBSETS, score, FixLikelihoods(score, rows, rows))
+    choice = _Choice(Member(ASSUMED, frozenset()), 0, frozenset(), SUBSETS, score, FixLikelihoods(score, rows, rows))
 
     best, rival = _explanations(choice)
 

@@ -60,14 +60,56 @@ def test_a_head_that_rests_leaves_head_and_vehicle_open_and_the_covariance_says_
 ) -> None:
     line = measured(QUAY, heading_deg, scale)
 
-    found = identify(line, ASSUMED).parameters
+    identified = identify(line, ASSUMED)
 
+    found = identified.parameters
     track = run("adf", line, found)
-    assert set(found.settled_sd) == {"usbl_heading" if heading_deg else "usbl_range"}
+    (pair,) = identified.open_pairs
+    assert (pair.head, pair.vehicle) == (("usbl-heading", "heading") if heading_deg else ("usbl-range", "scale"))
+    assert 0.9 < pair.sd_m / (pair.away_m * (np.radians(1.0) if heading_deg else 0.01)) < 1.0
+    assert pair.text in "".join(identified.warnings)
     e = track.position_m - CLEAN.position_m
     assert track.position_cov_m2 is not None
     nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
     assert 0.05 < nees.mean() < 6.0  # an error of one prior sigma
+
+
+def test_slant_ranges_and_depths_show_the_range_error_of_a_head_that_rests() -> None:
+    """A range that is too long moves a fix by r² / h: most above the vehicle, where a DVL's scale does least."""
+    deep_m, above = 80.0, np.tile([0.0, 5.0], (len(T), 1))
+    away_m = DIVE.fix_m - above
+    level_m = np.hypot(*away_m.T)
+    longer = np.sqrt(1.01**2 * (level_m**2 + deep_m**2) - deep_m**2) / level_m
+    away_m = away_m * longer[:, None]
+    line = replace(DIVE, fix_m=above + away_m, fix_away_m=away_m, fix_levelled_by_m=np.full(len(T), deep_m)).with_fixes(
+        level_m > deep_m / 2
+    )
+
+    found = identify(line, ASSUMED)
+
+    estimate = found.estimates["usbl_range_scale"]
+    assert abs(estimate.value - 0.01) < 3 * estimate.sd < 0.01  # by positions alone the sigma is its prior, 0.01
+    assert "dvl_scale" not in found.estimates
+
+
+def test_gps_at_the_end_tells_the_head_from_the_compass() -> None:
+    """A compass and a head that are wrong alike hide each other from the fixes alone."""
+    faulty = weaving_dive(Faults(heading_bias_deg=1.0))
+    gps_s, sd_m = DIVE.fix_time_s[-30:], 0.1
+    noise_m = sd_m * np.random.default_rng(1).standard_normal((30, 2))
+    line = replace(
+        measured(QUAY, 1.0, line=faulty),
+        gps_time_s=gps_s,
+        gps_m=np.column_stack([np.interp(gps_s, CLEAN.time_s, x) for x in CLEAN.position_m.T]) + noise_m,
+        gps_sd_m=np.full(30, sd_m),
+    )
+
+    alone = identify(line, ASSUMED).parameters
+    aided = identify(line, replace(ASSUMED, aid=((float(gps_s[0]), float(gps_s[-1])),))).parameters
+
+    assert abs(np.degrees(alone.settled["usbl_heading"])) < 0.2 < 0.9 < np.degrees(alone.settled_sd["usbl_heading"])
+    sd_deg = np.degrees(aided.settled_sd["usbl_heading"])
+    assert abs(np.degrees(aided.settled["usbl_heading"]) + 1.0) < 3 * sd_deg < 1.0
 
 
 def test_what_is_settled_is_taken_off_the_fixes_exactly() -> None:

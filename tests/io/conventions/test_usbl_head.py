@@ -10,7 +10,9 @@ import pytest
 from logs import MAP, codes, covariance, logged, logged_csv, places
 from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.io.provenance import Convention
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request
 from usbldr.io.reading.survey import survey
 
@@ -234,6 +236,49 @@ def test_a_slower_sound_shortens_ranges_before_the_depth_is_taken_off(tmp_path: 
     )
 
     assert places(log)[0] == pytest.approx([76.8, 0])
+
+
+def test_a_range_that_is_too_long_is_the_same_error_before_and_after_the_depth_is_taken_off(tmp_path: Path) -> None:
+    log = logged_csv(
+        tmp_path,
+        "[usbl]\nhead = { east_m = 10.0, north_m = 0.0 }",
+        usbl="time_ns,slant_range_m,bearing_deg\n0,100,90\n1000000000,100,90",
+        depth="time_ns,depth_m\n0,57.6\n2000000000,57.6",
+        compass="time_ns,heading_deg\n0,60\n2000000000,60",
+        dvl="time_ns,starboard_mps,forward_mps\n0,0,1\n2000000000,0,1",
+    )
+
+    line = timeline(log)
+
+    assert line.fix_away_m is not None
+    assert line.fix_away_m[0] == pytest.approx([(100**2 - 57.6**2) ** 0.5, 0])
+    assert freed(line, {"usbl_range": 1 / 0.96 - 1}).fix_m[0] == pytest.approx([10 + 76.8, 0])
+
+
+@pytest.mark.parametrize("turnaround_s", [0.0, 0.5])
+def test_a_reply_is_of_where_the_vehicle_was_and_its_range_of_both_ways(tmp_path: Path, turnaround_s: float) -> None:
+    """A ship sails east at 5 m/s past a vehicle at rest, 900 m away; sound does 1500 m/s there and back."""
+    vehicle, hears_s = np.array([700.0, 800.0]), 4.0
+    heard_m = np.array([5 * hears_s, 0.0])
+    back_m = float(np.hypot(*(vehicle - heard_m)))
+
+    def asked_m(way_m: float) -> float:
+        sent_m = heard_m - [5 * ((way_m + back_m) / 1500 + turnaround_s), 0]
+        return float(np.hypot(*(vehicle - sent_m)))
+
+    out_m = back_m
+    for _ in range(20):
+        out_m = asked_m(out_m)
+    measured_m = (vehicle - heard_m) * (out_m + back_m) / 2 / back_m
+    rows = [ship(T0 + k * SECOND, 5.0 * k, 0.0) for k in range(8)]
+    rows.append(point(T0 + round(hears_s * SECOND), *measured_m.tolist()))
+    stated = f'stamped_at = "reply"\nturnaround_s = {turnaround_s}\nhead = {{ topic = "/ship/fix" }}'
+
+    log = logged(tmp_path, rows, f"{MAP}[usbl]\n{stated}")
+
+    assert places(log)[0] == pytest.approx(vehicle, abs=0.03)  # the line of sight turns by 0.5 degrees
+    time_s = (log.start_ns - T0) / 1e9 + log.tables["usbl"]["time_s"][0]
+    assert time_s == pytest.approx(hears_s - back_m / 1500, abs=0.005)
 
 
 def test_offsets_scale_with_the_speed_of_sound_and_places_do_not(tmp_path: Path) -> None:
