@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 )
 @worker_options
 @run_options
+@click.option("--fixes", is_flag=True, help="Of run directories: how good the fixes of each dive were, without truth.")
 @click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
 @folder_option("Folder for tables, figures and finished runs.")
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
@@ -59,6 +60,7 @@ def compare(
     seeds: int,
     workers: WorkerChoices,
     choices: RunChoices,
+    fixes: bool,
     bound: bool,
     output: Path | None,
     force: bool,
@@ -82,6 +84,11 @@ def compare(
 
     refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
+    if fixes:
+        _print_fixes(
+            logs, {"--filters": filters is not None, "--bound": bound, "--output": output is not None}, json_to
+        )
+        return 0
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
         rows = _finished(logs, {"--filters": filters is not None, "--bound": bound})
@@ -107,6 +114,24 @@ def compare(
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
     return max([*codes, LogError.exit_code if lost else 0])
+
+
+def _print_fixes(folders: Sequence[str], asked: dict[str, bool], json_to: str | None) -> None:
+    """Print a row for each run directory, and which got worse."""
+    from usbldr_cli.runs.finished_runs import is_run
+    from usbldr_cli.tables.fleet_table import fleet_table, read_dives, worse
+    from usbldr_cli.tables.run_table import aligned
+
+    if other := next((folder for folder in folders if not is_run(Path(folder))), None):
+        raise UsageError(f"--fixes compares run directories, and {other} is none: run usbldr replay {other} -o FOLDER")
+    if given := next((option for option, is_given in asked.items() if is_given), None):
+        raise UsageError(f"--fixes reads finished runs: leave {given} out (--json FILE keeps the numbers)")
+    dives = read_dives([Path(folder) for folder in folders])
+    if json_to is not None:
+        write_json(json_to, {"dives": [dive._asdict() for dive in dives], "worse": worse(dives)})
+    if json_to != "-":
+        click.echo(aligned(fleet_table(dives)))
+        click.echo("\n" + ("\n".join(worse(dives)) or "no dive has notably more noise than the others"))
 
 
 def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[ComparisonRow]":
