@@ -32,6 +32,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "CONVENTION-UNOBSERVABLE": "info",
     "HEADING-CHECKED": "info",
     "USBL-DELAYED": "info",
+    "USBL-VERTICAL": "info",
     "USBL-NOISE": "info",
     "REPEATED": "info",
     "USBL-REPEATED": "info",

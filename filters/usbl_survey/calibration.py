@@ -181,14 +181,14 @@ def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Ins
     curvature = np.einsum("k,nki,nkj->ij", mean_slope[KINDS], G, G) + prior
     bread = _inverse(curvature)
     scores = np.einsum("nk,nki->ni", pull, G)
-    cov = bread @ (_long_run(scores) + prior) @ bread
+    cov = bread @ (long_run(scores) + prior) @ bread
     good: Mask = np.all(np.abs(z) < FALSE_SIGMAS, axis=1) & np.all(there[:, :2], axis=1)
     values = fit.values.copy()
     values[HEADING] = wrapped(float(values[HEADING]), 180.0)
     return Installation(values, cov, known.sd, fit.range_sd_m, fit.angle_sd_rad, good)
 
 
-def _long_run(scores: Array) -> Array:
+def long_run(scores: Array) -> Array:
     """Return the covariance of the sum of correlated scores (n, d), by Bartlett's window (Newey and West)."""
     n = len(scores)
     lags = int(4 * (n / 100) ** (2 / 9))

@@ -15,6 +15,7 @@ from usbldr.filters.types import Timeline, Vector
 from usbldr.io.conventions.dvl_depth import dvl
 from usbldr.io.conventions.positions import depths_of, underwater_text
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check
+from usbldr.io.doctor.fix_vertical import vertical_findings
 from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
 from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -91,7 +92,7 @@ def examine_log(log: Log) -> Examination:
 def _examine_tables(
     log: Log, found: list[Finding], sources: Sequence[HandednessEvidence], alternatives: Mapping[str, Sequence[str]]
 ) -> Examination:
-    found = [*found, *_under_water(log)]
+    found = [*found, *_under_water(log), *vertical_findings(log)]
     said = {(one.code, one.topic) for one in found}
     found += [one for one in log.findings if (one.code, one.topic) not in said]
     for role in REQUIRED_SENSORS:
