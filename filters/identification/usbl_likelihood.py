@@ -122,6 +122,9 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     after = np.zeros((2, len(PASS_STATES), N))
     after[0, rows] = bank.mean
     after[1, rows] = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
+    heading, scale = HEAD_ROWS  # the pass found one factor, (1 + scale) exp(i heading), by its real and imaginary part
+    factor = 1 + after[0, scale] + 1j * after[0, heading]
+    after[0, heading], after[0, scale] = np.angle(factor), np.abs(factor) - 1
     return FixLikelihoods(total, *(dict(zip(PASS_STATES, each, strict=True)) for each in after))
 
 
