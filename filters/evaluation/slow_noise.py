@@ -17,7 +17,7 @@ CONSTANTS = 8  # of time, tried from SHORTEST to LONGEST
 SHORTEST = 3.0  # [1] median intervals: a faster process is white to these fixes
 LONGEST = 0.5  # [1] of the span: a slower one is a shape that was projected out, an offset or a drift
 MOST = 3000  # of a series, from its beginning: half a second of computing, and an hour or more of fixes
-STEP = 0.22 / np.sqrt(12)  # [1] of a sigma: what the steps between RATIOS leave of the slow one
+STEP = 0.0635  # of a sigma: what the steps between RATIOS leave of the slow one
 SINGULAR = 1e-6  # of the largest singular value of the shapes: below it two of them are the same
 
 
