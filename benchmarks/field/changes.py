@@ -96,7 +96,7 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     stated_usbl = {"evidence.estimate_usbl_noise": lambda line, member, given: member.parameters}
     yield "noise not estimated from the log", Change(constants=stated_dvl | stated_usbl)
     yield "DVL noise not estimated", Change(constants=stated_dvl)
-    yield "all errors estimated", Change(constants={"evidence._row": lambda _, subsets: len(subsets) - 1})
+    yield "all errors estimated", Change(constants={"evidence._present": lambda _, subsets: (subsets[-1], subsets[-1])})
     yield "without guard", Change(options={"guard": False})
     yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
     yield "start at the median fix", Change(before=_plain_start)

@@ -34,7 +34,7 @@ TIMES = [T0 + k * SECOND for k in range(COUNT)]
 def dive(folder: Path) -> Path:
     return write_csv(
         folder,
-        dvl="time_ns,forward_mps,starboard_mps\n" + "\n".join(f"{t},{t % 977 / 7},0.5" for t in TIMES),
+        dvl="time_ns,forward_mps,starboard_mps\n" + "\n".join(f"{t},{t % 977 / 700},0.5" for t in TIMES),
         nav__compass="time_ns,heading_deg\n" + "\n".join(f"{t},{t % 359}" for t in TIMES),
         gps="time_ns,lat_deg,lon_deg\n" + "\n".join(f"{t},45.0,{t % 89 / 7}" for t in TIMES),
     )
