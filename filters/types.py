@@ -181,6 +181,7 @@ class Trajectory:
     reacquisitions: tuple[Reacquisition, ...] = ()
     recoveries: tuple[OutageRecovery, ...] = ()
     smoothed: bool = False  # each epoch is estimated from the whole dive
+    matched_noise: bool = False  # every fix had the covariance of the whole noise mixture
 
     @property
     def label(self) -> str:

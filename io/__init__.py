@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from usbldr.io.messages.layouts import MessageLayout
     from usbldr.io.provenance import Convention, Provenance
     from usbldr.io.reader import Reader, Records, TopicInfo
+    from usbldr.io.reading.epochs import timeline
     from usbldr.io.reading.opening import Request
     from usbldr.io.reports.python_runs import to_frame, write_run
-    from usbldr.io.reports.report_json import ScoredTrack
+    from usbldr.io.reports.run import ScoredTrack
     from usbldr.io.session import RunSettings, bound, evaluate, open_log, reference_tracks, replay, resolve, score
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "replay",
     "resolve",
     "score",
+    "timeline",
     "to_frame",
     "write_run",
 ]
@@ -49,11 +51,12 @@ _HOMES = {
     "geodesy": ("Origin",),
     "log": ("Log",),
     "messages.layouts": ("MessageLayout",),
-    "reading.opening": ("Request",),
     "provenance": ("Convention", "Provenance"),
+    "reading.epochs": ("timeline",),
+    "reading.opening": ("Request",),
     "reader": ("Reader", "Records", "TopicInfo"),
     "reports.python_runs": ("to_frame", "write_run"),
-    "reports.report_json": ("ScoredTrack",),
+    "reports.run": ("ScoredTrack",),
     "session": ("RunSettings", "bound", "evaluate", "open_log", "reference_tracks", "replay", "resolve", "score"),
 }
 __getattr__ = lazy_exports(__name__, _HOMES)

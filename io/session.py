@@ -43,7 +43,7 @@ from usbldr.io.reading.opening import DEFAULT_REQUEST, Request, open_configured
 from usbldr.io.reading.read import read, require
 from usbldr.io.reading.remote import is_url
 from usbldr.io.reports.estimate_text import evidence_text, noise_changes_text
-from usbldr.io.reports.report_json import ScoredTrack
+from usbldr.io.reports.run import ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.stages import say, stage

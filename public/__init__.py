@@ -4,7 +4,6 @@ Every name of ``__all__`` is described in docs/api.md, with types, units and fra
 each name is imported when it is first used.
 """
 
-import importlib
 from typing import TYPE_CHECKING
 
 from usbldr import filters, io
@@ -12,17 +11,14 @@ from usbldr import filters, io
 if TYPE_CHECKING:
     from usbldr.filters import *  # noqa: F403
     from usbldr.io import *  # noqa: F403
-    from usbldr.io.reading.epochs import timeline
 
 __version__ = "0.3.0"
-__all__ = ["__version__", "timeline"]
+__all__ = ["__version__"]
 __all__ += filters.__all__
 __all__ += io.__all__
 
 
 def __getattr__(name: str) -> object:
-    if name == "timeline":  # a module of io has this name, so io cannot export it
-        return importlib.import_module("usbldr.io.reading.epochs").timeline
     for package in (filters, io):
         if name in package.__all__:
             return getattr(package, name)

@@ -5,9 +5,13 @@ import signal
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import usbldr_cli.figures.run_figures
 from checkout import ROOT
+
+settings.register_profile("usbldr", deadline=None)  # time decides no test
+settings.load_profile("usbldr")
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -75,7 +75,7 @@ def evaluate(
     from usbldr.io.reading.estimate import read_estimate
     from usbldr.io.reading.inputs import InputFile
     from usbldr.io.reading.opening import ConfigurationFile
-    from usbldr.io.reports.report_json import Run, ScoredTrack
+    from usbldr.io.reports.run import Run, ScoredTrack
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.reports.run_provenance import RunProvenance, read_files
     from usbldr.io.session import evaluate as score

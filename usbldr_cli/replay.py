@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
     from usbldr.io.findings import Finding
     from usbldr.io.log import Log
-    from usbldr.io.reports.report_json import Run
+    from usbldr.io.reports.run import Run
 
 
 @click.command(cls=GroupedCommand)

@@ -12,7 +12,7 @@ from usbldr_cli.options.output_files import write_json
 from usbldr_cli.options.run_outputs import RunOutputs
 
 if TYPE_CHECKING:
-    from usbldr.io.reports.report_json import Run
+    from usbldr.io.reports.run import Run
 
 
 @stage("write the results")

@@ -16,7 +16,7 @@ from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import Vector
-from usbldr.io.reports.report_json import Run, ScoredTrack
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.session import replay
 from usbldr_cli.figures import overlay
 from usbldr_cli.figures.calibration import calibration_figure

@@ -171,7 +171,7 @@ def _moved(track: Trajectory, time_s: Vector) -> Array | None:
 
 def _at(time_s: Vector, known_s: Vector, values: Array) -> Array:
     """Return columns (k, m) of known times at others, (n, m)."""
-    return np.column_stack([np.interp(time_s, known_s, column) for column in values.T])
+    return np.column_stack([np.interp(time_s, known_s, values[:, k]) for k in range(values.shape[1])])
 
 
 def _noise(time_s: Vector, position_m: Array, moved_m: Array, used: Mask, axis: Array) -> SlowNoise | None:

@@ -47,6 +47,7 @@ class Method:
     smoother_transform: MomentTransform | None = None  # by which a smoother goes back; None: too far from a Gaussian
     draws: bool = False  # it has particles, and its track depends on the seed
     takes_gate: bool = False
+    matched_noise: bool = False  # without a gate its measurements have the covariance of the whole mixture
     multiple_hypotheses: bool = False  # a MultiHypothesisFilter may run around it
     multiple_hypotheses_by_default: bool = False
     estimates: frozenset[str] = frozenset(STATES)  # the keys of calibration.STATES that it can estimate
@@ -94,6 +95,7 @@ METHODS: dict[str, Method] = {
             _kalman(linearised),
             smoother_transform=linearised,
             takes_gate=True,
+            matched_noise=True,
             multiple_hypotheses=True,
             colour="#d55e00",
         ),
@@ -103,6 +105,7 @@ METHODS: dict[str, Method] = {
             _kalman(cubature),
             smoother_transform=cubature,
             takes_gate=True,
+            matched_noise=True,
             multiple_hypotheses=True,
             colour="#882255",
         ),
@@ -112,6 +115,7 @@ METHODS: dict[str, Method] = {
             _kalman(unscented),
             smoother_transform=unscented,
             takes_gate=True,
+            matched_noise=True,
             multiple_hypotheses=True,
             colour="#cc79a7",
         ),
@@ -129,6 +133,7 @@ METHODS: dict[str, Method] = {
             "fading-memory ukf: covariance inflated while fixes disagree",
             _adaptive(unscented, adaptive.FadingFactor()),
             smoother_transform=unscented,
+            matched_noise=True,
             colour="#aa4499",
         ),
         Method(
@@ -136,6 +141,7 @@ METHODS: dict[str, Method] = {
             "ekf that matches its predicted covariance to its innovations",
             _adaptive(linearised, adaptive.CovarianceMatching()),
             smoother_transform=linearised,
+            matched_noise=True,
             colour="#661100",
         ),
         Method(

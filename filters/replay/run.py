@@ -129,6 +129,7 @@ def _run(
         reacquisitions,
         recoveries,
         settings.smooth,
+        method.matched_noise and settings.gate is None,
     )
     texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track))
     return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))

@@ -13,7 +13,8 @@ from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.attitude import YAW, vertical, with_yaw, without_direction
-from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin

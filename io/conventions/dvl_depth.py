@@ -3,17 +3,16 @@
 An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from usbldr.filters.errors import SettingError
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
-from usbldr.io.conventions.timestamps import Times, times_of
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.messages.dvl import (
     FAST_SHARE,
@@ -36,74 +35,8 @@ SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
 IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong
 ESTIMATED = "estimated from the records"  # by the timeline
-ANY_COLUMNS = "docs/configuration.md#any-columns-any-message"
 OWN_COLUMNS_BY_NAME = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
 MAX_DEPTH_M = 12_000.0  # no sea is deeper
-
-
-@dataclass(frozen=True, slots=True)
-class ConvertedTable:
-    """A sensor's table in the making: the canonical columns, with times.TIMES in place of time_s and received_s."""
-
-    table: pd.DataFrame  # in order of arrival
-    conventions: tuple[Convention, ...]
-    findings: tuple[Finding, ...]
-    geodetic: bool = False  # its positions are known by latitude and longitude
-    attitude: "ConvertedTable | None" = None  # of a compass that knows it: fewer records, with compass.VERTICAL
-
-
-def chosen_convention(
-    raw: RawRecords, key: str, value: str | None, default: str
-) -> tuple[str, ChosenBy, list[Finding]]:
-    """Return a key's value, who chose it, and a finding if the log contradicts the configuration."""
-    if key in raw.layout.fixed:
-        fixed = raw.layout.fixed[key]
-        if value in (None, fixed):
-            return fixed, "column names", []
-        text = f'{key} = "{value}" of the configuration is not used; its columns are {fixed}'
-        text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
-        return fixed, "column names", [raw.finding("KEY-UNUSED", text)]
-    if value is not None:
-        return value, "configuration", []
-    if key in raw.layout.defaults:
-        return raw.layout.defaults[key], "type", []
-    return default, "default", []
-
-
-def converted_table(
-    raw: RawRecords,
-    times: Times,
-    columns: Mapping[str, Vector | Mask],
-    chosen: Sequence[Convention],
-    findings: Sequence[Finding],
-) -> ConvertedTable:
-    """Put times and columns into one table, times' conventions last."""
-    table = pd.DataFrame(times.columns() | dict(columns), copy=False)
-    return ConvertedTable(table, (*chosen, *times.conventions), (*findings, *times.findings))
-
-
-def valid_mask(
-    raw: RawRecords, causes: Mapping[str, Mask], sensor: str, treatment: str, advice: str = ""
-) -> tuple[Mask, list[Finding]]:
-    """Return which records (n,) are good, and a finding that counts the others by their first cause.
-
-    Raises LogError if none is good, ending in the advice.
-    """
-    error = raw.number("error")
-    flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": (error > 0) | (error < 0)}
-    good = np.ones(len(raw.received_ns), dtype=np.bool_)
-    counts: dict[str, int] = {}
-    for cause, mask in {**flags, **causes}.items():
-        counts[cause] = int(np.sum(mask & good))
-        good = good & ~mask
-    bad = int(np.sum(~good))
-    if not bad:
-        return good, []
-    parts = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
-    if bad == len(good):
-        raise raw.fault(f"all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}")
-    text = f"{bad} of {len(good)} records are invalid and {treatment} ({parts})"
-    return good, [raw.finding(f"{sensor.upper()}-INVALID", text)]
 
 
 def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:

@@ -10,7 +10,8 @@ import pandas as pd
 from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.decoding.nmea_kinds import ESTIMATED_QUALITIES, in_hemisphere
 from usbldr.io.geodesy import Origin, to_geodetic, to_plane

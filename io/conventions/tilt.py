@@ -13,7 +13,7 @@ from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.compass import VERTICAL
-from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.usbl_head import rotated_clockwise
 from usbldr.io.provenance import ChosenBy, Convention

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usbldr.filters.types import Array, Indices, Vector
-from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.messages.layouts import blocks
 from usbldr.io.reader import Nanoseconds

@@ -17,7 +17,8 @@ from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.attitude import along_level_axes
-from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, converted_table, keep_valid, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.positions import exchanged_advice, off_plane_causes, on_plane
 from usbldr.io.conventions.time_series import TimeSeries

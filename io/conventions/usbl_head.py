@@ -16,7 +16,7 @@ from usbldr.io.conventions import positions
 from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.compass import OF_HEAD, VERTICAL
 from usbldr.io.conventions.compass import compass as compass_records
-from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.findings import Finding

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask
 from usbldr.io.conventions.clock_shift import least_delay_ns
-from usbldr.io.conventions.dvl_depth import chosen_convention
+from usbldr.io.conventions.converted import chosen_convention
 from usbldr.io.conventions.positions import place_causes
 from usbldr.io.conventions.repeats import copied_fixes
 from usbldr.io.findings import Finding

@@ -11,7 +11,7 @@ import pandas as pd
 from usbldr.filters.errors import LogError, SettingError, UsageError, did_you_mean
 from usbldr.filters.types import Mask, Trajectory, Vector
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.dvl_depth import chosen_convention
+from usbldr.io.conventions.converted import chosen_convention
 from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_truth_file, read_truth_file

@@ -10,7 +10,7 @@ import pandas as pd
 from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass
 from usbldr.io.conventions.attitude import roll_and_pitch_deg
-from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.conventions.sanity import (
     position_findings,

@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.conventions import compass, dvl_depth, positions, tilt
 from usbldr.io.conventions.clock_parts import in_time_order
 from usbldr.io.conventions.clock_shift import align_clocks
-from usbldr.io.conventions.dvl_depth import ConvertedTable
+from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.sanity import covariance_findings
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.timestamps import sorted_by_time

@@ -14,7 +14,7 @@ from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.clock_parts import in_time_order
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.compass import OF_HEAD, VERTICAL, compass
-from usbldr.io.conventions.dvl_depth import ConvertedTable, chosen_convention, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, valid_mask
 from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.time_series import TimeSeries, time_series
 from usbldr.io.conventions.timestamps import times_of

@@ -8,7 +8,8 @@ from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.io.log import Log
-from usbldr.io.reports.report_json import Run, ScoredTrack, errors_table, fixes_table, write_json, write_tables
+from usbldr.io.reports.report_json import errors_table, fixes_table, write_json, write_tables
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.reports.run_directory import run_directory
 from usbldr.io.reports.run_page import write_markdown
 from usbldr.io.reports.tracks import track_table

@@ -18,7 +18,7 @@ from usbldr.filters.types import OutageRecovery
 from usbldr.filters.windows import TimeWindow, windows_text
 from usbldr.io.geodesy import OriginKind
 from usbldr.io.reports.estimate_text import error_text, evidence_text, fixed_errors_text, noise_changes_text
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
 

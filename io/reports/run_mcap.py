@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import known_types
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 from usbldr.io.reports.run_messages import run_topics
 from usbldr.io.writers.ros_messages import Makers
 

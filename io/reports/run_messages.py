@@ -14,7 +14,8 @@ from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.types import Array, Vector
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.reports.estimate_text import in_unit, with_sigma
-from usbldr.io.reports.report_json import Run, fixes_table
+from usbldr.io.reports.report_json import fixes_table
+from usbldr.io.reports.run import Run
 from usbldr.io.reports.tracks import a_point_a_second
 from usbldr.io.writers.ros_messages import POSE, Makers, RosMessage, nanoseconds
 

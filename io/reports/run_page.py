@@ -16,7 +16,6 @@ from usbldr.io.reader import utc
 from usbldr.io.reports.estimate_text import in_unit, with_sigma
 from usbldr.io.reports.markdown_report import markdown
 from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Picture, Plot, Section
-from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import (
     INFLUENCE,
     LEAVE_ONE_OUT_NOTE,
@@ -32,6 +31,7 @@ from usbldr.io.reports.report_text import (
     order_text,
     relative_table,
 )
+from usbldr.io.reports.run import Run
 from usbldr.io.reports.run_provenance import RunProvenance, machine, made_by
 
 

@@ -229,6 +229,7 @@ def test_a_footprint_is_where_the_corners_of_the_view_meet_the_bottom():
     assert high == pytest.approx(6.0 - turn.apply([2.0, 0.0, 1.0])[2])
     text = found.footprint[0].removeprefix("POLYGON ((").removesuffix("))")
     lon, lat = np.array([place.split() for place in text.split(", ")], dtype=float).T
+    assert level.origin is not None
     east, north = to_plane(level.origin, lat, lon)
     across, along = np.tan(np.radians([30.0, 20.0]))
     for corner, (s, f) in enumerate([(-1, -1), (1, -1), (1, 1), (-1, 1)]):

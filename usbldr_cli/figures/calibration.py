@@ -9,7 +9,7 @@ import numpy as np
 
 from usbldr.filters.models.calibration import EstimatedError, assumed_sd, estimated_errors
 from usbldr.io.reports.estimate_text import error_text, in_unit
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 from usbldr_cli.figures.style import (
     TRUTH_COLOUR,
     Axes,

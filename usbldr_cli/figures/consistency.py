@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 
 from usbldr.filters.evaluation.consistency import DOF, nees
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 from usbldr_cli.figures.health import BINS, bin_means, mean_bounds
 from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses, usual_box
 from usbldr_cli.figures.style import (

@@ -6,7 +6,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.relative_error import distance_m
 from usbldr.filters.types import Vector
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 from usbldr_cli.figures.style import (
     EDGE,
     TRUTH_COLOUR,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from usbldr.filters.types import Array, Vector
-from usbldr.io.reports.report_json import Run, fix_outcomes
+from usbldr.io.reports.run import Run, fix_outcomes
 from usbldr_cli.figures.style import (
     EDGE,
     REJECTED_COLOUR,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Vector
 from usbldr.filters.updates import Parts, UpdateTable
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 from usbldr_cli.figures.style import (
     REJECTED_COLOUR,
     TRUTH_COLOUR,

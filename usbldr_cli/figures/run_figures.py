@@ -10,7 +10,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Vector
-from usbldr.io.reports.report_json import Run
+from usbldr.io.reports.run import Run
 from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure

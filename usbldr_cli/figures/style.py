@@ -23,8 +23,8 @@ from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Mask, Vector
-from usbldr.io.reports.report_json import Run, ScoredTrack
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
+from usbldr.io.reports.run import Run, ScoredTrack
 
 Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
 Figure: TypeAlias = Any

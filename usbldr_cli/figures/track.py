@@ -6,7 +6,8 @@ import numpy as np
 
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Array, Mask, Vector
-from usbldr.io.reports.report_json import Run, ScoredTrack, fix_outcomes, fixes_table
+from usbldr.io.reports.report_json import fixes_table
+from usbldr.io.reports.run import Run, ScoredTrack, fix_outcomes
 from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.plane import (
     EAST_NORTH,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from usbldr.filters.types import Timeline
     from usbldr.io.log import Log
     from usbldr.io.reading.opening import Request
-    from usbldr.io.reports.report_json import Run, ScoredTrack
+    from usbldr.io.reports.run import Run, ScoredTrack
     from usbldr.io.session import RunSettings
 
 
@@ -88,7 +88,7 @@ def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> Prepare
 def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
     """Compute and score the track, its reference tracks, and what else the user asked for."""
     from usbldr.io.reading.opening import ConfigurationFile
-    from usbldr.io.reports.report_json import Run
+    from usbldr.io.reports.run import Run
     from usbldr.io.reports.run_provenance import RunProvenance, read_files
     from usbldr.io.session import reference_tracks
 

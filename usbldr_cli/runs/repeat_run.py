@@ -20,7 +20,7 @@ from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.one_run import RunPlan
 
 if TYPE_CHECKING:
-    from usbldr.io.reports.report_json import Run
+    from usbldr.io.reports.run import Run
 
 Json: TypeAlias = Any
 ROUNDING = 1e-9  # of a value: the kernel and NumPy agree within it, see tests/filters/estimators/test_compiled.py

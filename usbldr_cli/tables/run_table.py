@@ -4,7 +4,6 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.filters.replay.methods import METHODS
-from usbldr.io.reports.report_json import Run
 from usbldr.io.reports.report_text import (
     Table,
     context,
@@ -14,6 +13,7 @@ from usbldr.io.reports.report_text import (
     method_table,
     relative_table,
 )
+from usbldr.io.reports.run import Run
 
 WIDTH = 100  # [columns] of a usual terminal window
 LABEL = 13  # [columns] of the longest label and a gap

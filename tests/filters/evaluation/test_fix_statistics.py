@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 import usbldr
-from usbldr.filters.evaluation.fix_statistics import fix_statistics, left_out_residuals
+from usbldr.filters.evaluation.fix_statistics import fix_statistics
 from usbldr.filters.evaluation.influence import without_fix
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.simulation.scenario import CorrelatedError
 from usbldr.filters.simulation.sensor_errors import correlated_error
 from usbldr.filters.types import Trajectory
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 
@@ -84,15 +85,16 @@ def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
     assert found.longest_gap_s >= clean.longest_gap_s
 
 
-def test_a_track_that_leaves_a_fix_out_is_that_of_a_run_without_it():
+@pytest.mark.parametrize("method", ["adf", "ekf"])
+def test_a_track_that_leaves_a_fix_out_is_that_of_a_run_without_it(method):
     log = simulated_log(replace(find_scenario("lawnmower"), duration_s=120.0), seed=3)
     line = usbldr.timeline(log)
     settings = usbldr.RunSettings(smooth=True, calibrate=("usbl-bias",))
     found = Identification(replace(log.parameters, calibrate=("usbl-bias",)))
-    track = usbldr.replay(log, line, "adf", settings, found)
-    residual_m = there(left_out_residuals(line.fix_time_s, line.fix_m, track, line.fix_cov_m2))
+    track = usbldr.replay(log, line, method, settings, found)
+    residual_m = there(Run(log, line, found, ScoredTrack(track, None)).fix_residuals_m)
     for row in (20, 30):
-        without = usbldr.replay(log, without_fix(line, row), "adf", settings, found)
+        without = usbldr.replay(log, without_fix(line, row), method, settings, found)
         place = [np.interp(line.fix_time_s[row], without.time_s, axis) for axis in without.position_m.T]
         taken_back = residual_m[row] - (line.fix_m[row] - place)
         plain = [np.interp(line.fix_time_s[row], track.time_s, axis) for axis in track.position_m.T]

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from usbldr.filters.usbl_survey.vertical import vertical_fit
+from usbldr.filters.usbl_survey.vertical import VerticalFit, vertical_fit
 
 
 def a_dive(seed, roll_deg=0.8, pitch_deg=-0.6, scale=0.99, deepest_m=80.0, count=400):
@@ -20,20 +20,24 @@ def a_dive(seed, roll_deg=0.8, pitch_deg=-0.6, scale=0.99, deepest_m=80.0, count
     return drop, depth, seen[:, [1, 0]]
 
 
+def fitted(seed: int, deepest_m: float = 80.0) -> VerticalFit:
+    found = vertical_fit(*a_dive(seed, deepest_m=deepest_m))
+    assert found is not None
+    return found
+
+
 def test_tilt_and_scale_are_found_within_their_sigmas():
     true = np.array([0.8, -0.6, 0.99, 0.0])
-    z = []
-    for seed in range(30):
-        found = vertical_fit(*a_dive(seed))
-        assert all(found.settled)
-        z.append((found.value - true) / found.sd)
+    found = [fitted(seed) for seed in range(30)]
+    assert all(all(fit.settled) for fit in found)
+    z = [(fit.value - true) / fit.sd for fit in found]
     assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.3
-    assert found.sd[0] < 0.05
-    assert found.sd[2] < 0.005
+    assert found[-1].sd[0] < 0.05
+    assert found[-1].sd[2] < 0.005
 
 
 def test_a_dive_at_one_depth_does_not_settle_the_scale():
-    found = vertical_fit(*a_dive(1, deepest_m=20.0))
+    found = fitted(1, deepest_m=20.0)
     assert found.settled[:2] == [True, True]
     assert found.settled[2] is False
 

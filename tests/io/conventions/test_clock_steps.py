@@ -105,7 +105,7 @@ def headings(log: Log) -> list[int]:
     return np.rint((90 - log.tables["compass"]["heading_deg"].to_numpy()) * 10).astype(int).tolist()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     container=st.sampled_from(sorted(CONTAINERS)),
     cut=st.integers(10, COUNT - 10),
@@ -129,7 +129,7 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
     np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=2e-5)  # of .alog's digits
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     container=st.sampled_from(sorted(CONTAINERS)),
     wrong=st.sets(st.integers(0, COUNT - 1), max_size=3),
@@ -155,7 +155,7 @@ WIDTHS = {
 }
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     counter=st.sampled_from(sorted(WIDTHS)),
     container=st.sampled_from(["csv", "parquet", "hdf5", "mat"]),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from usbldr.io.file_access.file_view import BLOCK_BYTES, FileView
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(zeros=st.sampled_from([0, 3, BLOCK_BYTES - 2, BLOCK_BYTES, 3 * BLOCK_BYTES]), data=st.data())
 def test_a_file_looked_at_in_pieces_is_the_whole_file(zeros: int, data: st.DataObject) -> None:
     head, tail = data.draw(st.binary(max_size=9)), data.draw(st.binary(max_size=9))

@@ -30,7 +30,7 @@ def attempt(path: Path, form: str) -> tuple[list[int], bool]:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(copies=st.integers(2, 4), zeros=st.sampled_from([0, 0, 7, 5000]))
 def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -> None:
     with tempfile.TemporaryDirectory() as name:
@@ -47,7 +47,7 @@ def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -
 
 
 @pytest.mark.parametrize("form", CONTAINERS)
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(other=junk, before=st.booleans())
 def test_bytes_around_a_recording_are_named_and_the_recording_is_read(form: str, other: bytes, before: bool) -> None:
     with tempfile.TemporaryDirectory() as name:
@@ -64,7 +64,7 @@ def test_bytes_around_a_recording_are_named_and_the_recording_is_read(form: str,
 
 
 @pytest.mark.parametrize("form", FORMATS)
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(data=st.data())
 def test_a_recording_behind_one_that_is_cut_is_read_or_the_loss_is_named(form: str, data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as name:

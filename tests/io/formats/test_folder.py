@@ -62,7 +62,7 @@ def test_what_surrounds_or_encodes_a_table_costs_none_of_it(tmp_path: Path, what
     assert not any(finding.lost_data for finding in log.findings)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     at=st.integers(0, 7).map(lambda k: 512 * k),
     length=st.sampled_from([512, 4096, 100_000]),

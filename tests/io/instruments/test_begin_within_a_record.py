@@ -18,7 +18,7 @@ CAPTURES = [".tlog", "PD0", "PD4", "PD5", "PD6", "JSON lines", ".lsf"]  # record
 
 
 @pytest.mark.parametrize("form", CAPTURES)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(data=st.data())
 def test_a_capture_that_begins_within_a_record_is_read_from_the_next_one(form: str, data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as name:

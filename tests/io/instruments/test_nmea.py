@@ -185,7 +185,7 @@ def test_a_target_in_the_south_is_in_the_south(tmp_path: Path) -> None:
     assert (usbl.columns["lat_deg"][0], usbl.columns["lon_deg"][0]) == (-63, -7)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(cold=st.integers(0, 30), warm=st.integers(2, 30), zda=st.booleans(), clock=st.integers(0, 86_000))
 def test_a_cold_start_neither_dates_nor_places(cold: int, warm: int, zda: bool, clock: int) -> None:
     """The receiver counts from a time of its own in 1980 until it has a fix; a gyro is logged beside it."""

@@ -302,7 +302,7 @@ def test_a_usbl_on_the_ship_is_the_vehicle_s_usbl() -> None:
 
 
 @given(first=st.integers(1, 9), second=st.integers(1, 9), other=st.sampled_from(["TwistStamped", "String"]))
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_of_a_topic_whose_type_changes_one_is_read_and_the_other_counted(
     tmp_path: Path, first: int, second: int, other: str
 ) -> None:

@@ -16,7 +16,8 @@ from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Reacquisition, Trajectory, Update
 from usbldr.io.findings import Finding
 from usbldr.io.reading.epochs import timeline
-from usbldr.io.reports.report_json import Run, ScoredTrack, fixes_table, json_values, write_json, write_tables
+from usbldr.io.reports.report_json import fixes_table, json_values, write_json, write_tables
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.reports.run_directory import run_directory
 from usbldr.io.reports.run_page import write_markdown
 from usbldr.io.scenarios.shipped import find_scenario

@@ -231,7 +231,7 @@ def test_a_configured_time_format_is_read(tmp_path: Path) -> None:
 
 
 @given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text.strip(" ")), row=st.integers(0, 3))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
     times = ["2020-09-13T12:26:40", "2020-09-13T12:26:41", "2020-09-13T12:26:42", "2020-09-13T12:26:43"]
     times[row] = text

@@ -11,7 +11,7 @@ from usbldr.filters.models.calibration import assumed_sd, estimated_errors
 from usbldr.filters.models.parameters import SensorErrors
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.reading.epochs import timeline
-from usbldr.io.reports.report_json import Run, ScoredTrack
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.reports.tracks import track_table
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log

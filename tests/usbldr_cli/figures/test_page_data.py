@@ -63,7 +63,7 @@ def test_the_words_of_a_figure_name_its_panels_and_what_is_drawn() -> None:
     assert text_of(figure) == "upper. time [s]. Drawn: line, mark (at the edge), band, outage."
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 30000))
 def test_a_thinned_line_keeps_its_ends_its_extremes_and_its_gaps(seed: int, length: int) -> None:
     rng = np.random.default_rng(seed)

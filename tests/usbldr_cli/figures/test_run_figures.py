@@ -15,7 +15,7 @@ from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.conventions.sanity import truth_jump_findings
 from usbldr.io.reading.epochs import timeline
-from usbldr.io.reports.report_json import Run, ScoredTrack
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.figures.consistency import consistency_figure

@@ -10,8 +10,9 @@ from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reading.epochs import timeline
-from usbldr.io.reports.report_json import Run, ScoredTrack, json_values, report_content
+from usbldr.io.reports.report_json import json_values, report_content
 from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.tables.run_table import WIDTH, aligned, render

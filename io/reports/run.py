@@ -1,0 +1,130 @@
+"""The values of one run: what its reports, tables and figures are made of."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usbldr.filters.bounds.dive_bounds import PositionBound
+from usbldr.filters.evaluation.consistency import DOF
+from usbldr.filters.evaluation.error_report import ErrorReport
+from usbldr.filters.evaluation.fix_statistics import FixStatistics, fix_statistics, left_out_residuals
+from usbldr.filters.evaluation.influence import LeaveOneOut
+from usbldr.filters.evaluation.summary_sentence import summary_sentence
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.replay.methods import METHODS
+from usbldr.filters.types import Timeline, Trajectory, Truth
+from usbldr.filters.updates import UpdateTable
+from usbldr.io.log import Log
+from usbldr.io.reports.poses import column_at
+from usbldr.io.reports.run_provenance import RunProvenance
+
+
+class ScoredTrack(NamedTuple):
+    """A track and its errors; no errors if the log has no truth."""
+
+    trajectory: Trajectory
+    report: ErrorReport | None
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that the report of one run contains."""
+
+    log: Log
+    timeline: Timeline
+    identification: Identification
+    scored: ScoredTrack
+    reference_tracks: tuple[ScoredTrack, ...] = ()  # usbl and dr, scored in the same way
+    order: str = "validity"  # of the fixes
+    seed: int = 0
+    request: Mapping[str, object] = field(default_factory=dict[str, object])  # log and options as the user gave them
+    configuration: Mapping[str, object] | None = None  # content of the configuration file
+    without_fixes: tuple[LeaveOneOut, ...] = ()  # runs without one fix, if the user asked for them
+    bound: PositionBound | None = None  # of a scenario, if the user asked for it
+    made: RunProvenance = RunProvenance()
+
+    @property
+    def label(self) -> str:
+        """What to call the track: the method, and what was done to it."""
+        return self.scored.trajectory.label
+
+    @property
+    def method(self) -> str:
+        """Name of the method."""
+        return self.scored.trajectory.method
+
+    @property
+    def truth(self) -> Truth | None:
+        """The reference that the run was scored against."""
+        return self.log.truth
+
+    @cached_property
+    def fix_statistics(self) -> FixStatistics | None:
+        """What the fixes of a filter's run were like; None for another track, or without fixes."""
+        line, track = self.timeline, self.scored.trajectory
+        outcomes = fix_outcomes(line, track)
+        if not len(outcomes) or not (outcomes != "").any():
+            return None
+        good = np.asarray(outcomes == "used", dtype=np.bool_)
+        depth_m = column_at(line.fix_time_s, self.log.tables.get("depth"), "depth_m")
+        return fix_statistics(line.fix_time_s, line.fix_m, line.fix_away_m, good, track, self._fix_cov_m2, depth_m)
+
+    @property
+    def fix_residuals_m(self) -> NDArray[np.float64] | None:
+        """Fixes less a track that leaves each of them out, (F, 2); None if unknown."""
+        line = self.timeline
+        return left_out_residuals(line.fix_time_s, line.fix_m, self.scored.trajectory, self._fix_cov_m2)
+
+    @property
+    def _fix_cov_m2(self) -> NDArray[np.float64]:
+        """As the method used it for a fix that it took for a good one, (F, 2, 2)."""
+        parameters = self.identification.parameters
+        cov_m2 = parameters.usbl_sd_scale**2 * self.timeline.fix_cov_m2
+        if not self.scored.trajectory.matched_noise or not len(cov_m2):
+            return cov_m2
+        return np.array([parameters.usbl.modes(one).mixture_cov for one in cov_m2])
+
+    @property
+    def verdict(self) -> str:
+        """Return the last line of the report."""
+        if self.scored.report is None:
+            return f"{self.label}: {self.log.path.name} has no truth, so there are no errors"
+        return summary_sentence(
+            self.scored.report, [other.report for other in self.reference_tracks if other.report is not None]
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return the warnings of the filter and of its evaluation."""
+        report = self.scored.report
+        scored = () if report is None else report.warnings
+        if report is not None and report.nees is not None and _far_over_confident(report):
+            hint = "--calibrate auto estimates the sensor errors that the log has evidence for"
+            if self.identification.parameters.calibrate or self.identification.evidence:
+                hint = "an error that the filter does not estimate is left; usbldr doctor looks for others"
+            if self.method not in METHODS:
+                hint = "its covariance is too small"
+            apart = f", without a constant shift {report.shift.nees:.1f}" if report.mostly_shift else ""
+            nees = f"NEES {report.nees.mean:.1f}{apart}, expected {DOF}"
+            scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")
+        return self.scored.trajectory.warnings + scored
+
+
+def _far_over_confident(report: ErrorReport) -> bool:
+    """Return whether the sigmas are less than half of what the errors show, beyond the bounds of NEES."""
+    if report.nees is None or not report.judged:
+        return False
+    mean = report.shift.nees if report.mostly_shift and report.shift.nees is not None else report.nees.mean
+    return mean > max(4 * DOF, report.nees.high)
+
+
+def fix_outcomes(timeline: Timeline, trajectory: Trajectory) -> NDArray[np.str_]:
+    """Return what became of each fix, (F,); "" if that is not known."""
+    fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
+    outcomes = np.full(len(timeline.fix_time_s), "", dtype=fixes.outcome.dtype)
+    outcomes[fixes.row] = fixes.outcome
+    return outcomes
