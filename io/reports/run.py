@@ -14,6 +14,7 @@ from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.fix_statistics import FixStatistics, fix_statistics, left_out_residuals
 from usbldr.filters.evaluation.influence import LeaveOneOut
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
+from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth
@@ -70,14 +71,28 @@ class Run:
         if not len(outcomes) or not (outcomes != "").any():
             return None
         good = np.asarray(outcomes == "used", dtype=np.bool_)
-        depth_m = column_at(line.fix_time_s, self.log.tables.get("depth"), "depth_m")
-        return fix_statistics(line.fix_time_s, line.fix_m, line.fix_away_m, good, track, self._fix_cov_m2, depth_m)
+        time_s, fix_m = self._fixes
+        away_m = None if line.fix_away_m is None else line.fix_away_m + fix_m - line.fix_m
+        depth_m = column_at(time_s, self.log.tables.get("depth"), "depth_m")
+        return fix_statistics(time_s, fix_m, away_m, good, track, self._fix_cov_m2, depth_m)
 
     @property
     def fix_residuals_m(self) -> NDArray[np.float64] | None:
         """Fixes less a track that leaves each of them out, (F, 2); None if unknown."""
-        line = self.timeline
-        return left_out_residuals(line.fix_time_s, line.fix_m, self.scored.trajectory, self._fix_cov_m2)
+        return left_out_residuals(*self._fixes, self.scored.trajectory, self._fix_cov_m2)
+
+    @cached_property
+    def _fixes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """When fixes were valid (F,), and where they place the point of the vehicle that the track is of, (F, 2)."""
+        line, track = self.timeline, self.scored.trajectory
+        parameters = self.identification.parameters
+        latency, yaw_rad = track.state("usbl_latency"), track.state("psi")
+        latency_s = parameters.settled.get("usbl_latency", 0.0) if latency is None else latency[-1]
+        time_s = line.fix_time_s - latency_s
+        if yaw_rad is None:
+            return time_s, line.fix_m
+        yaw_rad = np.interp(time_s, track.time_s, yaw_rad)
+        return time_s, line.fix_m - rotated(yaw_rad, np.array(parameters.usbl_lever_m[:2]))
 
     @property
     def _fix_cov_m2(self) -> NDArray[np.float64]:

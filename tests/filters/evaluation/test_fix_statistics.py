@@ -101,6 +101,21 @@ def test_a_track_that_leaves_a_fix_out_is_that_of_a_run_without_it(method):
         assert np.hypot(*taken_back) < 0.1 * np.hypot(*(np.array(plain) - place))
 
 
+def test_a_lever_arm_and_a_latency_are_no_noise_of_the_fixes():
+    """The same noise with a transponder 4 m ahead, whose fixes are 2 s late: turns would show both."""
+    plain = replace(find_scenario("lawnmower"), duration_s=400.0)
+    timing = replace(plain.usbl.timing, latency_s=2.0)
+    late = replace(plain, usbl=replace(plain.usbl, lever_m=(0.0, 4.0, 0.0), timing=timing))
+    scatter = []
+    for scenario in (plain, late):
+        log = simulated_log(scenario, seed=3)
+        line, settings = usbldr.timeline(log), usbldr.RunSettings(smooth=True, calibrate=("latency",))
+        found = usbldr.resolve(log, line, "adf", settings)
+        run = Run(log, line, found, ScoredTrack(usbldr.replay(log, line, "adf", settings, found), None))
+        scatter.append(there(there(run.fix_statistics).scatter).drms_m)
+    assert scatter[1] == pytest.approx(scatter[0], rel=0.05)
+
+
 def test_the_scatter_is_that_of_the_residuals():
     time_s, place, away = dive(2)
     cov = np.zeros((len(TIME_S), 5, 5))
