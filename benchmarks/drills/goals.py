@@ -208,7 +208,7 @@ def table(rows: Iterable[Row]) -> str:
     for row in rows:
         by_cell.setdefault((row["goal"], row["way"]), {})[row["seed"]] = row
     lines = [
-        "| fault | seeds | mean m (worst) | NEES | over clean | over the best other | back after, arrival | goal | met |",
+        "| fault | seeds | mean m (worst) | NEES | over clean | over best other | back after, arrival | goal | met |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
     ]
     without = by_cell.get(("no fault", "default"), {})

@@ -405,6 +405,6 @@ def test_a_track_that_began_at_false_fixes_comes_back_within_twice_their_time(fa
     assert error_m[2 * false_s :].max() < 2.0
 
 
-@pytest.mark.parametrize("begin_s, lasts_s", [(60, 15), (150, 60)])
+@pytest.mark.parametrize(("begin_s", "lasts_s"), [(60, 15), (150, 60)])
 def test_a_true_start_outlasts_a_shorter_run_of_false_fixes(begin_s, lasts_s):
     assert error_of_false_fixes(begin_s, lasts_s, 32.0, "arrival").max() < 3.5
