@@ -1,6 +1,7 @@
 """Open the files of a log: regular ones only, for a pipe would be waited for forever; faults are sentences."""
 
 import codecs
+import re
 import stat
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from usbldr.io.limits import RAISE, limit
 
 HEAD_BYTES = 1 << 14  # [bytes] by which a text and its encoding are recognised
 WIDE, NARROW = 0.4, 0.1  # [share] of zeros among the high bytes of UTF-16, at least, and among its low bytes, at most
+CONTROL = re.compile(r"[\0-\x08\x0e-\x1b]")  # characters that are in no line of a text
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
 ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
@@ -49,8 +51,7 @@ def encoding_of(head: bytes) -> str:
 def head_lines(head: bytes) -> list[str]:
     """Return the lines of a text's first bytes, without zeros, which damage leaves; none if it is no text."""
     text = head[:HEAD_BYTES].decode(encoding_of(head[:HEAD_BYTES]), errors="replace").replace("\0", "")
-    controls = sum(char < " " and not char.isspace() for char in text)
-    return text.splitlines() if controls <= CONTROLS * len(text) else []
+    return text.splitlines() if len(CONTROL.findall(text)) <= CONTROLS * len(text) else []
 
 
 def text_lines(path: Path) -> Iterator[str]:

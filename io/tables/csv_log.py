@@ -136,7 +136,7 @@ class CsvLog:
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, faults = self._times(source, sheet.received)
         lines = self._lines(source)
-        times = np.delete(times, list(faults))
+        times = np.delete(times, list(faults)) if faults else times
         problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
         return TopicInfo(topic, sheet.type, "csv", len(times), first, last, fields, problem)
@@ -192,7 +192,7 @@ class CsvLog:
         if faults and len(faults) == len(lines):
             raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
         self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
-        good = np.delete(np.arange(len(lines)), list(faults))
+        good = np.delete(np.arange(len(lines)), list(faults)) if faults else slice(None)
         return Records(received.values[good], {path: parsed.values[good] for path, parsed in columns.items()})
 
     def _column(self, source: CsvSource, sheet: Sheet, path: str) -> ParsedColumn:

@@ -14,8 +14,9 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of, first_bytes
-from usbldr.io.file_access.open_file import HEAD_BYTES, head_lines, opened, text_lines
+from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, head_lines, opened, text_lines
 from usbldr.io.reader import MAX_TIME_NS, Column
+from usbldr.io.tables.clean_csv import NumberColumn, clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
 from usbldr.io.tables.text_table import MAX_CHARACTERS, TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
@@ -23,6 +24,7 @@ from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 SECOND = 1_000_000_000  # fixed: nanoseconds
 PREAMBLE = 100  # [lines] among which the column names are looked for
 COMMENT = "# "  # what the column names may follow
+REMARKS = ("#", "%", ";", "//")  # with which a line before the column names begins that is none
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 WORDS = {"": "nan", "true": "1", "false": "0"}
@@ -65,8 +67,11 @@ def compressed_texts(folder: Path) -> dict[Path, str]:
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Return whether a file's first bytes are text with a line of column names."""
-    header = _header(head_lines(head))
+    """Return whether a file's first bytes are text with a line of column names, or comments alone."""
+    lines = head_lines(head)
+    if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
+        return lines[0].startswith("#")
+    header = lines[_header_place(lines)] if lines else ""
     printable = header.replace("\t", " ").isprintable()
     return _separator(header) in header and printable and any(char.isalpha() for char in header)
 
@@ -81,10 +86,6 @@ def lacks_header(head: bytes) -> bool:
 def _is_value(cell: str) -> bool:
     cell = cell.strip()
     return is_number(_with_point(cell)) or ISO.fullmatch(cell) is not None
-
-
-def _header(lines: Sequence[str]) -> str:
-    return lines[_header_place(lines)] if lines else ""
 
 
 def _header_place(lines: Sequence[str]) -> int:
@@ -123,18 +124,32 @@ def raw_header(file: Path) -> list[str]:
 
 def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
-    first, lines, _ = _begun(file)
+    first, lines, *_ = _begun(file)
     separator = _separator(first)
     return [name.strip() for name in _cells(first, separator)], _cells(next(lines, ""), separator)
 
 
-def _begun(file: Path) -> tuple[str, Iterator[str], int]:
-    """Return the line of a file's column names, the lines behind it, and its number."""
+class _Begin(NamedTuple):
+    """The beginning of a file."""
+
+    names: str  # the line of its column names
+    lines: Iterator[str]  # behind it
+    number: int  # of that line
+    spoilt: Mapping[int, str]  # line before it -> why it is none
+
+
+def _begun(file: Path) -> _Begin:
+    """Return the beginning of a file: what is before its column names, if it is text, is a title or comments."""
     lines = text_lines(file)
     begun = list(islice(lines, PREAMBLE))
+    comments = 0  # before the last ones: there may be thousands
+    while len(begun) == PREAMBLE and all(line.startswith(REMARKS) for line in begun):
+        comments += len(begun) - 1
+        begun = [begun[-1], *islice(lines, PREAMBLE - 1)]
     place = _header_place([line.replace("\0", "") for line in begun])
     first = begun[place].replace("\0", "").lstrip(COMMENT) if begun else ""
-    return first, chain(begun[place + 1 :], lines), place + 1
+    spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
+    return _Begin(first, chain(begun[place + 1 :], lines), comments + place + 1, spoilt)
 
 
 class _Rows:
@@ -177,7 +192,7 @@ def read_texts(file: Path) -> TextTable:
     A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
     file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows.
     """
-    first, lines, begin = _begun(file)
+    first, lines, begin, spoilt = _begun(file)
     separator = _separator(first) if _separator(first) in first else None
     header = plain_names([name.strip() for name in _cells(first, separator)])
     known = unnamed_columns(file, header if separator is None else ())
@@ -186,10 +201,14 @@ def read_texts(file: Path) -> TextTable:
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
+    fast = clean_columns(file, header, begin) if separator == "," else None
+    if fast is not None:
+        count = len(next(iter(fast.values())))
+        return TextTable(fast, range(begin + 1, begin + 1 + count), spoilt)
     texts = {name: TextColumn() for name in header}
     rows: list[Sequence[str]] = []
     numbered = array("q")
-    left_out: dict[int, str] = {}
+    left_out: dict[int, str] = dict(spoilt if known is None else {})
     cut = 0
     table = _Rows(header, separator)
     for number, line in enumerate(lines, start=begin + 1):
@@ -245,6 +264,10 @@ class ParsedColumn(NamedTuple):
 
 def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
     """Return a column of integer nanoseconds, never through float."""
+    whole = isinstance(texts, NumberColumn) and texts.values.dtype.kind == "i"
+    fast = texts.times(1, 0, MAX_TIME_NS) if isinstance(texts, NumberColumn) and whole else None
+    if fast is not None:
+        return ParsedColumn(fast, {})
     return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
 
 
@@ -259,6 +282,10 @@ def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> Pa
     ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not representable in float64.
     """
 
+    fast = texts.times(unit_ns, at_1970, MAX_TIME_NS) if isinstance(texts, NumberColumn) else None
+    if fast is not None:
+        return ParsedColumn(fast, {})
+
     def exact(text: str) -> int:
         if ISO.fullmatch(text):
             return _in_range(_iso_ns(text))
@@ -270,6 +297,8 @@ def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> Pa
 
 def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
     """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
+    if isinstance(texts, NumberColumn):
+        return ParsedColumn(texts.numbers(), {})
 
     def number(text: str) -> float:
         return float(WORDS.get(text.lower(), text))

@@ -22,6 +22,8 @@ TIMES = [T0 + k * SECOND for k in range(COUNT)]
 GPS = "time_ns,lat_deg,lon_deg\n" + "".join(f"{t},{45 + k / 1e5:.7f},{7 + k / 1e5:.7f}\n" for k, t in enumerate(TIMES))
 UNSPOILT: Mapping[str, Callable[[str], bytes]] = {
     "comments": lambda text: f"# GPS of the vehicle, 3 m above\n% WGS 84\n#\n{text}".encode(),
+    "thousands of comments": lambda text: ("# a setting\n" * 3000 + text).encode(),
+    "zeros before it": lambda text: bytes(100_000) + text.encode(),
     "a title": lambda text: f"Export of dive 7\nSerial,1234,A\n\n{text}".encode(),
     "the names in a comment": lambda text: f"# A receiver\n# {text}".encode(),
     "UTF-16 with a mark": lambda text: text.encode("utf-16"),
@@ -86,6 +88,16 @@ def test_a_file_with_a_lost_sector_is_read_in_part_and_a_file_that_is_none_is_na
             assert left - 2 <= present["/gps"] < COUNT
         elif not at or junk != b"\0":
             assert any("gps" in finding.text for finding in log.findings()) or "/gps" not in present
+
+
+def test_what_is_no_text_before_a_table_is_named(tmp_path: Path) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "gps.csv").write_bytes(b"\7\1\2of another file\n" + GPS.encode())
+
+    (lost,) = read_log(folder).findings
+
+    assert lost.lost_data
+    assert "line 1: it is no text" in lost.text
 
 
 @pytest.mark.parametrize("before", [b"", b"# exported\n", bytes(512), b"\7" * 9000])
