@@ -5,16 +5,25 @@ import re
 import stat
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from io import BufferedReader
+from io import BufferedReader, TextIOWrapper
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of
+from usbldr.io.file_access.file_view import FileView
 from usbldr.io.limits import RAISE, limit
 
 HEAD_BYTES = 1 << 14  # [bytes] by which a text and its encoding are recognised
-WIDE, NARROW = 0.4, 0.1  # [share] of zeros among the high bytes of UTF-16, at least, and among its low bytes, at most
+LETTER_BYTES = 4  # fixed: of the widest letters, those of UTF-32
+MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32",  # before that of UTF-16, with which it begins
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+HIGH_BYTES = {"123": "utf-32-le", "012": "utf-32-be", "13": "utf-16-le", "02": "utf-16-be"}  # fixed: which of four
+WIDE, NARROW = 0.4, 0.1  # [share] of zeros among the high bytes, at least, and among the low ones, at most
 CONTROL = re.compile(r"[\0-\x08\x0e-\x1b]")  # characters that are in no line of a text
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
 ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
@@ -39,13 +48,23 @@ def mapped(path: Path) -> mmap:
         return mmap(file.fileno(), 0, access=ACCESS_READ)
 
 
+def begin_of(path: Path, size: int) -> tuple[bytes, int]:
+    """Return the first bytes of a file that are no zeros, and their place; raise LogError (see `opened`)."""
+    with opened(path) as file:
+        place = FileView(file.fileno()).after_zeros(0) // LETTER_BYTES * LETTER_BYTES
+        file.seek(place)
+        return file.read(size), place
+
+
 def encoding_of(head: bytes) -> str:
-    """Return the encoding of a text by its first bytes: UTF-16 with or without its mark, else UTF-8."""
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16"
-    even, odd = (head[start::2].count(0) / (len(head[start::2]) or 1) for start in (0, 1))
-    wide = ((odd, even, "utf-16-le"), (even, odd, "utf-16-be"))
-    return next((name for high, low, name in wide if high > WIDE and low < NARROW), "utf-8-sig")
+    """Return the encoding of a text by its first bytes: UTF-32 or UTF-16 with or without its mark, else UTF-8."""
+    marked = next((name for mark, name in MARKS.items() if head.startswith(mark)), "")
+    shares = [head[start::LETTER_BYTES].count(0) * LETTER_BYTES / max(len(head), LETTER_BYTES) for start in range(4)]
+
+    def fits(high: str) -> bool:
+        return all(share > WIDE if str(k) in high else share < NARROW for k, share in enumerate(shares))
+
+    return marked or next((name for high, name in HIGH_BYTES.items() if fits(high)), "utf-8-sig")
 
 
 def head_lines(head: bytes) -> list[str]:
@@ -61,13 +80,14 @@ def text_lines(path: Path) -> Iterator[str]:
     line beyond the limit and for a compressed file, too.
     """
     most = limit(LINE_CHARACTERS)
-    with opened(path) as file:  # refuses what is not a file
-        head = file.read(HEAD_BYTES)
+    head, place = begin_of(path, HEAD_BYTES)
     if compression := compression_of(head):
         raise LogError(f"is compressed with {compression}; decompress it first", path=path)
     try:
-        with path.open(encoding=encoding_of(head), errors="replace") as lines:
-            number, zeros = 1, 0
+        with path.open("rb") as file:
+            file.seek(place)
+            lines = TextIOWrapper(file, encoding_of(head), errors="replace")
+            number, zeros = 1, min(place, 1)
             while (line := lines.readline(most + 1)) and zeros < limit(ZEROS):
                 if not line.strip("\0"):
                     zeros += len(line)

@@ -13,8 +13,6 @@ from usbldr.io.limits import note_copy
 from usbldr.io.reader import Reader
 from usbldr.io.recordings.joined import JoinedLog, readable_parts
 
-BEGIN_BYTES = 1 << 14  # [bytes] by which texts are known: what begins behind so many zeros is looked at by itself
-
 
 def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader | None:
     """Return the log of a file of several recordings, None if it holds one alone; raise LogError if none is readable.
@@ -24,10 +22,7 @@ def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader 
     with opened(path) as file:
         data = FileView(file.fileno())
         places = places_of(data)
-        behind_zeros = bool(places) and places[0].start >= BEGIN_BYTES  # may be of any format
-        if not any(place.kind for place in places) and not behind_zeros:
-            return None
-        if len(places) == 1 and _is_whole(data, places[0]):
+        if not any(place.kind for place in places) or (len(places) == 1 and _is_whole(data, places[0])):
             return None
 
     def copy(folder: Path) -> Copies:

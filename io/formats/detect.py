@@ -8,7 +8,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.file_access.container_ends import begins_container
 from usbldr.io.file_access.decompression import compression_of
-from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.open_file import begin_of
 from usbldr.io.reader import Reader
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
@@ -193,14 +193,13 @@ def _reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
-    head = b""
+    head, place = b"", 0
     try:
         if not path.exists():
             raise LogError("no such file or folder", path=path)
         if not path.is_dir():
-            with opened(path) as file:
-                head = file.read(BEGIN_BYTES)
-        if compression := compression_of(head):
+            head, place = begin_of(path, BEGIN_BYTES)
+        if not place and (compression := compression_of(head)):
             from usbldr.io.formats.compressed_log import compressed_log
 
             return compressed_log(path, {path: compression}, lambda copies: open_log(copies[0], known))
@@ -219,7 +218,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
             path=path,
         )
     if not head:
-        raise LogError("the file is empty", path=path)
+        raise LogError("the file holds nothing but zeros" if path.stat().st_size else "the file is empty", path=path)
     foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
     if foreign:
         raise LogError(f"is {foreign}", path=path)

@@ -14,7 +14,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of, first_bytes
-from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, head_lines, opened, text_lines
+from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, begin_of, head_lines, opened, text_lines
 from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn, clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
@@ -42,8 +42,7 @@ def text_files(folder: Path) -> Iterator[Path]:
         if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
             if not file.stat().st_size:
                 continue  # of endless files of the system the size is zero, too
-            with opened(file) as content:
-                head = content.read(HEAD_BYTES)
+            head, _ = begin_of(file, HEAD_BYTES)
             if looks_like_csv(head) and not any(holds(head) for holds in others):
                 yield file
 

@@ -23,7 +23,10 @@ GPS = "time_ns,lat_deg,lon_deg\n" + "".join(f"{t},{45 + k / 1e5:.7f},{7 + k / 1e
 UNSPOILT: Mapping[str, Callable[[str], bytes]] = {
     "comments": lambda text: f"# GPS of the vehicle, 3 m above\n% WGS 84\n#\n{text}".encode(),
     "thousands of comments": lambda text: ("# a setting\n" * 3000 + text).encode(),
-    "zeros before it": lambda text: bytes(100_000) + text.encode(),
+    "zeros before it": lambda text: bytes(100_003) + text.encode(),
+    "zeros before it in UTF-16": lambda text: bytes(100_002) + text.encode("utf-16-be"),
+    "UTF-32 with a mark": lambda text: text.encode("utf-32"),
+    "UTF-32 without": lambda text: text.encode("utf-32-be"),
     "a title": lambda text: f"Export of dive 7\nSerial,1234,A\n\n{text}".encode(),
     "the names in a comment": lambda text: f"# A receiver\n# {text}".encode(),
     "UTF-16 with a mark": lambda text: text.encode("utf-16"),

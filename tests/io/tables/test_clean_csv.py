@@ -39,11 +39,19 @@ def interpreted(file: Path) -> tuple[Any, ...]:
 
 
 @settings(max_examples=150, deadline=None)
-@given(table=st.lists(columns, min_size=2, max_size=3), end=st.sampled_from(["\n", "\n", "\r\n", ""]))
-@example(table=[["1600000000.123456789"] * 5, ["1"] * 5], end="\n")
-@example(table=[["1", "2", "3", '"4', "5"], ["1"] * 5], end="\n")
-def test_a_cell_means_the_same_on_both_paths(table: Sequence[Sequence[str]], end: str) -> None:
+@given(
+    table=st.lists(columns, min_size=2, max_size=3),
+    end=st.sampled_from(["\n", "\n", "\r\n", ""]),
+    wide=st.just(0) | st.integers(0, 5),
+    narrow=st.just(0) | st.integers(0, 5),
+)
+@example(table=[["1600000000.123456789"] * 5, ["1"] * 5], end="\n", wide=0, narrow=0)
+@example(table=[["1", "2", "3", '"4', "5"], ["1"] * 5], end="\n", wide=0, narrow=0)
+@example(table=[["1", "2", "3", "4", "5"], ["1"] * 5], end="\n", wide=1, narrow=2)
+def test_a_cell_means_the_same_on_both_paths(table: Sequence[Sequence[str]], end: str, wide: int, narrow: int) -> None:
     lines = ["time,b,c"[: 2 * len(table) + 2], *map(",".join, zip(*table, strict=True))]
+    lines[wide] += ",7" if wide else ""
+    lines[narrow] = lines[narrow].rpartition(",")[0] if narrow else lines[0]
     with TemporaryDirectory() as name:
         (file := Path(name) / "a.csv").write_bytes("\n".join(lines).encode() + end.encode())
         fast = interpreted(file)
