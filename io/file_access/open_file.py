@@ -67,6 +67,11 @@ def encoding_of(head: bytes) -> str:
     return marked or next((name for high, name in HIGH_BYTES.items() if fits(high)), "utf-8-sig")
 
 
+def is_damaged(line: str) -> bool:
+    """Return whether a line of text holds what no text does: control characters, bytes of no letter."""
+    return CONTROL.search(line) is not None or "\ufffd" in line
+
+
 def head_lines(head: bytes) -> list[str]:
     """Return the lines of a text's first bytes, without zeros, which damage leaves; none if it is no text."""
     text = head[:HEAD_BYTES].decode(encoding_of(head[:HEAD_BYTES]), errors="replace").replace("\0", "")
@@ -87,7 +92,7 @@ def text_lines(path: Path) -> Iterator[str]:
         with path.open("rb") as file:
             file.seek(place)
             lines = TextIOWrapper(file, encoding_of(head), errors="replace")
-            number, zeros = 1, min(place, 1)
+            number, zeros = 1, 0
             while (line := lines.readline(most + 1)) and zeros < limit(ZEROS):
                 if not line.strip("\0"):
                     zeros += len(line)

@@ -17,7 +17,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.decoder_set import LOG_FIELDS, DecoderSet
-from usbldr.io.file_access.open_file import head_lines, text_lines
+from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo, name_of
@@ -72,7 +72,7 @@ class AlogLog:
                 continue
             cells = line.split(None, 3)
             time_ns = _nanoseconds(cells[0])
-            if len(cells) < 3 or time_ns is None:
+            if len(cells) < 3 or time_ns is None or is_damaged(line):
                 bad, first_bad = bad + 1, first_bad or number
             else:
                 _, variable, source, value = *cells[:3], cells[3].strip() if len(cells) > 3 else ""

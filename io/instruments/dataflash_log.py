@@ -27,6 +27,7 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 MARK = b"\xa3\x95"  # fixed by the format: how each message begins; its type follows
 HEAD_BYTES = 3  # fixed by the format
+LONGEST = 255  # fixed: bytes of a message
 FMT, FMT_BYTES = 128, 89  # fixed: the type that defines the others
 GPS_EPOCH_S, WEEK_S = 315_964_800, 604_800  # fixed: 1980-01-06 in seconds since 1970
 LAST_WEEK = 6000  # [weeks] since then, in the year 2095: a later one is a damaged number
@@ -99,7 +100,7 @@ class DataflashLog:
                 found[number] = places
         spans = sorted((at, at + self._formats[number].len) for number, places in found.items() for at in places)
         edges = zip([0, *(end for _, end in spans)], [*(at for at, _ in spans), len(data)], strict=True)
-        gaps = [(end, at) for end, at in edges if data[end:at].strip(b"\0\xff")]  # the unused end of a page is no loss
+        gaps = [(end, at) for end, at in edges if data[end:at].strip(_unused(at - end, at == len(data)))]
         if gaps:
             lost = sum(at - end for end, at in gaps)
             text = f"{lost} of {len(data)} bytes, from byte {gaps[0][0]} on, are damaged or cut"
@@ -194,6 +195,11 @@ class DataflashLog:
         undated = sum(self._undated.values()) if self._places else 0
         text = f"{undated} messages have an impossible time; left out"
         return (*self._findings, *([Finding("DAMAGED", text, lost_data=True)] if undated else []))
+
+
+def _unused(size: int, at_end: bool) -> bytes:
+    """Return which bytes between messages are no loss: those of an erased page that no message fits in, or any last."""
+    return b"\0\xff" if at_end else b"\xff" * (size < LONGEST)
 
 
 def _is_timed(form: Any) -> bool:

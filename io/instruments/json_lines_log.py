@@ -15,7 +15,7 @@ from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, json_decoder
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
-from usbldr.io.file_access.open_file import head_lines, text_lines
+from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo, name_of
 
@@ -56,7 +56,7 @@ class JsonLinesLog:
             if not line.strip():
                 continue
             text, value = _parsed(line)
-            if value is None:
+            if value is None or is_damaged(text):
                 bad, first_bad = bad + 1, first_bad or number
                 continue
             kind = _kind(value)

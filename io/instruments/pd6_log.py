@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usbldr.io.file_access.open_file import head_lines, text_lines
+from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo
 
@@ -27,7 +27,12 @@ LINES: Mapping[str, tuple[tuple[str, ...], Callable[[Sequence[str]], tuple[float
     "TS": (("depth_m", "sound_speed_mps"), lambda f: (_number(f[3]), _number(f[4]))),
 }
 """By the name of a line: its columns, and their values from its fields."""
-FIELD_COUNTS: Mapping[str, int] = {"BI": 5, "BS": 4, "BE": 4, "SA": 3, "TS": 6}  # fixed by the format
+FIELD_COUNTS: Mapping[str, int] = {
+    "SA": 3,
+    "TS": 6,
+    **dict.fromkeys(("WI", "WD", "BI", "BD"), 5),
+    **dict.fromkeys(("WS", "WE", "BS", "BE"), 4),
+}  # fixed by the format
 USED = {"SA": "heading_deg", "TS": "depth_m"}
 """Columns of which a topic is made only if they are not always the same: instruments without sensors write zeros."""
 
@@ -56,7 +61,8 @@ class Pd6Log:
             time_ns = next((_time(fields) for _, name, fields in group if name == "TS"), None)
             for number, name, fields in group:
                 try:
-                    if not name or time_ns is None or len(fields) != FIELD_COUNTS.get(name, len(fields)):
+                    known = len(fields) == FIELD_COUNTS.get(name, len(fields))
+                    if not name or time_ns is None or not known or any(map(is_damaged, fields)):
                         raise ValueError
                     if name in LINES:
                         rows[name].append((time_ns, LINES[name][1](fields)))

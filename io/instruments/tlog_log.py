@@ -16,7 +16,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.decoder_set import DecoderSet
-from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.open_file import begin_of
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.packed_rows import dtypes_of, table_of
 from usbldr.io.limits import UnpackingBudget
@@ -96,8 +96,8 @@ class TelemetryLog:
     @cached_property
     def _packets(self) -> Mapping[Key, Packets]:
         """Return the packets by kind; record what was lost."""
-        with opened(self.path) as file:
-            begin, size = max(0, _first_packet(file.read(HEAD_BYTES))), self.path.stat().st_size
+        head, place = begin_of(self.path, HEAD_BYTES)
+        begin, size = place + max(0, _first_packet(head)), self.path.stat().st_size
         found, good = dict[Key, Packets](), 0
         counter, budget = DecoderSet(self.path), UnpackingBudget(self.path, size)
         self._library.set_dialect("ardupilotmega")

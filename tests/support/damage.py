@@ -72,7 +72,19 @@ def flipped(whole: bytes, rng: random.Random) -> bytes:
     return bytes(bent)
 
 
-DAMAGES: Mapping[str, Callable[[bytes, random.Random], bytes]] = {"cuts": cut, "flips": flipped}
+def without_sector(whole: bytes, rng: random.Random) -> bytes:
+    """Return the bytes with a sector of a disk lost."""
+    size = min(512, len(whole) // 8)
+    at = rng.randrange(len(whole) // size) * size
+    return whole[:at] + bytes(size) + whole[at + size :]
+
+
+DAMAGES: Mapping[str, Callable[[bytes, random.Random], bytes]] = {
+    "cuts": cut,
+    "flips": flipped,
+    "sectors": without_sector,
+}
+COUNTED = ("cuts", "flips")  # in the table
 
 
 def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
@@ -106,7 +118,7 @@ def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
 def broken_promises(form: str, kind: str, found: Counter[str]) -> list[str]:
     """Return which numbers should be zero and are not."""
     shows, zero = FORMATS[form].shows, ["tracebacks"]
-    if kind == "cuts" or shows:
+    if kind in ("cuts", "sectors") or shows:
         zero.append("silently short")
     if kind == "cuts" or shows == "all":
         zero.append("silently wrong")
@@ -148,12 +160,12 @@ def main() -> None:
     broken: list[str] = []
     print("\n".join(lines))
     with ProcessPoolExecutor() as pool:
-        jobs = {form: [pool.submit(job, form, kind, arguments.cases) for kind in DAMAGES] for form in arguments.formats}
+        jobs = {form: [pool.submit(job, form, kind, arguments.cases) for kind in COUNTED] for form in arguments.formats}
         for form, both in jobs.items():
             found = [one.result() for one in both]
             lines.append(row(form, *found))
             print(lines[-1], flush=True)
-            for kind, counts in zip(DAMAGES, found, strict=True):
+            for kind, counts in zip(COUNTED, found, strict=True):
                 broken += broken_promises(form, kind, counts)
     for page in arguments.write:
         write(page, "\n".join(lines), MARKERS)
