@@ -40,6 +40,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "NO-HEADER": "info",
     "SAME-STAMP": "info",
     "EXCLUDED": "info",
+    "SET": "info",
 }
 """Codes whose level is not a warning."""
 

@@ -82,7 +82,7 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
         hint = did_you_mean(Path(log).name, [*_beside(Path(log)), *names])
         raise LogError(f"{log}: no such file, folder or scenario{hint} (scenarios: {', '.join(names)})")
     if request not in (DEFAULT_REQUEST, UNCONFIGURED):
-        raise UsageError(f"{log}: a scenario takes no --truth, --with or topics, and no --config but none")
+        raise UsageError(f"{log}: a scenario takes no --truth, --with, --set or topics, and no --config but none")
     made = without_implausible(simulated_log(find_scenario(str(log)), seed))
     return made if request == DEFAULT_REQUEST else replace(made, parameters=Parameters(calibrate=(AUTO,)))
 

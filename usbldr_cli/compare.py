@@ -1,5 +1,6 @@
 """``usbldr compare``: every filter on every log over seeds, side by side; or finished runs side by side."""
 
+import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -164,34 +165,40 @@ def _run(
     """
     from usbldr.filters.replay.methods import METHODS, track_name
     from usbldr.io.reports.report_text import BOUND_NAMES
+    from usbldr.io.settings.set_keys import sweep
     from usbldr_cli.runs.executors import executor
     from usbldr_cli.runs.run_jobs import run_jobs
     from usbldr_cli.runs.seed_table import BOUND, ComparisonRow
 
-    cells: dict[tuple[str, str], dict[int, Job]] = {}
+    settings = sweep(selection["set_keys"])
+    cells: dict[tuple[str, str, tuple[str, ...]], dict[int, Job]] = {}
     for log in logs:
-        for method in methods:
-            cells[log, method] = _cell(log, method, seeds, choices, selection)
+        for method, stated in itertools.product(methods, settings):
+            cells[log, method, stated] = _cell(log, method, seeds, choices, selection | {"set_keys": stated})
         if bound:
             first = next((method for method in methods if METHODS[method].is_filter), methods[0])
-            cells[log, BOUND] = {seed: replace(job, bound=True) for seed, job in cells[log, first].items()}
+            for stated in settings:
+                jobs = cells[log, first, stated]
+                cells[log, BOUND, stated] = {seed: replace(job, bound=True) for seed, job in jobs.items()}
     seed_major = sorted(
-        ((log, seed, method) for (log, method), jobs in cells.items() for seed in jobs),
-        key=lambda at: (logs.index(at[0]), at[1]),  # jobs of one dive follow each other: it is read once
+        ((*cell, seed) for cell, jobs in cells.items() for seed in jobs),
+        key=lambda at: (logs.index(at[0]), settings.index(at[2]), at[3]),  # a dive that is read once for all its jobs
     )
     with executor(workers) as where:
-        outcomes = run_jobs([cells[log, method][seed] for log, seed, method in seed_major], where, store)
+        outcomes = run_jobs([cells[at[:3]][at[3]] for at in seed_major], where, store)
     by_place = dict(zip(seed_major, outcomes, strict=True))
     reused = sum(outcome.reused for outcome in outcomes)
     if reused:
         click.echo(f"{reused} of {len(outcomes)} runs were finished already, in {store}", err=True)
     names = [Path(log).name for log in logs]
     rows: list[ComparisonRow] = []
-    for (log, method), jobs in cells.items():
+    for (log, method, stated), jobs in cells.items():
         name = Path(log).name if names.count(Path(log).name) == 1 else log
-        found = tuple(by_place[log, seed, method] for seed in jobs)
+        found = tuple(by_place[log, method, stated, seed] for seed in jobs)
         dives = next(iter(jobs.values())).simulated
         label = BOUND_NAMES[choices.smooth] if method == BOUND else track_name(method, choices.smooth)
+        varied = [text for k, text in enumerate(stated) if len({other[k] for other in settings}) > 1]
+        label = " ".join([label, *(text.replace('"', "") for text in varied)])
         draws = method != BOUND and METHODS[method].draws
         rows.append(ComparisonRow(name, label, method, tuple(jobs), found, draws, dives))
     return rows

@@ -40,8 +40,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     path = Path(log)
     if not path.exists():
         raise LogError(f"{log}: no such file or folder")
-    if selection["config"] not in (None, "none"):
-        raise UsageError("init writes a configuration from the log alone; it takes no --config")
+    if selection["config"] not in (None, "none") or selection["set_keys"]:
+        raise UsageError("init writes a configuration from the log alone; it takes no --config and no --set")
     target = output or own_configuration(path, path.is_dir())
     selection["config"] = "none"
     request = read_request(**selection)

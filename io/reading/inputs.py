@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,7 +26,8 @@ def input_files(log: Path, request: Request) -> tuple[InputFile, ...]:
     """
     configuration = ConfigurationFile()
     with suppress(UsageError):
-        configuration = configuration_of(log, request)
+        configuration = configuration_of(log, replace(request, set_keys=()))
+        configuration = configuration_of(log, request)  # which a sweep has several of
     joined = [Path(name) for name in request.joined]
     joined += [log.resolve().parent / stated.path for stated in configuration.settings.file]
     truth = configuration.settings.truth.file if request.truth is None else request.truth

@@ -20,6 +20,7 @@ from usbldr.io.recordings.joined import UNDATED, JoinedLog, LogPart
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.layout_files import LayoutFile, layout_files
 from usbldr.io.settings.sensor_sections import Configuration, FileSection
+from usbldr.io.settings.set_keys import with_set_keys
 from usbldr.io.settings.validation import read_document
 from usbldr.io.stages import say, stage
 
@@ -46,6 +47,7 @@ class Request:
     msg_path: tuple[str, ...] = ()  # folders of .msg files, for messages that a log does not define
     truth_frame: Literal["ENU", "NED", "latlon"] | None = None
     part: str | None = None  # of a log whose clock goes back: its number, or "joined"
+    set_keys: tuple[str, ...] = ()  # SECTION.KEY=VALUE over the configuration
 
 
 DEFAULT_REQUEST = Request()
@@ -67,10 +69,14 @@ def configuration_of(log: Path, request: Request) -> ConfigurationFile:
     if isinstance(request.configuration, ConfigurationFile):
         return request.configuration
     file = find_configuration(log, request.configuration)
-    if file is None:
-        return ConfigurationFile()
-    content = read_document(file)
-    return ConfigurationFile(file, parse_configuration(content, file), content)
+    found = ConfigurationFile()
+    if file is not None:
+        content = read_document(file)
+        found = ConfigurationFile(file, parse_configuration(content, file), content)
+    if request.set_keys:
+        content = with_set_keys(found.content or {"schema": 1}, request.set_keys)
+        found = ConfigurationFile(file, parse_configuration(content, f"--set {' '.join(request.set_keys)}"), content)
+    return found
 
 
 def with_configuration(log: Path, request: Request) -> Request:

@@ -19,6 +19,7 @@ from usbldr.io.conventions.sanity import (
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.usbl import OF_HEAD_COLUMNS
 from usbldr.io.conventions.usbl_head import ship_choices
+from usbldr.io.findings import Finding
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import blocks
 from usbldr.io.provenance import provenance_lines
@@ -79,7 +80,8 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     truth = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
     tables, provenance = sensors.tables, sensors.provenance | truth.provenance
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
-    findings = [*roles.findings, *sensors.findings, *truth.findings]
+    stated = [Finding("SET", f"{text}, by --set") for text in request.set_keys]
+    findings = [*stated, *roles.findings, *sensors.findings, *truth.findings]
     findings += position_findings(tables, provenance, sensors.origin)
     if truth.truth is not None and truth.truth.kind == "gps":
         findings += truth_underwater_findings(truth.truth, provenance, tables)

@@ -38,7 +38,7 @@ def own_configuration(log: Path, folder: bool) -> Path:
     return configuration_places(log, folder)[0]
 
 
-def parse_configuration(document: dict[str, object], file: Path) -> Configuration:
+def parse_configuration(document: dict[str, object], file: object) -> Configuration:
     """Return a TOML document as checked settings; raise UsageError with file, key, nearest match and allowed values."""
     return checked(document, Configuration, file)
 

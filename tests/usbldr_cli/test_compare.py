@@ -51,6 +51,57 @@ def content(out: Path) -> Any:
     return json.loads((out / "compare.json").read_text())
 
 
+def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: Path, tmp_path: Path) -> None:
+    sweep = ("--set", "usbl.sd_scale=1,4", "--set", "compass.bias_deg=2.5", "--plots", "none")
+
+    output_of("compare", dive, "-f", "ckf", *sweep, "-o", tmp_path / "swept")
+
+    rows = content(tmp_path / "swept")["rows"]
+    assert [row["filter"] for row in rows] == ["ckf usbl.sd_scale=1", "ckf usbl.sd_scale=4"]
+    stated = (dive / "usbldr.toml").read_text().replace("[usbl]", "[usbl]\nsd_scale = 4.0")
+    (tmp_path / "stated.toml").write_text(stated.replace("[compass]", "[compass]\nbias_deg = 2.5"))
+    config, out = tmp_path / "stated.toml", tmp_path / "run"
+    output_of("replay", dive, "-f", "ckf", "--config", config, "-o", out, "--plots", "none")
+    metrics = json.loads((tmp_path / "run" / "report.json").read_text())["metrics"]
+    assert rows[1]["rmse_east_m"] == metrics["rmse_east_m"] != rows[0]["rmse_east_m"]
+    assert "2 of 2 runs were finished" in run("compare", dive, "-f", "ckf", *sweep, "-o", tmp_path / "swept").stderr
+
+
+def test_a_run_with_a_stated_key_is_verified_and_checked_with_it(dive: Path, tmp_path: Path) -> None:
+    output_of("replay", dive, "-f", "ckf", "--set", "usbl.sd_scale=4", "--plots", "none", "-o", tmp_path / "run")
+    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    baseline = tmp_path / "baseline.toml"
+    value = report["metrics"]["rmse_east_m"]
+    baseline.write_text(
+        f'schema = 1\n[[row]]\nname = "a"\nlog = "{dive}"\nfilter = "ckf"\nset = ["usbl.sd_scale=4"]\n'
+        f"[row.metrics]\nrmse_east_m = {{ value = {value!r}, abs = 1e-9, direction = 'both' }}\n"
+    )
+
+    assert {"code": "SET", "text": "usbl.sd_scale=4, by --set"}.items() <= report["findings"][0].items()
+    assert "bit-identical" in output_of("replay", "--verify", tmp_path / "run")
+    assert run("check", baseline, "--output", "none").return_value == 0
+    baseline.write_text(baseline.read_text().replace("=4", "=1"))
+    assert run("check", baseline, "--output", "none").return_value == 1
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ("usbl.sd_scal=1", "--set usbl.sd_scal=1: [usbl] has no key sd_scal; did you mean sd_scale"),
+        ("usbl=1", "[usbl]: expected table"),
+        ("schema.sd_m=1", "schema is no section"),
+        ("usbl.sd_m", "write SECTION.KEY=VALUE"),
+        ("usbl.sd_m=1,2", "several values are for usbldr compare"),
+        ("compass.convention=EUN", "[compass] convention: EUN is not allowed"),
+    ],
+)
+def test_what_is_wrong_with_a_stated_key_is_said(dive: Path, tmp_path: Path, stated: str, said: str) -> None:
+    fault = run("replay", dive, "-f", "dr", "--set", stated, "-o", tmp_path / "run").exception
+
+    assert isinstance(fault, UsageError)
+    assert said in str(fault)
+
+
 def test_samplers_run_once_a_seed_and_the_others_once_a_file(compared: Path) -> None:
     reported = content(compared)
 

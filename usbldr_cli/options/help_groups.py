@@ -16,7 +16,10 @@ COMMON = {
 }
 RARE = {
     "Baseline": (),
-    "Log": ("dvl", "compass", "gps", "depth", "fixes", "truth_frame", "part", "msg_path", "limits", "strict"),
+    "Log": (
+        *("set_keys", "dvl", "compass", "gps", "depth", "fixes", "truth_frame"),
+        *("part", "msg_path", "limits", "strict"),
+    ),
     "Faults": (),
     "Filter": ("plugin", "noise", "gate", "guard", "order", "aid", "exclude", "fast_hz"),
     "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),

@@ -32,13 +32,20 @@ def _raise_limits(_ctx: click.Context, _option: click.Parameter, factor: str | N
 
 
 def selection_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --config, one option for each sensor, --truth, --with, --msg-path and --limits."""
+    """Add --config, --set, one option for each sensor, --truth, --with, --msg-path and --limits."""
     options = (
         click.option(
             "--config",
             metavar="FILE",
             type=words("none", files=True),
             help='Configuration file; "none" ignores the one beside LOG.',
+        ),
+        click.option(
+            "--set",
+            "set_keys",
+            metavar="KEY=VALUE",
+            multiple=True,
+            help="A key of the configuration, such as usbl.sd_m=2; compare takes several values: usbl.sd_m=1,2,4.",
         ),
         *(
             click.option(f"--{role}", metavar="TOPIC", type=Suggested(topics(role)), help=text)
@@ -98,6 +105,7 @@ def read_request(
     msg_path: tuple[str, ...] = (),
     truth_frame: Literal["ENU", "NED", "latlon"] | None = None,
     part: str | None = None,
+    set_keys: tuple[str, ...] = (),
     **topics: str | None,
 ) -> "Request":
     """Return the values of selection_options as a request."""
@@ -111,6 +119,7 @@ def read_request(
         msg_path,
         truth_frame,
         part,
+        set_keys,
     )
 
 

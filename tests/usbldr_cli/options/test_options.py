@@ -57,7 +57,7 @@ def test_a_scenario_takes_no_topics(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     with pytest.raises(UsageError) as fault:
         opened("paper", "--dvl", "/dvl")
 
-    assert str(fault.value) == "paper: a scenario takes no --truth, --with or topics, and no --config but none"
+    assert str(fault.value) == "paper: a scenario takes no --truth, --with, --set or topics, and no --config but none"
 
 
 def test_what_is_neither_file_nor_scenario_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
