@@ -42,6 +42,7 @@ class Log:
     parameters: Parameters
     origin: Origin | None = None
     truth: Truth | None = None
+    truth_fault: str = ""  # why the GPS, which would be the truth, has exchanged coordinates and is left out
     configuration: Path | None = None  # which usbldr.toml was read
     settings: Configuration = Configuration()  # its content
     findings: tuple[Finding, ...] = ()

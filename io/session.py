@@ -220,7 +220,12 @@ def score(
     identification: Identification | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ScoredTrack:
-    """Replay a log and compute the errors of the track, if the log has a truth (see `replay` and `evaluate`)."""
+    """Replay a log and compute the errors of the track, if the log has a truth (see `replay` and `evaluate`).
+
+    Raises LogError, too, if all of the truth is invalid because its coordinates are exchanged.
+    """
+    if log.truth is None and log.truth_fault:
+        raise LogError(f"{log.truth_fault}, so that there is no truth; --truth none runs without one")
     track = replay(log, timeline, method, settings, identification, progress)
     return ScoredTrack(track, None if log.truth is None else evaluate(log, timeline, track, settings))
 

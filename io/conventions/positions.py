@@ -22,6 +22,7 @@ from usbldr.io.settings.sensor_sections import GpsSection
 UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 BEYOND_DEG = "beyond 90 or 360 degrees"
+EXCHANGED = "latitude and longitude are probably exchanged"
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
 VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
@@ -83,7 +84,7 @@ def exchanged_advice(raw: RawRecords, causes: Mapping[str, Mask]) -> str:
     beyond = causes.get(BEYOND_DEG, np.zeros(1, np.bool_))
     lat, lon = _pair(raw)
     other_way = (np.abs(lon) <= 90) & (np.abs(lat) <= 360)
-    return "; latitude and longitude are probably exchanged" if np.mean(beyond & other_way) > 0.5 else ""
+    return f"; {EXCHANGED}" if np.mean(beyond & other_way) > 0.5 else ""
 
 
 def _negative_variance(raw: RawRecords) -> Mask:

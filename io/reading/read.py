@@ -12,6 +12,7 @@ from usbldr.io.conventions import compass
 from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.implausible import without_implausible
+from usbldr.io.conventions.positions import EXCHANGED
 from usbldr.io.conventions.sanity import (
     position_findings,
     truth_underwater_findings,
@@ -78,6 +79,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     _refuse_apart(path, sensors.tables)
     start_ns = _start_ns(sensors.tables, topics)
     truth = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
+    exchanged = [f.text for f in sensors.findings if f.code == "GPS-INVALID" and f.text.endswith(EXCHANGED)]
     tables, provenance = sensors.tables, sensors.provenance | truth.provenance
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
     stated = [Finding("SET", f"{text}, by --set") for text in request.set_keys]
@@ -95,6 +97,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         parameters=parameters(configuration),
         origin=sensors.origin,
         truth=truth.truth,
+        truth_fault="".join(exchanged) if truth.truth is None and not source.off else "",
         configuration=opened.file,
         settings=configuration,
         findings=(*reader.findings(), *findings),

@@ -84,6 +84,15 @@ def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..
     assert (code, "check whether latitude and longitude are exchanged" in said) == (3, True)
     assert "mirror image" not in said  # which exchanged coordinates are, but not those of the fixes
 
+    def west(table: pd.DataFrame) -> pd.DataFrame:  # -100 degrees are no latitude: no row is valid
+        return swapped(table.assign(lon_deg=table["lon_deg"] - 70.0))
+
+    log = edited(gps=west)
+    code, said = replayed(log)
+    assert (code, "all 701 records of /gps (gps) are invalid" in said) == (3, True)
+    assert "latitude and longitude are probably exchanged, so that there is no truth" in said
+    assert replayed(log, "--truth", "none")[0] == 0
+
     def in_ms(table: pd.DataFrame) -> pd.DataFrame:
         return table.assign(time_ns=table["time_ns"] // 1_000_000).drop(columns="received_ns")
 

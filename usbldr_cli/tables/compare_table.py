@@ -105,7 +105,7 @@ def context(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
 
 
 def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
-    """Return faults and warnings, each once."""
+    """Return faults and warnings, each once for a filter: of runs that differ in numbers alone, the first one's."""
     lines: list[tuple[str, str]] = []
     for row in rows:
         lost = len(row.seeds) - len(row.good)
@@ -115,9 +115,18 @@ def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
         if row.scored_against is not None:
             lines += [("lost", text) for text in row.scored_against.lost]
         texts = [text for outcome in row.good.values() for text in outcome.warnings]
-        for text in dict.fromkeys(texts):
-            count = f" ({texts.count(text)} of {len(row.seeds)} runs)" if len(row.seeds) > 1 else ""
-            lines.append(("warning", (text if row.label in text else f"{row.label}: {text}") + count))
+        alike: dict[str, list[str]] = {}
+        for text in texts:
+            alike.setdefault(re.sub(r"[-+]?\d+(\.\d+)?", "#", text), []).append(text)
+        for text, *others in alike.values():
+            more = ", numbers of the first" if any(other != text for other in others) else ""
+            count = f" ({1 + len(others)} of {len(row.seeds)} runs{more})" if len(row.seeds) > 1 else ""
+            lines.append(
+                (
+                    "warning",
+                    (text if row.label in text else f"{row.label}: {text.removeprefix(f'{row.method}: ')}") + count,
+                )
+            )
     return list(dict.fromkeys(lines))
 
 

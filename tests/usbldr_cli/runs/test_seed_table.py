@@ -17,7 +17,7 @@ from usbldr_cli.runs.seed_table import (
     row_content,
     row_metrics,
 )
-from usbldr_cli.tables.compare_table import page, render
+from usbldr_cli.tables.compare_table import notes, page, render
 from usbldr_cli.tables.run_table import WIDTH
 
 JUDGED = ScoringContext("dive.mcap", "MCAP", "0" * 64, "", "gps", "/gps", None, None, "none")
@@ -49,6 +49,16 @@ def test_a_metric_is_averaged_over_the_runs_that_have_it() -> None:
     mixed = dataclasses.replace(row("cpf", 1.0, 1.0), outcomes=(outcome(1.0, surfacing_error_m=8.0), outcome(1.0)))
 
     assert row_metrics(mixed)["surfacing_error_m"] == 8.0
+
+
+def test_a_warning_of_many_runs_is_said_once_for_a_filter() -> None:
+    said = [f"cpf: correlated ({sigma} sigma) at {sigma}.5 s" for sigma in (41, 38, 45)]
+    warned = tuple(dataclasses.replace(outcome(1.0), warnings=(text, "cpf: no start")) for text in said)
+
+    assert notes([dataclasses.replace(row("cpf", 1.0, 1.0, 1.0), label="cpf usbl.sd_m=1", outcomes=warned)]) == [
+        ("warning", "cpf usbl.sd_m=1: correlated (41 sigma) at 41.5 s (3 of 3 runs, numbers of the first)"),
+        ("warning", "cpf usbl.sd_m=1: no start (3 of 3 runs)"),
+    ]
 
 
 def test_a_method_without_chance_has_no_share_of_diverged_seeds() -> None:
