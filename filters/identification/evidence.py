@@ -63,6 +63,7 @@ FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "latency_s": 10.0}
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
 compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""
 USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outside
+LEAST_FACTOR = 1e-3  # fixed: on dead reckoning; a smaller one is as far outside
 MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
@@ -127,7 +128,11 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
     """
     usual = Member(stated, frozenset(keys_of(timeline)))
     found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
-    far = [key for key in FAR_KEYS if any(abs(found.mean[s][0]) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
+    value = {state: float(found.mean[state][0]) for state in STEPS}
+    # linear in both, half a turn is a scale of 2: they are the parts of one factor on dead reckoning
+    factor = 1 - value["dvl_scale"] + 1j * value["heading_bias"]
+    value |= {"dvl_scale": 1 / max(abs(factor), LEAST_FACTOR) - 1, "heading_bias": float(np.angle(factor))}
+    far = [key for key in FAR_KEYS if any(abs(value[s]) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     if not far:

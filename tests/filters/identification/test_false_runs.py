@@ -99,6 +99,7 @@ def test_in_the_order_of_arrival_no_fix_is_known_to_be_false() -> None:
 FAR = {
     "heading 20 deg": (Faults(heading_bias_deg=20.0), {"heading_bias_deg": 20.0}),
     "heading 170 deg": (Faults(heading_bias_deg=170.0), {"heading_bias_deg": 170.0}),
+    "heading 178 deg": (Faults(heading_bias_deg=178.0), {"heading_bias_deg": 178.0}),
     "scale 25 %": (Faults(dvl_scale=0.25), {"dvl_scale": 0.25}),
     "latency 4.9 s": (Faults(usbl_latency_s=4.9), {"usbl_latency_s": 4.9}),
 }
