@@ -106,7 +106,7 @@ def choose_roles(
                 errors[role] = _unreadable(log, role, unreadable[0])
             elif unusable := [topic for topic in topics if topic.count and _unusable(role, topic)]:
                 errors[role] = _refused(log, role, unusable[0])
-            elif missed := [topic for topic in topics if topic.count and topic.problem and _named_for(role, topic)]:
+            elif missed := [one for one in topics if (one.problem or not one.count) and _named_for(role, one)]:
                 unread[role] = missed[0]
     of_other_type = {role: _of_other_type(choice.topic, topics) for role, choice in chosen.items()}
     return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship, unread, of_other_type)
@@ -247,8 +247,9 @@ def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
 
 
 def _unread(role: str, topic: TopicInfo) -> Finding:
-    text = f"{topic.name}: could be the {role} by its type {topic.type}, but cannot be read: {topic.problem}"
-    return Finding("TOPIC-UNREAD", f"{text}; --{role} none leaves it out", topic.name, lost_data=True)
+    why = f"cannot be read: {topic.problem}" if topic.count else topic.problem or "has no records"
+    text = f"{topic.name}: could be the {role} by its type {topic.type}, but {why}; --{role} none leaves it out"
+    return Finding("TOPIC-UNREAD", text, topic.name, lost_data=bool(topic.count) or topic.is_table)
 
 
 def _usable(role: str, topic: TopicInfo) -> bool:

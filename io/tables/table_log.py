@@ -71,6 +71,11 @@ def _element(label: str, k: int) -> str:
     return f"{name}.{k}{bracket}{unit}"
 
 
+def _is_empty(table: Table) -> bool:
+    """Return whether a table is a sensor's by its columns, and has no rows."""
+    return not table.rows and sheet_of(table.topic.rpartition("/")[2], list(table.columns)) is not None
+
+
 class TableLog:
     """A log of tables."""
 
@@ -82,7 +87,7 @@ class TableLog:
         self._configured = tuple(configured)
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
         self._columns: dict[tuple[str, str], Column] = {}
-        self._all = [table for table in tables if table.rows > 1] or tables  # else they are parameters
+        self._all = [table for table in tables if table.rows > 1 or _is_empty(table)] or tables  # else parameters
         sizes = {table.file: table.file.stat().st_size for table in tables}
         self._budget = UnpackingBudget(path, sum(sizes.values()))
 
@@ -134,7 +139,9 @@ class TableLog:
         times = times[good]
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
-        return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields, "" if len(times) else none)
+        return TopicInfo(
+            topic, sheet.type, "table", len(times), first, last, fields, none if table.rows > len(times) == 0 else ""
+        )
 
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""

@@ -10,14 +10,25 @@ from recordings import T0
 COUNT = 40
 
 
-def ensemble(k: int, coordinates: int, velocity: tuple[int, int, int, int], gga: bool = True) -> bytes:
-    """Return an ensemble of a convex instrument with beams at 30 degrees that looks down."""
+def ensemble(
+    k: int,
+    coordinates: int,
+    velocity: tuple[int, int, int, int],
+    gga: bool = True,
+    clock: str = "",
+    heading: int | None = None,
+) -> bytes:
+    """Return an ensemble of a convex instrument with beams at 30 degrees that looks down.
+
+    ``clock``: YYMMDDhhmmss and hundredths; ``heading``: hundredths of a degree.
+    """
     fixed = bytearray(59)
     fixed[4], fixed[5], fixed[25] = 0b0000_1011, 0b0100_0010, coordinates << 3
     variable = bytearray(65)
     variable[2:4] = struct.pack("<H", k)
-    variable[4:11] = bytes([20, 9, 13, 12, 26, k, 50])  # 2020-09-13 12:26
-    variable[14:20] = struct.pack("<HHH", 1500, 100 + k, (35_500 + 50 * k) % 36_000)
+    clock = clock or f"2009131226{k:02d}50"
+    variable[4:11] = bytes(int(clock[place : place + 2]) for place in range(0, 14, 2))
+    variable[14:20] = struct.pack("<HHH", 1500, 100 + k, (35_500 + 50 * k) % 36_000 if heading is None else heading)
     bottom = bytearray(81)
     bottom[16:24] = struct.pack("<4H", 4464, 0, 5464, 4964)  # with the next: 700, unknown, 710 and 705 m
     bottom[24:32] = struct.pack("<4h", *velocity)

@@ -3,6 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,10 +14,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rosbags.rosbag2 import StoragePlugin
 
+from autopilot_recordings import DEFINITIONS, fmt, row, write_bin
+from blueos_recordings import write_blueos
 from commands import run
+from dvl_recordings import ensemble
 from imc_recordings import sent, write_messages
 from logs import codes
 from moos_recordings import HEAD, line
+from pd45_recordings import pd45_ensemble
 from recordings import SECOND, T0, Row, point, sentence, twist, write_bag, write_mcap, write_rosbag2, yaw
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.filters.errors import UsageError
@@ -82,6 +87,53 @@ def as_lsf(folder: Path, times: Times) -> Path:
     return write_messages(folder, sequence)
 
 
+def as_blueos(folder: Path, times: Times) -> Path:
+    rows = [(t, "ATTITUDE", {"yaw": math.radians(90 - k / 10)}) for k, t in enumerate(times.tolist())]
+    return write_blueos(folder / "a.mcap", rows)
+
+
+def as_onboard(folder: Path, times: Times) -> Path:
+    number, name, codes, columns, _ = DEFINITIONS[0]
+    parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"), fmt(number, name, codes, columns)]
+    parts += [
+        row(number, codes, (t - T0) // 1000 + 2 * 10**12, 0, 0, 0.0, (90 - k / 10) % 360, 0)
+        for k, t in enumerate(times.tolist())
+    ]
+    return write_bin(folder / "a.BIN", parts)
+
+
+def pd_clock(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns // SECOND, UTC):%y%m%d%H%M%S}{time_ns // 10**7 % 100:02d}"
+
+
+def as_pd0(folder: Path, times: Times) -> Path:
+    parts = [
+        ensemble(k, 1, (250, -1500, 10, 0), gga=False, clock=pd_clock(t), heading=9000 - 10 * k)
+        for k, t in enumerate(times.tolist())
+    ]
+    (folder / "a.pd0").write_bytes(b"".join(parts))
+    return folder / "a.pd0"
+
+
+def as_pd5(folder: Path, times: Times) -> Path:
+    made = [
+        pd45_ensemble(5, t // 10**7 % 8_640_000, x=0, y=1500, z=10, depth=100, heading=9000 - 10 * k)
+        for k, t in enumerate(times.tolist())
+    ]
+    (folder / "a.pd5").write_bytes(b"".join(made))
+    return folder / "a.pd5"
+
+
+def as_pd6(folder: Path, times: Times) -> Path:
+    lines: list[str] = []
+    for k, t in enumerate(times.tolist()):
+        lines += [f":SA, +1.00, -2.00,{90 - k / 10:6.2f}"]
+        lines += [f":TS,{pd_clock(t)}, 0.0, +0.0,{k / 10:6.1f},1475.0,  0"]
+        lines += [f":BI,  +{100 + k},  -420, +2000,    +0,A"]
+    (folder / "a.pd6").write_text("\r\n".join(lines) + "\r\n", encoding="ascii", newline="")
+    return folder / "a.pd6"
+
+
 CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "mcap": lambda folder, times: write_mcap(folder / "a.mcap", rows_of(times)),
     "unchunked mcap": lambda folder, times: write_mcap(folder / "a.mcap", rows_of(times), chunked=False),
@@ -97,7 +149,15 @@ CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "alog": as_alog,
     "json lines": as_json_lines,
     "lsf": as_lsf,
+    "MCAP of BlueOS": as_blueos,
+    "BIN": as_onboard,
+    "PD0": as_pd0,
+    "PD5": as_pd5,
+    "PD6": as_pd6,
 }
+
+
+UNDATED, HOUR = ("PD5",), 3600 * SECOND  # times of the day, as PD4: a step of half a day and more is a midnight
 
 
 def headings(log: Log) -> list[int]:
@@ -114,7 +174,7 @@ def headings(log: Log) -> list[int]:
 @pytest.mark.long
 def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_ns: int) -> None:
     times = T0 + np.arange(COUNT) * STEP
-    times[cut:] -= back_ns
+    times[cut:] -= back_ns if container not in UNDATED else min(back_ns, 10 * HOUR)
 
     with TemporaryDirectory() as folder:
         log = CONTAINERS[container](Path(folder), times)

@@ -14,7 +14,9 @@ from pyarrow import parquet
 
 from commands import run
 from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
+from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.io.formats.detect import open_log
+from usbldr.io.messages.roles import choose_roles
 from usbldr.io.reading.read import read_log
 
 COUNT = 300  # [rows]
@@ -91,6 +93,18 @@ def test_a_file_with_a_lost_sector_is_read_in_part_and_a_file_that_is_none_is_na
             assert left - 2 <= present["/gps"] < COUNT
         elif not at or junk != b"\0":
             assert any("gps" in finding.text for finding in log.findings()) or "/gps" not in present
+
+
+@pytest.mark.parametrize("writer", [as_csv, as_parquet, as_hdf5, as_mat])
+def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Callable[[Path, Tables], Path]) -> None:
+    time_ns, k = np.array(TIMES), np.arange(COUNT) / 1e5
+    dvl = {"time_ns": time_ns, "starboard_mps": k, "forward_mps": k}
+    log = writer(tmp_path, {"dvl": dvl, "gps": {"time_ns": time_ns[:0], "lat_deg": k[:0], "lon_deg": k[:0]}})
+
+    (lost,) = (one for one in choose_roles(log, open_log(log).topics(), {}, {}).findings if one.topic == "/gps")
+
+    assert lost.lost_data
+    assert "has no records" in lost.text
 
 
 def test_what_is_no_text_before_a_table_is_named(tmp_path: Path) -> None:
