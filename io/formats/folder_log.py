@@ -1,6 +1,7 @@
 """A folder as a log: a rosbag2 recording, tables (CSV, Parquet), or files of instruments; what is not read is named."""
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 from pathlib import Path
 
 from usbldr.filters.errors import LogError, UsageError
@@ -59,19 +60,28 @@ RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
 
 def folder_log(path: Path, open_file: Callable[[Path], Reader]) -> Reader | None:
     """Return the log of a folder, None if it holds none; ``open_file`` opens one of its files."""
-    files = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+    files = sorted(file for file in path.iterdir() if not file.name.startswith(".") and not _is_other_folder(file))
     if len(files) > limit(FILES):
         raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
     readers, used = _together(path, open_file)
     others = [file for file in files if file not in used]
     if not readers:
         parts, unread = _alone(path, others, open_file)
+        if not parts and (lost := next((finding for finding in unread if finding.lost_data), None)):
+            raise LogError(f"holds nothing that can be read: {lost.text}", path=path)
         return JoinedLog(path, _formats(parts), parts, tuple(unread)) if parts else None
     findings = _not_read(others, open_file)
     if len(readers) == 1 and not findings:
         return readers[0]
     parts = [LogPart(reader) for reader in readers]
     return JoinedLog(path, _formats(parts), tuple(parts), tuple(findings))
+
+
+def _is_other_folder(file: Path) -> bool:
+    """Return whether this is a folder without files of logs: pictures, runs."""
+    if not file.is_dir() or (file / "report.json").is_file():
+        return file.is_dir()
+    return not any(_is_of_logs(inner) and inner.suffix for inner in islice(file.iterdir(), FILES))
 
 
 def _formats(parts: Sequence[LogPart]) -> str:
@@ -112,7 +122,8 @@ def _alone(
     path: Path, files: Sequence[Path], open_file: Callable[[Path], Reader]
 ) -> tuple[tuple[LogPart, ...], list[Finding]]:
     """Return the files of a folder that are read one by one, and findings on the others."""
-    readers, _ = _readable([file for file in files if file.stat().st_size and _is_of_logs(file)], open_file)
+    filled = [file for file in files if file.is_file() and file.stat().st_size]
+    readers, _ = _readable([file for file in filled if _is_of_logs(file)], open_file)
     recordings = [reader.path.name for reader in readers if reader.format.startswith(RECORDINGS)]
     if len(recordings) > 1:
         names = ", ".join(recordings[:SHOWN])
@@ -148,7 +159,11 @@ def _named_like_a_sensor(file: Path) -> bool:
 
 
 def _why(file: Path, open_file: Callable[[Path], Reader]) -> str:
-    if not file.stat().st_size:
+    if file.is_symlink() and not file.exists():
+        return "it is a link to a file that is not there"
+    if file.is_dir():
+        return f"it is a folder; --with {file.name} adds its log"
+    if file.is_file() and not file.stat().st_size:
         return "the file is empty"
     try:
         return f"it is {open_file(file).format}; --with {file.name} adds it"

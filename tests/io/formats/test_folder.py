@@ -1,6 +1,7 @@
 """Folders with a file that was spoilt: read as far as it can be, else it is named and the exit code is 3."""
 
 import codecs
+import os
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -105,6 +106,31 @@ def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Calla
 
     assert lost.lost_data
     assert "has no records" in lost.text
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda file: file.symlink_to("gone.csv"), "a link to a file that is not there"),
+        (lambda file: file.symlink_to(file.name), "a link to a file that is not there"),
+        (os.mkfifo, "neither a file nor a folder"),
+        (lambda file: file.write_bytes(bytes(9000)), "nothing but zeros"),
+        (lambda file: write_csv(file, gps=GPS), "it is a folder; --with gps.csv adds its log"),
+    ],
+)
+def test_what_is_no_file_of_a_log_and_named_like_a_sensor_is_named(
+    tmp_path: Path, make: Callable[[Path], object], why: str
+) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "gps.csv").unlink()
+    make(folder / "gps.csv")
+    (folder / "photos").mkdir()
+
+    (lost,) = open_log(folder).findings()
+
+    assert lost.text.startswith("gps.csv is not read: ")
+    assert why in lost.text
+    assert lost.lost_data
 
 
 def test_what_is_no_text_before_a_table_is_named(tmp_path: Path) -> None:
