@@ -1,4 +1,4 @@
-"""``usbldr calibrate-usbl``: how the USBL of a ship is installed, from a survey of a transponder that lies still."""
+"""``usbldr calibrate-usbl``: how the USBL of a ship is installed, from a survey of a transponder or from a dive."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,12 @@ from usbldr_cli.options.output_files import (
 from usbldr_cli.options.verbosity import verbose_option
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from usbldr.io.reading.opening import Request
+    from usbldr.io.reports.run_provenance import RunProvenance
     from usbldr.io.reports.usbl_calibration import Calibration
+    from usbldr_cli.figures.drawing import Picture
 
 
 @click.command()
@@ -59,12 +64,14 @@ def calibrate_usbl(
     force: bool,
     **selection: Any,
 ) -> int:
-    """Find how the USBL of a ship is installed, from a survey of a transponder that lies still.
+    """Find how the USBL of a ship is installed, from a survey of a transponder that lies still or from a dive.
 
-    LOG holds the fixes along the head's axes, and the ship's position, heading, roll and pitch. Found are the roll,
-    pitch and heading of the head, the scale of its ranges, the lever arm from antenna to head, the latencies of
-    attitude and position, and the place of the transponder, each with its sigma. Errors that LOG cannot tell apart are
-    named with the leg that is missing. Exit code 1 if the verdict is bad or open.
+    The LOG of a survey holds the fixes along the head's axes, and the ship's position, heading, roll and pitch. Found
+    are the roll, pitch and heading of the head, the scale of its ranges, the lever arm from antenna to head, the
+    latencies of attitude and position, and the place of the transponder, each with its sigma. The LOG of a dive has a
+    DVL and a compass in place of the transponder; it gives the heading and the scale if the ship moves, and the tilt if
+    the depth is known. Errors that LOG cannot tell apart are named with what would separate them. Exit code 1 if the
+    verdict is bad or open.
 
     \b
     $ usbldr calibrate-usbl survey --write usbldr.toml -o calibration
@@ -82,9 +89,9 @@ def calibrate_usbl(
         refuse_file("--json", Path(str(json_to)), force, read, output)
     if output is not None:
         require_free(output, read, force)
-    found = _calibration(log, selection, depth_m, depth_sd_m)
+    found, pictures = _calibration(log, request, selection, depth_m, depth_sd_m)
     if output is not None:
-        _write_folder(found, output, force)
+        _write_folder(found, pictures(), output, force)
     if write_to is not None:
         from usbldr.io.reports.usbl_calibration import calibrated_configuration
 
@@ -103,43 +110,87 @@ def _refuse_scenario(log: str) -> None:
         raise UsageError(f"{log} is a scenario: write its survey by usbldr simulate {log} -o FOLDER, or state --plan")
 
 
-def _calibration(log: str, selection: dict[str, Any], depth_m: float | None, depth_sd_m: float) -> "Calibration":
+def _calibration(
+    log: str, request: "Request", selection: dict[str, Any], depth_m: float | None, depth_sd_m: float
+) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
+    """Return the calibration by a survey, or by a dive if the log has a DVL, and what gives its figures."""
+    from usbldr.io.reading.usbl_survey import is_dive
+
+    made = request_provenance({"log": log, "selection": selection})
+    if is_dive(Path(log), request):
+        if depth_m is not None:
+            raise UsageError(f"--transponder-depth is for a survey; {log} has a DVL, so that it is read as a dive")
+        return _by_dive(log, request, made)
+    return _by_survey(log, request, made, depth_m, depth_sd_m)
+
+
+def _by_survey(
+    log: str, request: "Request", made: "RunProvenance", depth_m: float | None, depth_sd_m: float
+) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import judged, levelled
     from usbldr.io.reading.usbl_survey import read_usbl_survey
-    from usbldr.io.reports.usbl_calibration import Calibration
+    from usbldr.io.reports.usbl_calibration import of_survey
 
-    read = read_usbl_survey(Path(log), read_request(**selection))
+    read = read_usbl_survey(Path(log), request)
     known = known_of(read.stated, depth_m, depth_sd_m)
     survey, level = read.survey, read.level
     if level and not read.level_stated:
         survey, level = levelled(survey, read.stated, known)
-    made = request_provenance({"log": log, "selection": selection})
-    return Calibration(read, survey, level, judged(survey, read.stated, known), made)
+    verdict = judged(survey, read.stated, known)
+    found = of_survey(read, survey, level, verdict, made)
+
+    def pictures() -> list["Picture"]:
+        from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures
+
+        return survey_pictures(FittedSurvey(survey, read.stated, verdict, found))
+
+    return found, pictures
 
 
-def _write_folder(found: "Calibration", output: Path, force: bool) -> None:
+def _by_dive(
+    log: str, request: "Request", made: "RunProvenance"
+) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
+    from usbldr.io.doctor.head_calibration import calibrated_by_dive
+    from usbldr.io.reports.usbl_calibration import of_dive
+    from usbldr.io.session import open_log
+
+    read = open_log(log, request)
+    dive = calibrated_by_dive(read)
+    fixes = len(dive.timeline.fix_time_s)
+
+    def pictures() -> list["Picture"]:
+        from usbldr.io.reports.run import Run, ScoredTrack
+        from usbldr_cli.figures.drawing import Picture
+        from usbldr_cli.figures.fixes import fix_figure
+
+        run = Run(read, dive.timeline, dive.identification, ScoredTrack(dive.track, None))
+        return [Picture("fixes", "What fixes differ by from the track without them", lambda: fix_figure(run))]
+
+    return of_dive(read, dive.verdict, dive.slant_m, fixes, dive.sentence, made), pictures
+
+
+def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path, force: bool) -> None:
     from usbldr.io.reports.markdown_report import markdown
-    from usbldr.io.reports.page import Picture
+    from usbldr.io.reports.page import Picture as PagePicture
     from usbldr.io.reports.run_directory import REPORT, json_text, run_directory, write_atomically
     from usbldr.io.reports.usbl_calibration import content, page
     from usbldr_cli.figures.drawing import draw
-    from usbldr_cli.figures.usbl_survey import survey_pictures
     from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
 
     with run_directory(output, force) as folder:
-        drawn = draw(folder, survey_pictures(found))
+        drawn = draw(folder, pictures)
         blocks, plots = plots_of(drawn)
         write_html(folder / REPORT_HTML, page(found, blocks), plots)
-        pictures = [Picture(one.file, one.caption) for one in drawn]
-        write_atomically(folder / "report.md", markdown(page(found, pictures)).encode())
+        shown = [PagePicture(one.file, one.caption) for one in drawn]
+        write_atomically(folder / "report.md", markdown(page(found, shown)).encode())
         files = [REPORT_HTML, "report.md", *(one.file for one in drawn)]
         write_atomically(folder / REPORT, json_text(content(found, files)).encode())
 
 
 def _print(found: "Calibration", json_to: str | None) -> None:
     from usbldr.io.reports.run_directory import json_text
-    from usbldr.io.reports.usbl_calibration import content, notes, summary, survey_text, tables
+    from usbldr.io.reports.usbl_calibration import content, notes, summary, tables
     from usbldr_cli.tables.run_table import aligned
 
     if json_to is not None:
@@ -149,7 +200,7 @@ def _print(found: "Calibration", json_to: str | None) -> None:
             return
         write_file("--json", Path(json_to), text)
     installation, scatter = tables(found)
-    parts = [survey_text(found), aligned(installation), "\n".join(notes(found)), aligned(scatter), summary(found)]
+    parts = [found.measured, aligned(installation), "\n".join(notes(found)), aligned(scatter), summary(found)]
     click.echo("\n\n".join(part for part in parts if part))
 
 

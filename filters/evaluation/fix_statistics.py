@@ -83,7 +83,7 @@ def fix_statistics(
     shares: tuple[RangeShare, ...] = ()
     if away_m is not None:
         # to the track: by its own line, no fix would have an error of bearing
-        to_track = away_m - position_m + _at(time_s, track.time_s, track.position_m)
+        to_track = away_m - position_m + columns_at(time_s, track.time_s, track.position_m)
         reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
         line = to_track / reach[:, None]
         along = _noise(time_s, position_m, moved, inside, line)
@@ -123,7 +123,7 @@ def left_out_residuals(
     bias = [track.names.index(name) for name in STATES["usbl-bias"] if name in track.names]
     measured = [place, np.array(bias)] if bias else [place]
     rows = np.clip(np.searchsorted(track.time_s, time_s), 0, len(track.time_s) - 1)
-    cov, mean = track.cov[rows], _at(time_s, track.time_s, track.mean)
+    cov, mean = track.cov[rows], columns_at(time_s, track.time_s, track.mean)
     of_place = sum(cov[:, place[:, None], of] for of in measured)  # (n, 2, 2) P H' of the position
     of_fix = sum(cov[:, one[:, None], of] for one in measured for of in measured)
     residual = position_m - sum(mean[:, of] for of in measured)
@@ -166,10 +166,10 @@ def _moved(track: Trajectory, time_s: Vector) -> Array | None:
     velocity = rotated(yaw, np.column_stack([starboard, forward]))
     steps = (velocity[1:] + velocity[:-1]) / 2 * np.diff(track.time_s)[:, None]
     path = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    return _at(time_s, track.time_s, path)
+    return columns_at(time_s, track.time_s, path)
 
 
-def _at(time_s: Vector, known_s: Vector, values: Array) -> Array:
+def columns_at(time_s: Vector, known_s: Vector, values: Array) -> Array:
     """Return columns (k, m) of known times at others, (n, m)."""
     return np.column_stack([np.interp(time_s, known_s, values[:, k]) for k in range(values.shape[1])])
 

@@ -199,9 +199,9 @@ def long_run(scores: Array) -> Array:
     return whole
 
 
-def halves(survey: UsblSurvey, count: int = 10) -> tuple[Mask, Mask]:
-    """Return two halves of the fixes, (n,) each: every second of twenty stretches of equal numbers."""
-    number = np.arange(len(survey)) * 2 * count // max(len(survey), 1)
+def halves(fixes: int, count: int = 10) -> tuple[Mask, Mask]:
+    """Return two halves of so many fixes, (n,) each: every second of twenty stretches of equal numbers."""
+    number = np.arange(fixes) * 2 * count // max(fixes, 1)
     return number % 2 == 0, number % 2 == 1
 
 

@@ -65,9 +65,8 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The result of a survey."""
+    """What was found of an installation."""
 
-    installation: Installation
     parameters: tuple[Parameter, ...]
     before: Scatter  # with the stated installation
     after: Scatter  # with the fitted one, each half by the fit of the other
@@ -75,6 +74,13 @@ class Verdict:
     disagreement: float  # chi-square of the differences between the fits of the halves
     result: Literal["good", "open", "bad"]
     why: str
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyVerdict(Verdict):
+    """The result of a survey."""
+
+    installation: Installation
 
 
 def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurvey, bool]:
@@ -87,10 +93,10 @@ def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurv
     return (survey, True) if costs[0] <= costs[1] else (flat, False)
 
 
-def judged(survey: UsblSurvey, stated: Vector, known: Known) -> Verdict:
+def judged(survey: UsblSurvey, stated: Vector, known: Known) -> SurveyVerdict:
     """Fit the installation and judge it; raise LogError if too few fixes remain or the fit does not converge."""
     fit, known, assumptions = _with_latencies(survey, stated, known)
-    sides = halves(survey)
+    sides = halves(len(survey))
     fits = [calibrated(survey.part(side), fit.values, known, starts=False) for side in sides]
     difference = fits[0].values - fits[1].values
     disagreement = float(difference @ np.linalg.solve(fits[0].cov + fits[1].cov, difference))
@@ -101,8 +107,8 @@ def judged(survey: UsblSurvey, stated: Vector, known: Known) -> Verdict:
     after = scatter(positions, survey.range_m, fit.good)
     parameters = tuple(assumptions.get(one.name, one) for one in described(survey, fit))
     false_share = 1.0 - float(fit.good.mean())
-    result, why = _result(parameters, before, after, false_share, disagreement)
-    return Verdict(fit, parameters, before, after, false_share, disagreement, result, why)
+    result, why = decided(parameters, before, after, false_share, disagreement > DISAGREEMENT)
+    return SurveyVerdict(parameters, before, after, false_share, disagreement, result, why, fit)
 
 
 def _with_latencies(
@@ -167,20 +173,21 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
     return found
 
 
-def _result(
-    parameters: tuple[Parameter, ...], before: Scatter, after: Scatter, false_share: float, disagreement: float
+def decided(
+    parameters: tuple[Parameter, ...], before: Scatter, after: Scatter, false_share: float, disagree: bool
 ) -> tuple[Literal["good", "open", "bad"], str]:
+    """Return the verdict and why; ``disagree``: two halves of the fixes give different installations."""
     if false_share > MAX_FALSE_SHARE:
         return "bad", f"{false_share:.0%} of the fixes are false"
-    if disagreement > DISAGREEMENT:
+    if disagree:
         return "bad", (
-            "two halves of the survey give different installations: the transponder or the head moved, "
-            "or an error is at work that the fit does not know (of a dive, usbldr replay estimates the head's errors)"
+            "two halves of the fixes give different installations: the transponder of a survey or the head moved, "
+            "or an error is at work that the fit does not know"
         )
     if after.drms_m > MADE_WORSE * before.drms_m:
         return "bad", "the fixes scatter more with the calibration than without it"
     unsettled = [one for one in parameters if one.open]
     if unsettled:
-        return "open", f"the survey does not settle {', '.join(one.name for one in unsettled)}"
+        return "open", f"the fixes do not settle {', '.join(one.name for one in unsettled)}"
     assumed = " and ".join(f"{one.name} as stated" for one in parameters if one.assumed)
-    return "good", "the survey settles every error of the installation" + (f", with {assumed}" if assumed else "")
+    return "good", "the fixes settle every error of the installation" + (f", with {assumed}" if assumed else "")

@@ -24,7 +24,7 @@ class VerticalFit(NamedTuple):
     value: Vector
     sd: Vector
     prior_sd: Vector
-    noise_m: float  # 1-sigma of the vertical of a fix
+    noise_m: float  # 1-sigma of the vertical of a fix, median
     fixes: int
 
     @property
@@ -46,20 +46,31 @@ def vertical_fit(drop_m: Vector, depth_m: Vector, along_m: Array) -> VerticalFit
     y = drop_m[there] - depth_m[there]
     prior_sd = np.array([PRIOR_SD[0], PRIOR_SD[1], PRIOR_SD[3], OFFSET_SD_M])
     value: Vector = np.zeros(4)
-    weight, sd_m = np.ones(len(y)), 1.0
+    reach_m = np.hypot(starboard, forward)
+    weight, sd_m = np.ones(len(y)), np.full(len(y), max(float(np.median(np.abs(y - np.median(y)))) / 0.6745, 1e-4))
     for _ in range(ROUNDS):
+        information = (H * (weight / sd_m**2)[:, None]).T @ H + np.diag(prior_sd**-2)
+        value = np.asarray(np.linalg.solve(information, H.T @ (weight / sd_m**2 * y)), dtype=np.float64)
         residual = y - H @ value
-        scale = np.median(np.abs(residual)) / 0.6745 if np.all(weight == 1) else sd_m
-        z = residual / max(float(scale), 1e-6)
-        weight = (DOF + 1) / (DOF + z**2)
-        sd_m = max(float(np.sqrt(np.mean(weight * residual**2))), 1e-4)
-        information = (H * weight[:, None]).T @ H / sd_m**2 + np.diag(prior_sd**-2)
-        value = np.asarray(np.linalg.solve(information, H.T @ (weight * y) / sd_m**2), dtype=np.float64)
+        sd_m = _noise_m(np.sqrt(weight) * residual, reach_m)
+        weight = (DOF + 1) / (DOF + (residual / sd_m) ** 2)
     z = (y - H @ value) / sd_m
+    G = H / sd_m[:, None]
     slope = float(np.mean((DOF + 1) * (DOF - z**2) / (DOF + z**2) ** 2))
     prior = np.diag(prior_sd**-2)
-    bread = np.linalg.inv(slope * H.T @ H / sd_m**2 + prior)
-    scores = H * ((DOF + 1) * z / (DOF + z**2) / sd_m)[:, None]
-    cov = bread @ (long_run(scores) + prior) @ bread
+    bread = np.linalg.inv(slope * G.T @ G + prior)
+    scores = G * ((DOF + 1) * z / (DOF + z**2))[:, None]
+    pulls = long_run(scores), scores.T @ scores  # neighbours that differ by chance do not make the fit surer
+    sd = np.sqrt(np.max([np.diag(bread @ (pull + prior) @ bread) for pull in pulls], axis=0))
     value[2] = 1.0 + value[2]
-    return VerticalFit(value, np.sqrt(np.diag(cov)), prior_sd, sd_m, len(y))
+    return VerticalFit(value, sd, prior_sd, float(np.median(sd_m)), len(y))
+
+
+def _noise_m(residual_m: Vector, reach_m: Vector) -> Vector:
+    """Return the 1-sigma of each vertical, (n,): a constant, and a part that grows with the distance as an angle's."""
+    columns = np.column_stack([np.ones(len(reach_m)), reach_m**2])
+    for used in ([0, 1], [0], [1]):
+        variance = np.linalg.lstsq(columns[:, used], residual_m**2, rcond=None)[0]
+        if (variance >= 0).all():
+            return np.sqrt(np.maximum(columns[:, used] @ variance, 1e-8))
+    return np.full(len(reach_m), 1e-4)

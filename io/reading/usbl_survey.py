@@ -55,6 +55,12 @@ class SurveyLog(NamedTuple):
     findings: tuple[Finding, ...]
 
 
+def is_dive(path: Path, request: Request) -> bool:
+    """Return whether a log holds a DVL, and so a vehicle that moves; raise LogError if it cannot be opened."""
+    opened = open_configured(path, request)
+    return "dvl" in roles_of(opened.reader.topics(), request, opened).chosen
+
+
 @stage("read the survey")
 def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
     """Read a survey; raise LogError if it lacks fixes, positions or headings, UsageError if settings do not fit.

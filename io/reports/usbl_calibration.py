@@ -1,7 +1,7 @@
 """The calibration of a USBL's installation as text, as JSON, as a page, and as keys of a configuration."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,8 +11,10 @@ from tomlkit.items import InlineTable
 
 from usbldr.filters.types import Vector
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
-from usbldr.filters.usbl_survey.verdict import Parameter, Verdict
+from usbldr.filters.usbl_survey.verdict import Parameter, SurveyVerdict, Verdict
+from usbldr.io.findings import Finding
 from usbldr.io.geodesy import to_geodetic
+from usbldr.io.log import Log
 from usbldr.io.reading.usbl_survey import SurveyLog
 from usbldr.io.reports.page import Block, Bullets, Page, Section
 from usbldr.io.reports.report_text import Table
@@ -40,18 +42,72 @@ HEAD_KEYS = {"attitude_latency_s": "heading_latency_s", "position_latency_s": "l
 
 
 class Calibration(NamedTuple):
-    """A survey and its verdict."""
+    """What a survey or a dive says of the installation."""
 
-    log: SurveyLog
-    survey: UsblSurvey  # as it was fitted
-    level: bool  # fitted with the ship's roll and pitch
+    path: Path
+    sha256: str
+    topics: Mapping[str, str]  # what was read -> topic
+    configuration: Path | None
+    findings: tuple[Finding, ...]
+    level: bool  # the fixes are turned by the ship's roll and pitch
     verdict: Verdict
+    numbers: Mapping[str, float]  # of the noise, for JSON
+    slant_m: float  # median of the ranges
+    fixes: int
+    measured: str  # in a sentence
+    remarks: tuple[str, ...]
     provenance: RunProvenance
+
+
+def of_survey(
+    log: SurveyLog, survey: UsblSurvey, level: bool, found: SurveyVerdict, made: RunProvenance
+) -> Calibration:
+    """Return the calibration by a survey; ``level``: it was fitted with the ship's roll and pitch."""
+    noise = found.installation
+    minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
+    nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
+    turned = "with roll and pitch of the ship" if level else "roll and pitch of the ship are not used"
+    measured = (
+        f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
+        f"{found.false_share:.1%} false; {turned}; "
+        f"noise of ranges {noise.range_sd_m:.2f} m, of angles {np.degrees(noise.angle_sd_rad):.2f} deg"
+    )
+    remarks: list[str] = []
+    if not log.level:
+        remarks.append("the ship's records hold no roll and pitch, so its waves are in the noise of the angles")
+    if log.origin is not None:
+        east, north = (np.array([v]) for v in noise.values[PLACE][:2])
+        lat, lon = to_geodetic(log.origin, east, north)
+        remarks.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
+    return Calibration(
+        log.path,
+        log.sha256,
+        log.topics,
+        log.configuration,
+        log.findings,
+        level,
+        found,
+        {"range_sd_m": noise.range_sd_m, "angle_sd_deg": float(np.degrees(noise.angle_sd_rad))},
+        float(np.median(survey.range_m)),
+        len(survey),
+        measured,
+        tuple(remarks),
+        made,
+    )
+
+
+def of_dive(log: Log, found: Verdict, slant_m: float, fixes: int, measured: str, made: RunProvenance) -> Calibration:
+    """Return the calibration by a dive."""
+    usbl = log.settings.usbl
+    remark = "lever arm and latencies of the head are taken as stated: a survey of a transponder finds them, too"
+    topics = {role: one.topic for role, one in log.provenance.items()}
+    made_of = (log.path, log.sha256, topics, log.configuration, log.findings, usbl.level, found)
+    return Calibration(*made_of, {}, slant_m, fixes, measured, (remark,), made)
 
 
 def name_of(parameter: str) -> str:
     """Return how texts name a parameter."""
-    return LABELS[parameter][0]
+    return LABELS[parameter][0] if parameter in LABELS else parameter
 
 
 def value_text(one: Parameter) -> tuple[str, str]:
@@ -73,7 +129,7 @@ def tables(found: Calibration) -> tuple[Table, Table]:
     """Return the errors of the installation, and the scatter of the fixes before and after."""
     verdict = found.verdict
     rows = [(name_of(one.name), *value_text(one), f"{one.effect_m:.3f} m") for one in verdict.parameters]
-    reach = f"moves a fix at {np.median(found.survey.range_m):.0f} m by"
+    reach = f"moves a fix at {found.slant_m:.0f} m by"
     before, after = verdict.before, verdict.after
     lengths = {
         "median (CEP50)": (before.median_m, after.median_m),
@@ -85,46 +141,27 @@ def tables(found: Calibration) -> tuple[Table, Table]:
     scatter.append(("DRMS of slant range", f"{before.drms_percent:.2f} %", f"{after.drms_percent:.2f} %"))
     return (
         Table("installation", ("value", "sigma", f"sigma {reach}"), tuple(rows)),
-        Table("scatter of the transponder", ("before", "after"), tuple(scatter)),
+        Table("scatter of the fixes", ("before", "after"), tuple(scatter)),
     )
 
 
 def summary(found: Calibration) -> str:
     """Return the verdict as a sentence."""
     text = found.verdict.why
-    for name, (label, _, _) in LABELS.items():
+    for name, (label, *_) in LABELS.items():
         text = text.replace(name, label)
     return f"{found.verdict.result}: {text}"
 
 
-def survey_text(found: Calibration) -> str:
-    """Return what was surveyed, as a sentence."""
-    survey, verdict = found.survey, found.verdict
-    minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
-    nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
-    fits = verdict.installation
-    turned = "with roll and pitch of the ship" if found.level else "roll and pitch of the ship are not used"
-    return (
-        f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
-        f"{verdict.false_share:.1%} false; {turned}; "
-        f"noise of ranges {fits.range_sd_m:.2f} m, of angles {np.degrees(fits.angle_sd_rad):.2f} deg"
-    )
-
-
 def notes(found: Calibration) -> list[str]:
-    """Return what the survey leaves open, and where the transponder lies."""
+    """Return what is left open, and what else there is to say."""
     states: dict[str, list[str]] = {}
     for one in found.verdict.parameters:
         if text := state_text(one):
             states.setdefault(text, []).append(name_of(one.name))
     lines = [f"{', '.join(names)}: {text}" for text, names in states.items()]
-    if not found.log.level:
-        lines.append("the ship's records hold no roll and pitch, so its waves are in the noise of the angles")
-    if (origin := found.log.origin) is not None:
-        east, north = (np.array([v]) for v in found.verdict.installation.values[PLACE][:2])
-        lat, lon = to_geodetic(origin, east, north)
-        lines.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
-    return [*lines, *(f"{finding.code}: {finding.text}" for finding in found.log.findings)]
+    lines += found.remarks
+    return [*lines, *(f"{finding.code}: {finding.text}" for finding in found.findings)]
 
 
 def page(found: Calibration, figures: Sequence[Block]) -> Page:
@@ -132,10 +169,10 @@ def page(found: Calibration, figures: Sequence[Block]) -> Page:
     installation, scatter = tables(found)
     judged = "Half of the fixes were fitted and the other half judged, both ways round; false fixes are left out."
     return Page(
-        f"USBL calibration: {found.log.path.name}",
+        f"USBL calibration: {found.path.name}",
         summary(found),
         (
-            Section("", (survey_text(found) + ".", installation, Bullets(tuple(notes(found))))),
+            Section("", (found.measured + ".", installation, Bullets(tuple(notes(found))))),
             Section("Scatter", (scatter, judged)),
             Section("Figures", tuple(figures)),
             provenance_section(found.provenance),
@@ -148,32 +185,31 @@ def content(found: Calibration, files: Sequence[str] = ()) -> dict[str, Any]:
     verdict = found.verdict
     return {
         **made_by(),
-        "log": {"path": str(found.log.path), "sha256": found.log.sha256, "topics": dict(found.log.topics)},
+        "log": {"path": str(found.path), "sha256": found.sha256, "topics": dict(found.topics)},
         "provenance": provenance_content(found.provenance),
         "result": verdict.result,
         "why": verdict.why,
         "level": found.level,
-        "fixes": len(found.survey),
+        "fixes": found.fixes,
         "false_share": verdict.false_share,
-        "range_sd_m": verdict.installation.range_sd_m,
-        "angle_sd_deg": float(np.degrees(verdict.installation.angle_sd_rad)),
+        **found.numbers,
         "halves_chi_square": verdict.disagreement,
         "parameters": [one._asdict() for one in verdict.parameters],
         "before": verdict.before._asdict(),
         "after": verdict.after._asdict(),
-        "findings": [{"code": f.code, "text": f.text, "topic": f.topic} for f in found.log.findings],
+        "findings": [{"code": f.code, "text": f.text, "topic": f.topic} for f in found.findings],
         "files": sorted(files),
     }
 
 
 def calibrated_configuration(found: Calibration) -> str:
-    """Return the configuration of the survey with the installation that was found; open errors stay as stated."""
-    file = found.log.configuration
+    """Return the configuration of the log with the installation that was found; open errors stay as stated."""
+    file = found.configuration
     document: Any = tomlkit.parse("schema = 1\n" if file is None else read_text(file))
-    title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.log.path.name}.")]
+    title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.path.name}.")]
     settled = {one.name: one for one in found.verdict.parameters if not (one.open or one.assumed)}
     title += [
-        comment(f"{name_of(one.name)} is left as stated: the survey does not settle it.")
+        comment(f"{name_of(one.name)} is left as stated: the fixes do not settle it.")
         for one in found.verdict.parameters
         if one.name not in settled
     ]
@@ -184,11 +220,14 @@ def calibrated_configuration(found: Calibration) -> str:
             _put(usbl, key, settled[name], 3)
     if "scale" in settled:
         _put(usbl, "sound_speed_scale", settled["scale"], 5)
-    head = usbl.setdefault("head", _ship_head(found))
+    if "head" not in usbl:
+        usbl["head"] = _ship_head(found)
+    head = usbl["head"]
     arm = [float(metres) for metres in head.get("lever_arm_m", (0.0, 0.0, 0.0))]
     for axis, name in enumerate(("arm_starboard_m", "arm_forward_m")):
-        arm[axis] = round(settled[name].value, 3) if name in settled else arm[axis]
-    head["lever_arm_m"] = arm
+        if name in settled:
+            arm[axis] = round(settled[name].value, 3)
+            head["lever_arm_m"] = arm
     for name, key in HEAD_KEYS.items():
         if name in settled:
             head[key] = round(settled[name].value, 3)
@@ -201,7 +240,7 @@ def _ship_head(found: Calibration) -> InlineTable:
     from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
 
     head = tomlkit.inline_table()
-    head["topic"], head["heading_topic"] = found.log.topics[SHIP], found.log.topics[SHIP_HEADING]
+    head["topic"], head["heading_topic"] = found.topics[SHIP], found.topics[SHIP_HEADING]
     return head
 
 

@@ -23,7 +23,7 @@ def test_a_survey_is_calibrated_and_its_configuration_needs_no_more(survey, tmp_
     folder, file = tmp_path / "calibration", tmp_path / "found.toml"
     done = run("calibrate-usbl", survey, "-o", folder, "--write", file)
     assert done.return_value == 0
-    assert "good: the survey settles every error of the installation" in done.output
+    assert "good: the fixes settle every error of the installation" in done.output
     report = json.loads((folder / "report.json").read_text())
     assert set(report["files"]) | {"report.json"} == {path.name for path in folder.iterdir()}
     assert {one["name"]: one["open"] for one in report["parameters"]}["scale"] is False

@@ -1,12 +1,15 @@
 """Figures of a survey: the transponder as each fix places it, and what fixes differ from the fitted installation by."""
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.types import Vector
 from usbldr.filters.usbl_survey.calibration import assumed
-from usbldr.filters.usbl_survey.geometry import PLACE, placed, residuals, seen_from_head
-from usbldr.io.reports.usbl_calibration import Calibration, summary, survey_text
+from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey, placed, residuals, seen_from_head
+from usbldr.filters.usbl_survey.verdict import SurveyVerdict
+from usbldr.io.reports.usbl_calibration import Calibration, summary
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.plane import frame_square, plane_axes, usual_box
 from usbldr_cli.figures.style import REJECTED_COLOUR, Axes, Figure, legend_below, titled_figure
@@ -17,7 +20,16 @@ RESIDUALS = ("range [m]", "bearing [deg]", "elevation [deg]")
 SHOWN_SIGMAS = 8.0  # of the axes of residuals: a false fix lies at the edge
 
 
-def survey_pictures(found: Calibration) -> list[Picture]:
+class FittedSurvey(NamedTuple):
+    """A survey with its fit, and the report of both."""
+
+    survey: UsblSurvey
+    stated: Vector  # (11,) the installation of the configuration
+    verdict: SurveyVerdict
+    report: Calibration
+
+
+def survey_pictures(found: FittedSurvey) -> list[Picture]:
     """Return the figures of a survey."""
     return [
         Picture("transponder", "The transponder as each fix places it", partial(transponder_figure, found)),
@@ -30,12 +42,12 @@ def survey_pictures(found: Calibration) -> list[Picture]:
     ]
 
 
-def transponder_figure(found: Calibration) -> Figure:
+def transponder_figure(found: FittedSurvey) -> Figure:
     """Draw where each fix places the transponder, before and after."""
     survey, fit = found.survey, found.verdict.installation
-    figure = titled_figure(f"Transponder: {found.log.path.name}", f"{summary(found)}", 11, 5.6)
+    figure = titled_figure(f"Transponder: {found.report.path.name}", summary(found.report), 11, 5.6)
     panels = figure.subplots(1, 2)
-    before = placed(survey, assumed(survey, found.log.stated))[fit.good, :2]
+    before = placed(survey, assumed(survey, found.stated))[fit.good, :2]
     after = placed(survey, fit.values)[fit.good, :2]
     place = fit.values[PLACE][:2]
     for axes, shown, text in zip(
@@ -52,10 +64,10 @@ def transponder_figure(found: Calibration) -> Figure:
     return figure
 
 
-def survey_figure(found: Calibration) -> Figure:
+def survey_figure(found: FittedSurvey) -> Figure:
     """Draw the ship's track around the transponder, and where the fixes lie around the head."""
     survey, fit = found.survey, found.verdict.installation
-    figure = titled_figure(f"Survey: {found.log.path.name}", survey_text(found), 11, 5.6)
+    figure = titled_figure(f"Survey: {found.report.path.name}", found.report.measured, 11, 5.6)
     left, right = figure.subplots(1, 2)
     track = survey.ship.positions(survey.time_s, 0.0)
     left.plot(*track.T, color=TRACK_COLOUR, lw=1.0, label="ship's antenna")
@@ -77,7 +89,7 @@ def survey_figure(found: Calibration) -> Figure:
     return figure
 
 
-def residual_figure(found: Calibration) -> Figure:
+def residual_figure(found: FittedSurvey) -> Figure:
     """Draw the residuals of range, bearing and elevation against bearing, heading, range and time."""
     survey, fit = found.survey, found.verdict.installation
     differences = residuals(survey, fit.values) * [1.0, np.degrees(1.0), np.degrees(1.0)]
@@ -91,7 +103,7 @@ def residual_figure(found: Calibration) -> Figure:
     detail = (
         "Fixes less what the fitted installation gives; shaded: one sigma. A slope or a wave is an error that stays."
     )
-    figure = titled_figure(f"Residuals: {found.log.path.name}", detail, 12, 7.5)
+    figure = titled_figure(f"Residuals: {found.report.path.name}", detail, 12, 7.5)
     panels = figure.subplots(3, 4, sharex="col", sharey="row")
     for row, (name, sd) in enumerate(zip(RESIDUALS, sds, strict=True)):
         edge = SHOWN_SIGMAS * sd

@@ -135,7 +135,7 @@ def test_fixes_that_are_level_already_are_not_turned_again():
 
 def test_a_transponder_that_moves_is_bad():
     survey = simulate_survey(BOX, 5)
-    moved = replace(survey, range_m=survey.range_m + np.where(halves(survey)[0], 0.0, 2.0))
+    moved = replace(survey, range_m=survey.range_m + np.where(halves(len(survey))[0], 0.0, 2.0))
     found = judged(moved, STATED, KNOWN)
     assert found.result == "bad"
     assert "different installations" in found.why

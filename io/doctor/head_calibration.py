@@ -1,0 +1,175 @@
+"""Calibrate the head of a USBL by a dive: heading and ranges by dead reckoning, tilt and ranges by the depth.
+
+What dead reckoning says of the head is that of `identify`, with priors as wide as those of a survey, and beside the
+errors of the vehicle's own sensors: a head that rests may leave both open. Each half of the fixes judges the other.
+"""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.filters.evaluation.fix_statistics import columns_at
+from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.identification.linearisation import HEAD, KEYS, RANGE, REPORTED
+from usbldr.filters.models.calibration import AUTO
+from usbldr.filters.replay.dead_reckoning import freed
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Array, Mask, Timeline, Trajectory, Vector
+from usbldr.filters.updates import UpdateTable
+from usbldr.filters.usbl_survey.calibration import PRIOR_SD, halves
+from usbldr.filters.usbl_survey.verdict import SETTLED_SHARE, UNCHANGED, Parameter, Verdict, decided, scatter
+from usbldr.filters.usbl_survey.vertical import VerticalFit
+from usbldr.io.doctor.fix_vertical import vertical_of
+from usbldr.io.log import Log
+from usbldr.io.reading.epochs import timeline, with_dvl_clock
+
+METHOD = "adf"  # robust against false fixes, and without random numbers
+(HEADING,), (SCALE,) = KEYS[HEAD], KEYS[RANGE]  # fixed: the states
+HEADING_SD_DEG = float(PRIOR_SD[0])  # before the dive, as that of the tilts
+RANGE_SD = float(PRIOR_SD[3])  # before the dive, as in a survey
+DISAGREEMENT = 13.8  # chi-square of two differences, 1 in 1000
+LEG_HEADING = (
+    "drive the ship around the vehicle during the dive, or for longer, or survey a transponder that lies still"
+)
+LEG_TILT = "record the vertical of the fixes and the vehicle's depth, and dive on all sides of the head"
+RIVALS = {HEADING: "heading of the compass", SCALE: "scale of the DVL"}
+
+
+class DiveCalibration(NamedTuple):
+    """What a dive says of the head, and the smoothed track that says it."""
+
+    verdict: Verdict
+    identification: Identification
+    timeline: Timeline
+    track: Trajectory
+    slant_m: float  # median
+
+    @property
+    def sentence(self) -> str:
+        """What the dive held."""
+        line, verdict = self.timeline, self.verdict
+        minutes = (line.fix_time_s[-1] - line.fix_time_s[0]) / 60
+        return (
+            f"a dive of {minutes:.0f} min: {len(line.fix_time_s)} fixes at {self.slant_m:.0f} m (median), "
+            f"{verdict.false_share:.1%} false; the smoothed track of {METHOD} takes the place of a transponder"
+        )
+
+
+def calibrated_by_dive(log: Log) -> DiveCalibration:
+    """Find heading, tilt and scale of the head from a dive; raise LogError if the fixes have no head, or are few."""
+    line = timeline(log)
+    if line.fix_away_m is None:
+        raise LogError("the position of the USBL's head is unknown; state head under [usbl]", path=log.path)
+    whole, as_stated = _identified(log, line, known=False), _identified(log, line, known=True)
+    track = _tracked(log, line, whole)
+    fixes = UpdateTable.of(track.updates).of_sensor("usbl")
+    good = np.zeros(len(line.fix_time_s), dtype=np.bool_)
+    good[fixes.row] = fixes.outcome == "used"
+    sides = halves(len(good))
+    parts = [line.with_fixes(side) for side in sides]
+    found = [_identified(log, part, known=False) for part in parts]
+    apart = _value(found[0]) - _value(found[1])
+    disagreement = float(np.sum(apart**2 / (_sd(found[0]) ** 2 + _sd(found[1]) ** 2)))
+    slant_m = np.hypot(np.hypot(*line.fix_away_m.T), _drop_m(log, line))
+    by_halves = [_with_head_of(whole, one) for one in found]
+    before, after = (
+        scatter(_judged(log, line, sides, fits), slant_m, good)
+        for fits in ([_with_head_of(as_stated, as_stated)] * 2, by_halves)
+    )
+    median_m = float(np.median(slant_m))
+    parameters = _parameters(log, whole, vertical_of(log), median_m, after.drms_m)
+    false_share = 1.0 - float(good.mean())
+    result, why = decided(parameters, before, after, false_share, disagreement > DISAGREEMENT)
+    verdict = Verdict(parameters, before, after, false_share, disagreement, result, why)
+    return DiveCalibration(verdict, whole, line, track, median_m)
+
+
+def _identified(log: Log, line: Timeline, known: bool) -> Identification:
+    """Return what the fixes of a timeline say; ``known``: the head is as stated."""
+    heading_rad, scale = (0.0, 0.0) if known else (math.radians(HEADING_SD_DEG), RANGE_SD)
+    errors = replace(log.parameters.errors, usbl_heading_rad=heading_rad, usbl_range=scale)
+    return identify(line, replace(log.parameters, calibrate=(AUTO,), errors=errors))
+
+
+def _with_head_of(found: Identification, other: Identification) -> Identification:
+    """Return what was found with the head of another, for a part of the fixes."""
+    head = {name: other.parameters.settled[name] for name in (HEADING, SCALE)}
+    settled = {**found.parameters.settled, **head}
+    return replace(found, parameters=replace(found.parameters, settled=settled, false_fixes=()))
+
+
+def _tracked(log: Log, line: Timeline, found: Identification) -> Trajectory:
+    """Return the smoothed track of the fixes of a timeline."""
+    if found.parameters.dvl_clock_s:
+        line = with_dvl_clock(log, line, found.parameters.dvl_clock_s)
+    return run(METHOD, line, found.parameters, FilterSettings(smooth=True))
+
+
+def _value(found: Identification) -> Vector:
+    return np.array([found.parameters.settled[name] for name in (HEADING, SCALE)])
+
+
+def _sd(found: Identification) -> Vector:
+    return np.array([found.parameters.settled_sd[name] for name in (HEADING, SCALE)])
+
+
+def _drop_m(log: Log, line: Timeline) -> Vector:
+    """Return how deep below the head the fixes lie, (F,); 0 if the log does not say."""
+    table, head = log.tables.get("depth"), log.settings.usbl.head
+    if table is None:
+        return np.zeros(len(line.fix_time_s))
+    known_s, depth_m = table[["time_s", "depth_m"]].to_numpy(dtype=float).T
+    return np.interp(line.fix_time_s, known_s, depth_m) - (head.depth_m if head else 0.0)
+
+
+def _judged(log: Log, line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> Array:
+    """Return fixes less the track of the other half of them, by the head that it found, (F, 2)."""
+    off_m = np.empty(line.fix_m.shape)
+    for side, other, one in zip(sides, sides[::-1], found[::-1], strict=True):
+        track, free = _tracked(log, line.with_fixes(other), one), freed(line, one.parameters.settled)
+        off_m[side] = (free.fix_m - columns_at(free.fix_time_s, track.time_s, track.position_m))[side]
+    return off_m
+
+
+def _parameters(
+    log: Log, found: Identification, vertical: VerticalFit | None, slant_m: float, noise_m: float
+) -> tuple[Parameter, ...]:
+    """Return the head's errors as a configuration states them; the tilt is that of the vertical of the fixes."""
+    usbl, reported = log.settings.usbl, found.parameters.settled
+    heading = usbl.mount_deg - REPORTED[HEADING].factor * reported[HEADING]
+    scale = usbl.sound_speed_scale / (1 + reported[SCALE])
+    heading_sd, scale_sd = np.abs([REPORTED[HEADING].factor, 1.0]) * _sd(found)
+    settled = vertical.settled if vertical is not None else [False] * 3
+    rows: list[Parameter] = []
+    for k, name, stated in ((0, "mount_roll_deg", usbl.mount_roll_deg), (1, "mount_pitch_deg", usbl.mount_pitch_deg)):
+        value, sd = (vertical.value[k], vertical.sd[k]) if vertical is not None else (stated, PRIOR_SD[k])
+        rows.append(_parameter(name, value, sd, np.radians(slant_m), noise_m, not settled[k], "", LEG_TILT))
+    unsettled = heading_sd > UNCHANGED * HEADING_SD_DEG
+    rival = RIVALS[HEADING]
+    rows.append(
+        _parameter(
+            "mount_heading_deg", heading, heading_sd, np.radians(slant_m), noise_m, unsettled, rival, LEG_HEADING
+        )
+    )
+    if vertical is not None and settled[2] and vertical.sd[2] < scale_sd:  # the surer of two independent ones
+        scale, scale_sd = vertical.value[2], vertical.sd[2]
+    rows.append(
+        _parameter(
+            "scale", scale, scale_sd, slant_m, noise_m, scale_sd > UNCHANGED * RANGE_SD, RIVALS[SCALE], LEG_HEADING
+        )
+    )
+    return tuple(rows)
+
+
+def _parameter(
+    name: str, value: float, sd: float, reach_m: float, noise_m: float, unchanged: bool, rival: str, leg: str
+) -> Parameter:
+    effect_m = float(sd * reach_m)
+    unsettled = bool(unchanged or effect_m > SETTLED_SHARE * noise_m)
+    said = (rival, leg) if unsettled else ("", "")
+    return Parameter(name, float(value), float(sd), effect_m, unsettled, False, *said)
