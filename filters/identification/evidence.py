@@ -27,6 +27,7 @@ from usbldr.filters.identification.false_runs import false_fixes
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     DR_WALK_NAME,
+    LEVER_OR_LATENCY,
     ErrorEstimate,
     Explanation,
     FalseRun,
@@ -70,10 +71,9 @@ ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field 
 WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
 LINEARISATIONS = 2  # about the estimates of each subset
 FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
-LEVER_OR_LATENCY = frozenset((LEVER, "latency"))
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
-OPEN = 0.5  # [-] of its prior sigma: an error of the head so uncertain after the log is not told from the vehicle's
+OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not told from its rival
 
 
 class _Choice(NamedTuple):
@@ -255,6 +255,7 @@ def _identification(timeline: Timeline, given: Parameters, stated: Parameters, c
         settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in of_head}},
         settled_sd={name: float(found.sd[name][row]) for name in of_head},
     )
+    told = choice.named - (LEVER_OR_LATENCY if _shared_by_priors(choice) else frozenset())
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
     kept = tuple(key for key in STATES if key in present | always)
     evidence = tuple(
@@ -262,7 +263,7 @@ def _identification(timeline: Timeline, given: Parameters, stated: Parameters, c
             key,
             _log_odds(key, choice),
             key in choice.named,
-            _estimates((key,), found, row) if key in choice.named else (),
+            _estimates((key,), found, row) if key in told else (),
             _effect_m(timeline, choice, key) if key in choice.named else 0.0,
         )
         for key in KEYS
@@ -287,19 +288,30 @@ def _explanations(choice: _Choice) -> tuple[Explanation, ...]:
     """Return the best subset, then those within log 20 of it that have another meaning.
 
     A subset with an error more or less than a better one says of the others the same: `_log_odds` judges that error.
+    Lever arm and latency whose shares follow from their priors are two explanations, each of which is all of it.
     """
-    score, subsets = choice.score, choice.subsets
+    score, subsets, present = choice.score, choice.subsets, choice.member.present
+    if _shared_by_priors(choice):
+        alone = [subsets.index(present - {key}) for key in LEVER_OR_LATENCY]
+        return tuple(_explanation(choice, row) for row in sorted(alone, key=lambda row: -score[row]))
     taken: list[int] = []
     for row in map(int, np.argsort(-score)):
         if score[row] - score.max() < LOG_PRIOR_ODDS:
             break
         if not any(subsets[row] <= subsets[other] or subsets[row] >= subsets[other] for other in taken):
             taken.append(row)
-    found: list[Explanation] = []
-    for row in taken:
-        keys = tuple(key for key in KEYS if key in subsets[row])
-        found.append(Explanation(keys, float(score[row] - score.max()), _estimates(keys, choice.found, row)))
-    return tuple(found)
+    return tuple(_explanation(choice, row) for row in taken)
+
+
+def _explanation(choice: _Choice, row: int) -> Explanation:
+    keys = tuple(key for key in KEYS if key in choice.subsets[row])
+    return Explanation(keys, float(choice.score[row] - choice.score.max()), _estimates(keys, choice.found, row))
+
+
+def _shared_by_priors(choice: _Choice) -> bool:
+    """Return whether lever arm and latency both exist, and the log shows little but their sum."""
+    prior_s, sd_s = prior_sds(choice.member.parameters)["usbl_latency"], choice.found.sd["usbl_latency"][choice.row]
+    return choice.member.present >= LEVER_OR_LATENCY and float(sd_s) > OPEN * prior_s
 
 
 def _estimates(keys: Sequence[str], found: FixLikelihoods, row: int) -> tuple[ErrorEstimate, ...]:

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from usbldr.filters.models.parameters import Parameters
 
+LEVER_OR_LATENCY = frozenset(("dvl-lever", "latency"))  # keys of usbl_likelihood.KEYS
+UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more than is usual
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 
@@ -32,7 +34,7 @@ class Explanation(NamedTuple):
     """A set of sensor errors that explains a log."""
 
     keys: tuple[str, ...]  # of usbl_likelihood.KEYS; empty: no sensor has an error
-    log_odds: float  # against the best explanation, so at most 0
+    log_odds: float  # against the best set of errors, so at most 0; -inf if an error is far larger than is usual
     estimates: tuple[ErrorEstimate, ...]
 
 
@@ -102,6 +104,7 @@ class Identification:
         return (
             *self._false_runs_text,
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
+            *([f"LEVER-OR-LATENCY: {text}"] if (text := self.lever_or_latency_text) else []),
             *(
                 f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} "
                 "m/√s, so that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, "
@@ -109,6 +112,22 @@ class Identification:
                 for one in self.noise_changes
                 if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
             ),
+        )
+
+    @property
+    def lever_or_latency_text(self) -> str:
+        """Return the lever arm or the latency, each as all of what the log shows; "" if these two are not undecided."""
+        if self.contested != LEVER_OR_LATENCY:
+            return ""
+        value = {one.name: one for found in self.explanations for one in found.estimates}
+        late, ahead = value["usbl_latency_s"], value["dvl_lever_forward_m"]
+        errors = self.parameters.errors
+        usual = abs(late.value) <= UNUSUAL * errors.latency_s or abs(ahead.value) <= UNUSUAL * errors.dvl_lever_m
+        return (
+            f"either stamps of the fixes are {late.value:.2f} ± {late.sd:.2f} s late (latency_s under [usbl]), or the "
+            f"DVL is {ahead.value:.2f} ± {ahead.sd:.2f} m further ahead of the transponder than stated (lever_arm_m), "
+            f"or a part of each{'' if usual else ', which are more than is usual'}: at one speed the log shows only "
+            "their sum, and the track is that of the likeliest parts; another speed or a measured lever arm decides"
         )
 
     @property

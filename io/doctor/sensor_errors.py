@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification
+from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, LEVER, RANGE
 from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -28,7 +28,7 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
     findings = [one for key, make in makers.items() if key not in undecided for one in make(log, found)]
     findings += [Finding("RIVAL-EXPLANATIONS", pair.text, topic_of(log, "usbl")) for pair in found.open_pairs]
     if found.contested:
-        code = "LEVER-OR-LATENCY" if found.contested <= {LEVER, "latency"} else "RIVAL-EXPLANATIONS"
+        code = "LEVER-OR-LATENCY" if found.contested <= LEVER_OR_LATENCY else "RIVAL-EXPLANATIONS"
         texts = "; or ".join(explanation_text(one) for one in found.explanations)
         findings.append(Finding(code, f"explanations that the log does not decide between: {texts}"))
     return findings
@@ -38,7 +38,9 @@ def explanation_text(one: Explanation) -> str:
     """Return the errors of an explanation in words, with its log odds against the best."""
     value = {estimate.name: estimate for estimate in one.estimates}
     errors = " and ".join(error_text(key, value) for key in one.keys) or "no error"
-    return errors + (f" (log odds {one.log_odds:+.1f} against the first)" if one.log_odds else "")
+    if one.log_odds == -math.inf:
+        return f"{errors} (far more than is usual)"
+    return errors + (f" (log odds {one.log_odds:+.1f} against the likeliest)" if one.log_odds else "")
 
 
 def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:

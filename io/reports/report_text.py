@@ -254,7 +254,8 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
         if ess is not None:
             moved = "" if accepted is None else f", {100 * accepted:.0f} % of the MCMC moves accepted"
             lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
-        if calibrated := estimated_errors(run.scored.trajectory):
+        undecided = "usbl_latency_s" if run.identification.lever_or_latency_text else None  # a warning has both
+        if calibrated := [one for one in estimated_errors(run.scored.trajectory) if one.name != undecided]:
             lines.append(("calibrated", ", ".join(map(error_text, calibrated))))
         if evidence := run.identification.evidence:
             lines.append(("evidence", evidence_text(evidence)))

@@ -13,6 +13,9 @@ from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.run import run
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from weaving import Faults, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
@@ -187,3 +190,21 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     found = Identification(ASSUMED, explanations=(best, rival))
     assert found.contested == {"latency", LEVER}
     assert Identification(ASSUMED, explanations=(best,)).contested == set()
+
+
+def test_late_fixes_at_one_speed_are_a_latency_or_a_lever_arm_of_the_whole_size() -> None:
+    """At a constant speed of 1.2 m/s fixes that are 5 s late lie where a DVL 6 m ahead would put them."""
+    log = simulated_log(find_scenario("square"), 3)
+    line = timeline(log)
+
+    found = identify(replace(line, fix_time_s=line.fix_time_s + 5.0), log.parameters)
+
+    value = {one.name: one for explanation in found.explanations for one in explanation.estimates}
+    late, ahead = value["usbl_latency_s"], value["dvl_lever_forward_m"]
+    assert late.value == pytest.approx(5.0, abs=4 * late.sd)
+    assert late.sd < 0.2  # of a latency alone; beside a lever arm it was 0.7 s, and wrong by 4.4 s
+    assert ahead.value == pytest.approx(6.0, abs=4 * ahead.sd)
+    assert found.contested == {LEVER, "latency"}
+    assert not {"usbl_latency_s", "dvl_lever_forward_m"} & set(found.estimates)
+    assert "more than is usual: at one speed" in found.lever_or_latency_text
+    assert found.lever_or_latency_text in "".join(found.warnings)

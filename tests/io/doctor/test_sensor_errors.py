@@ -86,7 +86,7 @@ def test_a_lever_arm_or_a_latency_is_one_finding_with_both_numbers(log: Log) -> 
     assert set(found) == {"LEVER-OR-LATENCY"}
     assert "2.60 ± 0.10 s after" in found["LEVER-OR-LATENCY"].text
     assert "2.00 ± 0.15 m further ahead" in found["LEVER-OR-LATENCY"].text
-    assert "log odds -1.1 against the first" in found["LEVER-OR-LATENCY"].text
+    assert "log odds -1.1 against the likeliest" in found["LEVER-OR-LATENCY"].text
 
 
 def test_only_what_every_explanation_contains_has_a_finding_of_its_own(log: Log) -> None:
