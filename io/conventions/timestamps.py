@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.errors import UsageError
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
@@ -31,8 +32,12 @@ class Times:
         return {"time_ns": self.time_ns, "received_ns": self.received_ns, "stamp_ns": self.stamp_ns}
 
 
-def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
-    """Time the records: by header, or by log time if there is none or so configured; subtract the latency."""
+def times_of(raw: RawRecords, clock: str | None, latency_s: float, clock_step_s: float = 0.0) -> Times:
+    """Time the records: by header, or by log time if there is none or so configured; subtract latency and clock step.
+
+    The clock was set forward at the longest gap of the stamps; arrivals are moved, too, if they have the gap.
+    Raises UsageError if that gap is shorter than the step.
+    """
     made, findings = list[Convention](), list[Finding]()
     if raw.stamp_ns is None:
         stamp = raw.received_ns
@@ -58,12 +63,30 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float) -> Times:
                 stamp = stamp - np.where(known, age_ns, 0)
                 median_s = float(np.median(age_ns[known])) / 1e9
                 made.append(Convention("age_s", median_s, "type", "s", f"median of {what}"))
-    time = stamp
+    time, received = stamp, raw.received_ns
+    if clock_step_s:
+        time, received = _without_step(raw, stamp, clock_step_s)
+        made.append(Convention("clock_step_s", clock_step_s, "configuration", "s"))
     if latency_s:
-        time = stamp - round(latency_s * 1e9)
+        time = time - round(latency_s * 1e9)
         made.append(Convention("latency_s", latency_s, "configuration", "s"))
-    received = raw.received_ns if np.all(raw.received_ns >= time) else np.maximum(time, raw.received_ns)
+    received = received if np.all(received >= time) else np.maximum(time, received)
     return Times(time, received, stamp, tuple(made), tuple(findings))
+
+
+def _without_step(raw: RawRecords, stamp_ns: Nanoseconds, step_s: float) -> tuple[Nanoseconds, Nanoseconds]:
+    """Return stamps and arrivals, (n,) each, less the step after the longest gap of the stamps."""
+    gaps_ns, step_ns = np.diff(stamp_ns), round(step_s * 1e9)
+    longest_ns = int(gaps_ns.max(initial=0))
+    if longest_ns < step_ns:
+        raise UsageError(
+            f"clock_step_s = {step_s:g}, but the longest gap between stamps of {raw.topic.name} is "
+            f"{longest_ns / 1e9:.2f} s: a clock that was set forward leaves a gap as long"
+        )
+    last = int(np.argmax(gaps_ns))
+    late_ns = np.where(np.arange(len(stamp_ns)) > last, step_ns, 0)
+    arrived_late = raw.received_ns[last + 1] - raw.received_ns[last] >= step_ns
+    return stamp_ns - late_ns, raw.received_ns - late_ns if arrived_late else raw.received_ns
 
 
 def _age_ns(raw: RawRecords) -> Nanoseconds | None:

@@ -77,7 +77,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     raw, target, findings = records_of_target(raw, section.target)
     kind, kind_by, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
-    when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s))
+    when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s))
     times = when.times
     end = usbl_reference(section, beside.raws, beside.compass, origin, when.at_head_ns)
     depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]

@@ -14,6 +14,7 @@ from usbldr.filters.frames import rotated, wrapped
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.types import Timeline
+from usbldr.io.doctor.clock_steps import clock_step_findings
 from usbldr.io.doctor.fix_noise import fix_noise_findings
 from usbldr.io.doctor.gross_errors import (
     clock_offset_findings,
@@ -44,6 +45,7 @@ REPLAY_WARNING_CODES = (
     "DVL-MOUNT",
     "HEADING-BIAS",
     "CLOCK-OFFSET",
+    "CLOCK-STEP",
     "DVL-UNIT",
     "CONVENTION-DEFAULT",
 )
@@ -73,10 +75,11 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     if result is None:
         text = "too few fixes within valid dead reckoning to check the conventions"
         return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
+    steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
-    findings = _fit_findings(log, timeline, result, identification)
+    findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     late_s = clock_offset_s + result.best.fit.latency_s
     if identification is not None:
         latency = identification.estimates.get("usbl_latency_s")
@@ -130,8 +133,9 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     result = compare_interpretations(log, timeline, sources) if len(timeline.fix_time_s) else None
     if result is None:
         return []
+    steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
-    found = _fit_findings(log, corrected, result)
+    found = [*steps, *_fit_findings(log, corrected, result)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
     return [d for d in found if d.code in REPLAY_WARNING_CODES]

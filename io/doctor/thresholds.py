@@ -30,6 +30,7 @@ class Thresholds:
 
     # Gross configuration errors, which are taken off before all else
     gross_residual_ratio: float = 0.5  # of the residual: more must vanish before another clock or unit is reported
+    clock_step_residual_ratio: float = 0.7  # half of the squared residual must vanish before a clock step is reported
     max_clock_offset_s: float = 60.0  # the search ends here: beyond, too few fixes overlap the dead reckoning
     clock_offset_step_s: float = 2.0  # of that search; the fit of the latency covers the rest
     min_clock_offset_s: float = 4.0  # an acoustic delay and its processing explain less

@@ -12,6 +12,7 @@ from msgspec import Meta
 from usbldr.io.axes import axis_signs
 from usbldr.io.settings.limits import (
     ClockOffset,
+    ClockStep,
     Degrees,
     Depth,
     Deviation,
@@ -87,6 +88,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: Latency = 0.0
+    clock_step_s: ClockStep = 0.0
     noise: DvlNoise | None = None
 
     def __post_init__(self) -> None:
@@ -112,6 +114,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     sd_deg: SdDegrees | Literal["message"] | None = None
     time: Clock | None = None
     latency_s: Latency = 0.0
+    clock_step_s: ClockStep = 0.0
     noise: CompassNoise | None = None
 
 
@@ -200,6 +203,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
     latency_s: Latency = 0.0
+    clock_step_s: ClockStep = 0.0
     noise: UsblNoise | None = None
 
     def __post_init__(self) -> None:
