@@ -34,7 +34,7 @@ def written(tmp_path: Path, text: str) -> Path:
          "truth, process, calibrate, start, file, layouts, part)"),
         ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, axes, "
          "mount_deg, unit, level, scale_error, sound_speed_mps, assumed_sound_speed_mps, sd_mps, sd_scale, track, "
-         "min_good_beams, lever_arm_m, time, latency_s, noise)"),
+         "min_good_beams, lever_arm_m, time, latency_s, clock_step_s, noise)"),
         ("[dvl]\nmount_deg = 'x'", "[dvl] mount_deg: expected number, got text"),
         ("[dvl]\nlatency_s = nan", "[dvl] latency_s = nan is not a finite number"),
         ("[dvl]\nsd_mps = -1", "[dvl] sd_mps: expected number >= 1e-06"),
