@@ -36,6 +36,7 @@ class PairedDifference(NamedTuple):
     mean: float
     se: float | None
     significant: bool | None  # at 95 %; None with fewer than LEAST_PAIRS runs
+    probability: float | None = None  # of so large a difference between equals; of a single dive
 
 
 def average(values: Sequence[float]) -> MeanWithError:

@@ -88,7 +88,7 @@ def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
     contents: list[dict[str, Any]] = []
     for group in grouped(rows).values():
         first = next((row for row in group if row.good), group[0])
-        contents += [row_content(row, first) for row in group]
+        contents += [row_content(row, first, group) for row in group]
     return contents
 
 

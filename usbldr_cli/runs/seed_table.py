@@ -4,11 +4,17 @@ The names are those of report.json; ``<metric>_se`` is the standard error of a m
 the median over seeds. The first row of a log is what the others of that log are compared with.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from usbldr.filters.errors import UsageError
+from usbldr.filters.evaluation.block_bootstrap import mean_difference, significant_among
 from usbldr.filters.evaluation.consistency import Nees, consistency_text
 from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.filters.evaluation.metrics import by_name, declared
@@ -22,10 +28,11 @@ from usbldr.filters.evaluation.seed_statistics import (
 )
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.windows import windows_text
-from usbldr_cli.runs.job_store import JobResult, ScoringContext
+from usbldr_cli.runs.job_store import JobResult, ScoringContext, read_trace
 
 BOUND = "bound"  # stands for a method in the row of the least error that any filter could have
 DIVERGED_LIMIT = 0.5  # fixed: share of diverged runs from which the mean is not that of usual runs
+EQUAL_M = 1e-6  # a mean over the common epochs that differs from that of the metrics is of other epochs
 MOST_NAMED = 20  # fixed: logs that the last line lists by name
 MOST_SHOWN = 8  # [logs] whose tables and figures a person reads one by one
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
@@ -70,11 +77,51 @@ class ComparisonRow:
         return average(values).mean if values else None
 
 
-def difference(row: ComparisonRow, other: ComparisonRow, metric: str = "mean_horizontal_m") -> PairedDifference | None:
+def difference(
+    row: ComparisonRow, other: ComparisonRow, metric: str = "mean_horizontal_m", rows: Sequence[ComparisonRow] = ()
+) -> PairedDifference | None:
     """Return row minus other over the seeds that both have; None if there are none.
 
-    A deterministic method ran once on a file: that run is used for every seed.
+    A deterministic method ran once on a file: that run is used for every seed. The difference of two single runs is
+    that over their epochs if these are stored; it is significant among those of ``rows``, all against the other.
     """
+    found = _over_epochs(row, other, metric)
+    if found is None:
+        return _over_seeds(row, other, metric)
+    every = [_over_epochs(one, other, metric) for one in rows or (row,) if one is not other]
+    known = [one.probability for one in every if one is not None and one.probability is not None]
+    judged = None if found.probability is None else significant_among(found.probability, known)
+    return found._replace(significant=judged)
+
+
+def _over_epochs(row: ComparisonRow, other: ComparisonRow, metric: str) -> PairedDifference | None:
+    """Return the difference over the epochs of a single run of each; None without traces, or if these are too short."""
+    traces = [[one.trace for one in both.good.values()] for both in (row, other)]
+    if metric not in COMPARED or any(len(one) != 1 for one in traces) or row.dives:
+        return None
+    ((mine,), (theirs,)) = traces
+    if mine is None or theirs is None or (values := (row.values(metric), other.values(metric))) == ({}, {}):
+        return None
+    found = _trace_difference(mine, theirs, COMPARED.index(metric))
+    means = [next(iter(one.values()), math.nan) for one in values]
+    if found.se is None or not math.isclose(found.mean, means[0] - means[1], abs_tol=EQUAL_M):  # not the same epochs
+        return None
+    return found
+
+
+@cache
+def _trace_difference(mine: Path, theirs: Path, axis: int) -> PairedDifference:
+    """Return the difference of |east|, |north| or the horizontal error over the epochs that both traces have."""
+    one, other = read_trace(mine), read_trace(theirs)
+    stamps_us = [np.round(trace.time_s * 1e6).astype(np.int64) for trace in (one, other)]
+    sizes = [
+        (trace.horizontal_m if axis == 2 else np.abs(trace.error_m[:, axis]))[np.isin(mine_us, theirs_us)]
+        for trace, mine_us, theirs_us in zip((one, other), stamps_us, stamps_us[::-1], strict=True)
+    ]
+    return mean_difference(sizes[0] - sizes[1])
+
+
+def _over_seeds(row: ComparisonRow, other: ComparisonRow, metric: str) -> PairedDifference | None:
     mine, theirs = row.values(metric), other.values(metric)
     if not (row.dives or other.dives):
         seeds = sorted(set(mine) | set(theirs))
@@ -135,7 +182,7 @@ def row_consistency(row: ComparisonRow) -> str:
     return consistency_text(row_nees(row), shift_removed=judged is not None and judged.align == "shift")
 
 
-def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:
+def row_content(row: ComparisonRow, first: ComparisonRow, rows: Sequence[ComparisonRow] = ()) -> dict[str, Any]:
     """Return a row for compare.json and compare.csv."""
     content: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
     content |= row_metrics(row) | {"consistency": row_consistency(row) or None}
@@ -143,7 +190,7 @@ def row_content(row: ComparisonRow, first: ComparisonRow) -> dict[str, Any]:
         return content
     content["difference_to"] = first.label
     for metric in COMPARED:
-        found = difference(row, first, metric)
+        found = difference(row, first, metric, rows)
         content[f"{metric}_difference"] = found and found.mean
         content[f"{metric}_difference_se"] = found and found.se
         content[f"{metric}_difference_significant"] = found and found.significant
@@ -212,7 +259,7 @@ def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
 
 def _compared_with_best(row: ComparisonRow, best: ComparisonRow, own_m: float) -> str:
     """Return how a row compares with the best one, with a place for its label."""
-    found = difference(row, best)
+    found = _over_seeds(row, best, "mean_horizontal_m")
     if diverged(row):
         return "{} diverged"
     if found is not None and found.se is not None and found.significant is not True:

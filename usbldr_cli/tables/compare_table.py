@@ -26,7 +26,9 @@ NAME_LETTERS = 40  # of a log in a line of many
 HUGE = 1e5  # shown in scientific notation
 LEGEND = (
     "± is the standard error of a mean over seeds; differences are over the same seeds, * marks significant ones "
-    "(Student's t, 95 %, at least 3 seeds); diverged: share of seeds with a mean horizontal error above 5 m."
+    "(Student's t, 95 %, at least 3 seeds); of single runs in --output they are over the epochs (moving-block "
+    "bootstrap, Holm's correction for several filters); diverged: share of seeds with a mean horizontal "
+    "error above 5 m."
 )
 
 
@@ -42,7 +44,7 @@ def error_table(rows: Sequence[ComparisonRow]) -> Table:
             row.label,
             *(_mean_se(row, metric) for metric in columns.values()),
             _number(row, "p95_horizontal_m"),
-            "" if row is first else _against(row, first),
+            "" if row is first else _against(row, first, rows),
         )
         for row in rows
         if row.good
@@ -214,8 +216,8 @@ def _mean_se(row: ComparisonRow, metric: str) -> str:
     return f"{mean:.3f}" if se is None else f"{mean:.3f} ± {se:.3f}"
 
 
-def _against(row: ComparisonRow, first: ComparisonRow) -> str:
-    found = difference(row, first)
+def _against(row: ComparisonRow, first: ComparisonRow, rows: Sequence[ComparisonRow]) -> str:
+    found = difference(row, first, rows=rows)
     if found is None:
         return ""
     if found.se is None:

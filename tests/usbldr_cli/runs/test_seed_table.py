@@ -91,7 +91,7 @@ def test_two_runs_without_chance_have_a_difference_without_a_standard_error() ->
 
     found = difference(one, other, "mean_abs_east_m")
 
-    assert found == (0.5, None, None)
+    assert found == (0.5, None, None, None)
 
 
 def test_a_described_row_names_what_it_is_compared_with() -> None:
