@@ -106,17 +106,17 @@ def _over_epochs(row: ComparisonRow, other: ComparisonRow, metric: str) -> Paire
     means = [next(iter(one.values()), math.nan) for one in values]
     if found.se is None or not math.isclose(found.mean, means[0] - means[1], abs_tol=EQUAL_M):  # not the same epochs
         return None
-    return found
+    return found._replace(mean=means[0] - means[1])
 
 
 @cache
 def _trace_difference(mine: Path, theirs: Path, axis: int) -> PairedDifference:
     """Return the difference of |east|, |north| or the horizontal error over the epochs that both traces have."""
     one, other = read_trace(mine), read_trace(theirs)
-    stamps_us = [np.round(trace.time_s * 1e6).astype(np.int64) for trace in (one, other)]
+    stamps_ms = [np.round(trace.time_s * 1e3).astype(np.int64) for trace in (one, other)]
     sizes = [
-        (trace.horizontal_m if axis == 2 else np.abs(trace.error_m[:, axis]))[np.isin(mine_us, theirs_us)]
-        for trace, mine_us, theirs_us in zip((one, other), stamps_us, stamps_us[::-1], strict=True)
+        (trace.horizontal_m if axis == 2 else np.abs(trace.error_m[:, axis]))[np.isin(mine_ms, theirs_ms)]
+        for trace, mine_ms, theirs_ms in zip((one, other), stamps_ms, stamps_ms[::-1], strict=True)
     ]
     return mean_difference(sizes[0] - sizes[1])
 
