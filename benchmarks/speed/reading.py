@@ -9,10 +9,13 @@ holds on a machine that does other work. mcap's and rosbags' readers make each m
 mcap's does not compare checksums; usbldr's lists the topics, too, compares the checksum of each chunk that it reads,
 and ends in NumPy columns in the order of time.
 
+Tables and logs of autopilots are read as a whole, against pandas, pyarrow and pymavlink.
+
 $ pip install mcap-ros2-support && python benchmarks/speed/reading.py --write docs/broken_files.md
 """
 
 import argparse
+import struct
 import subprocess
 import sys
 import tempfile
@@ -51,6 +54,7 @@ KINDS = (
 
 
 MARKERS = ("<!-- reading.py: begin -->", "<!-- reading.py: end -->")
+OTHER_MARKERS = ("<!-- reading.py of others: begin -->", "<!-- reading.py of others: end -->")
 
 
 def written(folder: Path, log: str, kind: str) -> Path:
@@ -159,7 +163,99 @@ def by_rosbags(file: Path) -> Callable[[], int]:
     return read
 
 
-READINGS = {"usbldr": by_usbldr, "mcap": by_mcap, "rosbags": by_rosbags}
+def whole_by_usbldr(file: Path) -> Callable[[], int]:
+    from usbldr.io.formats.detect import open_log
+
+    open_log(file).topics()  # the imports
+
+    def read() -> int:
+        log = open_log(file)
+        records = log.read({topic.name: topic.fields for topic in log.topics() if not topic.problem})
+        assert not any(finding.lost_data for finding in log.findings())
+        return sum(len(one.received_ns) for one in records.values())
+
+    return read
+
+
+def by_pandas(folder: Path) -> Callable[[], int]:
+    import pandas as pd
+
+    return lambda: sum(len(pd.read_csv(file)) for file in folder.glob("*.csv"))
+
+
+def by_pyarrow(folder: Path) -> Callable[[], int]:
+    from pyarrow import dataset, parquet  # noqa: F401 - the first is imported by the first reading
+
+    def read() -> int:
+        tables = [parquet.read_table(file, use_threads=False) for file in folder.glob("*.parquet")]
+        return sum(len(column.to_numpy()) for table in tables for column in table.columns[:1])
+
+    return read
+
+
+def by_pymavlink(file: Path) -> Callable[[], int]:
+    from pymavlink import DFReader, mavutil  # noqa: F401 - the first is imported by the first reading
+
+    def read() -> int:
+        log, count = mavutil.mavlink_connection(str(file)), 0
+        while log.recv_match(type=["ATTITUDE", "GPS_RAW_INT", "ATT", "POWR"]) is not None:
+            count += 1
+        return count
+
+    return read
+
+
+READINGS = {
+    "usbldr": by_usbldr,
+    "mcap": by_mcap,
+    "rosbags": by_rosbags,
+    "usbldr, all": whole_by_usbldr,
+    "pandas": by_pandas,
+    "pyarrow": by_pyarrow,
+    "pymavlink": by_pymavlink,
+}
+ROS = ("usbldr", "mcap", "rosbags")
+OTHERS = {"CSV": "pandas", "Parquet": "pyarrow", ".tlog": "pymavlink", ".BIN": "pymavlink"}  # kind: its library
+ROWS = 60_000  # of each topic in these: ten minutes at 100 Hz
+
+
+def other_written(folder: Path, kind: str) -> Path:
+    """Return a log of two topics, tables or messages of an autopilot."""
+    import numpy as np
+    import pandas as pd
+    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+    k, rng = np.arange(ROWS), np.random.default_rng(0)
+    time_us = 1_600_000_000_000_000 + k * 10_000
+    a, b = rng.random((2, ROWS))
+    if kind in ("CSV", "Parquet"):
+        tables = {"dvl": {"starboard_mps": a, "forward_mps": b}, "gps": {"lat_deg": a, "lon_deg": b}}
+        for name, columns in tables.items():
+            table = pd.DataFrame({"time_ns": time_us * 1000, **columns})
+            to = table.to_csv if kind == "CSV" else table.to_parquet
+            to(folder / f"{name}.{kind.lower()}", index=False)
+        return folder
+    file, sender = folder / f"log{kind}", mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    with file.open("wb") as stream:
+        if kind == ".BIN":
+            for number, name, codes, columns in (
+                (128, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
+                (130, b"ATT", b"Qff", b"TimeUS,Roll,Yaw"),
+                (131, b"POWR", b"Qff", b"TimeUS,Vcc,VServo"),
+            ):
+                layout = struct.pack("<BB4s16s64s", number, 89 if number == 128 else 19, name, codes, columns)
+                stream.write(b"\xa3\x95\x80" + layout)
+        for at, x, y in zip(time_us.tolist(), a.tolist(), b.tolist(), strict=True):
+            if kind == ".BIN":
+                body = struct.pack("<Qff", at - 1_600_000_000_000_000, x, y)
+                stream.write(b"\xa3\x95\x82" + body + b"\xa3\x95\x83" + body)
+                continue
+            for message in (
+                mavlink.MAVLink_attitude_message(0, x, y, x, 0, 0, 0),
+                mavlink.MAVLink_gps_raw_int_message(at, 3, int(x * 1e8), int(y * 1e8), 0, 1, 1, 0, 0, 9),
+            ):
+                stream.write(struct.pack(">Q", at) + bytes(message.pack(sender)))
+    return file
 
 
 class Cost(NamedTuple):
@@ -193,13 +289,13 @@ def measured(name: str, file: Path) -> Cost:
 
 def row(log: str, kind: str, file: Path, rounds: int) -> list[str]:
     """Return the cells of a log: least CPU seconds (and memory) of each reader, median ratios with their range."""
-    names = [name for name in READINGS if kind.startswith("MCAP") or name != "mcap"]
+    names = [name for name in ROS if kind.startswith("MCAP") or name != "mcap"]
     for name in names:
         measured(name, file)  # the file is in memory from here on
     runs = [{name: measured(name, file) for name in names} for _ in range(rounds)]
     assert len({cost.messages for run in runs for cost in run.values()}) == 1, "all read the same messages"
     cells = [f"{log}, {kind}", f"{file.stat().st_size / 1e6:.0f}"]
-    for name in READINGS:
+    for name in ROS:
         costs = [run[name] for run in runs if name in run]
         cells.append(f"{min(c.cpu_s for c in costs):.2f} ({min(c.memory_mb for c in costs):.0f})" if costs else "")
     for name in ("mcap", "rosbags"):
@@ -208,11 +304,32 @@ def row(log: str, kind: str, file: Path, rounds: int) -> list[str]:
     return cells
 
 
+def other_row(kind: str, file: Path, rounds: int) -> list[str]:
+    """Return the cells of a log that is no recording of ROS: CPU seconds (and memory), the median ratio."""
+    names = ("usbldr, all", OTHERS[kind])
+    runs = [[measured(name, file) for name in names] for _ in range(rounds + 1)][1:]  # then the file is in memory
+    assert all(one.messages == other.messages for one, other in runs), "both read the same"
+    size = sum(one.stat().st_size for one in (file.iterdir() if file.is_dir() else [file]))
+    best = [
+        f"{min(c.cpu_s for c in costs):.2f} ({min(c.memory_mb for c in costs):.0f})"
+        for costs in zip(*runs, strict=True)
+    ]
+    ratios = [other.cpu_s / own.cpu_s for own, other in runs]
+    return [
+        kind,
+        f"{size / 1e6:.0f}",
+        *best,
+        names[1],
+        f"{median(ratios):.1f} ({min(ratios):.1f} to {max(ratios):.1f})",
+    ]
+
+
 def main() -> None:
     options = argparse.ArgumentParser(description="Print the table as Markdown.")
     options.add_argument("--rounds", type=int, default=5, help="readings of each, in turn")
-    options.add_argument("--logs", nargs="+", default=list(LOGS), choices=LOGS)
+    options.add_argument("--logs", nargs="*", default=list(LOGS), choices=LOGS)
     options.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
+    options.add_argument("--others", nargs="*", default=list(OTHERS), choices=OTHERS)
     options.add_argument("--write", type=Path, nargs="*", default=[], help="pages whose markers take the table")
     options.add_argument("--timed", nargs=2, help=argparse.SUPPRESS)
     arguments = options.parse_args()
@@ -222,7 +339,7 @@ def main() -> None:
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # speed is a package
     from speed.peers_table import processor, write
 
-    heads = ["log", "MB", *READINGS, "mcap / usbldr", "rosbags / usbldr"]
+    heads = ["log", "MB", *ROS, "mcap / usbldr", "rosbags / usbldr"]
     lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
     print("\n".join(lines))
     for log in arguments.logs:
@@ -231,11 +348,22 @@ def main() -> None:
                 cells = row(log, kind, written(Path(folder), log, kind), arguments.rounds)
             lines.append(f"| {' | '.join(cells)} |")
             print(lines[-1], flush=True)
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("usbldr", "mcap", "mcap-ros2-support", "rosbags"))
-    lines += ["", f"{processor()}, {arguments.rounds} rounds; {libraries}."]
-    print("\n".join(lines[-2:]))
-    for page in arguments.write:
-        write(page, "\n".join(lines), MARKERS)
+    others = ["| log | MB | usbldr | library | which | library / usbldr |", f"|{'---|' * 6}"]
+    print("\n".join(["", *others]))
+    for kind in arguments.others:
+        with tempfile.TemporaryDirectory() as folder:
+            others.append(f"| {' | '.join(other_row(kind, other_written(Path(folder), kind), arguments.rounds))} |")
+            print(others[-1], flush=True)
+    tables = [
+        (arguments.logs, lines, ("mcap", "mcap-ros2-support", "rosbags"), MARKERS),
+        (arguments.others, others, ("pandas", "pyarrow", "pymavlink"), OTHER_MARKERS),
+    ]
+    for wanted, table, libraries, markers in tables:
+        if wanted:
+            used = ", ".join(f"{name} {version(name)}" for name in ("usbldr", *libraries))
+            table += ["", f"{processor()}, {arguments.rounds} rounds; {used}."]
+            for page in arguments.write:
+                write(page, "\n".join(table), markers)
 
 
 if __name__ == "__main__":
