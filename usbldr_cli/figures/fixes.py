@@ -18,6 +18,8 @@ from usbldr_cli.figures.style import (
 SECTORS = 12  # of a turn, and of the ranges: the mean of each is a mark
 LEAST_MARKED = 5  # [fixes] of a mean
 MEAN_COLOUR = "#000000"
+NOT_USED = "not fully used (at the edge: farther away)"
+HEADING, BEARING = ANGLES = "heading of the vehicle [deg]", "bearing from the head [deg]"
 
 
 def fix_figure(run: Run) -> Figure | None:
@@ -37,7 +39,7 @@ def fix_figure(run: Run) -> Figure | None:
         half = 1.12 * usual_most(usual) if len(usual) and usual.max() > 0 else 1.0
         for column, (name, where) in enumerate(against.items()):
             axes: Axes = panels[row, column]
-            for chosen, face, kind in ((good, colour("usbl"), "used"), (~good, REJECTED_COLOUR, "not fully used")):
+            for chosen, face, kind in ((good, colour("usbl"), "used"), (~good, REJECTED_COLOUR, NOT_USED)):
                 kept = chosen & np.isfinite(values) & np.isfinite(where)
                 if kept.any():
                     height = np.clip(values[kept], -EDGE * half, EDGE * half)
@@ -50,6 +52,9 @@ def fix_figure(run: Run) -> Figure | None:
                 axes.set_ylabel(label)
             if row == len(shown) - 1:
                 axes.set_xlabel(name)
+            if name in ANGLES:
+                axes.set_xlim(0, 360)
+                axes.set_xticks(range(0, 361, 90))
     legend_below(figure, (panels[0, 0],))
     return figure
 
@@ -60,18 +65,19 @@ def _axes(run: Run, residual_m: Array) -> tuple[dict[str, Vector], dict[str, Vec
     yaw = track.state("psi")
     against: dict[str, Vector] = {}
     if yaw is not None:
-        against["heading of the vehicle [deg]"] = np.degrees(-np.interp(line.fix_time_s, track.time_s, yaw)) % 360
+        against[HEADING] = np.degrees(-np.interp(line.fix_time_s, track.time_s, yaw)) % 360
     if line.fix_away_m is None:
-        return {"east [m]": residual_m[:, 0], "north [m]": residual_m[:, 1]}, against | {"time [s]": line.fix_time_s}
+        east_m, north_m = residual_m.T
+        return {"residual east [m]": east_m, "residual north [m]": north_m}, against | {"time [s]": line.fix_time_s}
     to_track = line.fix_away_m - residual_m
     reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
     along = np.sum(residual_m * to_track, axis=1) / reach
     across = np.degrees(np.sum(residual_m * to_track[:, ::-1] * [1, -1], axis=1) / reach**2)
     places = {
-        "bearing from the head [deg]": np.degrees(np.arctan2(to_track[:, 0], to_track[:, 1])) % 360,
+        BEARING: np.degrees(np.arctan2(to_track[:, 0], to_track[:, 1])) % 360,
         "horizontal range [m]": reach,
     }
-    return {"range [m]": along, "bearing [deg]": across}, places | against
+    return {"residual in range [m]": along, "residual in bearing [deg]": across}, places | against
 
 
 def _draw_means(axes: Axes, where: Vector, values: Vector, good: Array, first: bool) -> None:
