@@ -20,7 +20,9 @@ from usbldr_cli.options.output_files import (
     json_option,
     plot_format_option,
     plots_option,
+    refuse_file,
     refuse_inputs,
+    write_file,
     write_json,
 )
 from usbldr_cli.options.run_options import RunChoices, run_options
@@ -50,6 +52,13 @@ if TYPE_CHECKING:
 @click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
 @plots_option("of the comparison, and of each log if there are few, or with all", ("auto", "all", "none"))
 @json_option("table")
+@click.option(
+    "--latex",
+    "latex_to",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Also write the errors as LaTeX (booktabs).",
+)
 @plot_format_option
 @html_option
 @click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
@@ -67,6 +76,7 @@ def compare(
     force: bool,
     plots: str,
     json_to: str | None,
+    latex_to: Path | None,
     plot_format: str,
     quiet: bool,
     **selection: Any,
@@ -82,9 +92,12 @@ def compare(
     from usbldr.io.session import is_simulated, open_log, require_scenario
     from usbldr_cli.runs.compare_directory import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
+    from usbldr_cli.tables.latex_table import latex
 
     refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
+    if latex_to is not None:
+        refuse_file("--latex", latex_to, force, [Path(log) for log in logs], output)
     if fixes:
         _print_fixes(
             logs, {"--filters": filters is not None, "--bound": bound, "--output": output is not None}, json_to
@@ -111,6 +124,8 @@ def compare(
         rows = _run(logs, methods, seeds, workers, choices, selection, store, bound)
         _refuse_empty(rows)
     _write(output, rows, request, plots, plot_format)
+    if latex_to is not None:
+        write_file("--latex", latex_to, latex(rows))
     _print_result(rows, request, output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)

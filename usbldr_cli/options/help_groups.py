@@ -26,6 +26,7 @@ RARE = {
     "Output": (
         "html",
         "html_to",
+        "latex_to",
         "fnv",
         "parquet",
         "write_calibration",

@@ -18,6 +18,7 @@ from usbldr_cli.runs.seed_table import (
     row_metrics,
 )
 from usbldr_cli.tables.compare_table import notes, page, render
+from usbldr_cli.tables.latex_table import latex
 from usbldr_cli.tables.run_table import WIDTH
 
 JUDGED = ScoringContext("dive.mcap", "MCAP", "0" * 64, "", "gps", "/gps", None, None, "none")
@@ -187,3 +188,15 @@ def test_runs_against_another_truth_window_or_alignment_are_refused() -> None:
         with pytest.raises(UsageError, match=said):
             require_comparable([row("cpf", 1.0), against(**other)])
     require_comparable([row("cpf", 1.0), dataclasses.replace(against(align="rigid"), log="another")])
+
+
+def test_a_latex_table_has_a_line_for_each_filter_and_its_names_are_no_commands() -> None:
+    wild = dataclasses.replace(row("cpf", 1.0, 2.0), label=r"a_b%&$#{}\input^~")
+
+    head, *lines = latex([row("ekf", 2.0, 2.0), wild]).splitlines()
+
+    assert head == "% dive"
+    assert lines[0] == r"\begin{tabular}{lrrrrr}"
+    assert r"a\_b\%\&\$\#\{\}\textbackslash{}input\textasciicircum{}\textasciitilde{} & 1.500 $\pm$ 0.500 &" in lines[5]
+    assert all(line.count(" & ") == 5 and line.endswith(r" \\") for line in (lines[2], lines[4], lines[5]))
+    assert lines[-2:] == [r"\bottomrule", r"\end{tabular}"]
