@@ -26,6 +26,8 @@ max_gap_s = 12.0
 columns = { time_unix_s = "timestamp", x = "x", y = "y" }
 """
 
+FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]
+
 
 def dive(tmp_path: Path, toml: str = "", more: Sequence[Row] = (), request: Request | None = None) -> Log:
     write_mcap(tmp_path / "dive.mcap", [*short_dive(), *more])
@@ -53,18 +55,11 @@ def test_decimal_seconds_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     assert list(truth.time_s) == [0.374442, 1.500001, 1.908468]  # as floats of today's seconds: off by 0.1 us
 
 
-def test_skipped_rows_need_hold_no_numbers_and_lines_still_count_from_the_top(tmp_path: Path) -> None:
+def test_skipped_rows_need_hold_no_numbers(tmp_path: Path) -> None:
     file = tmp_path / "t.csv"
-    rows = ["timestamp,x,y", "s,m,m", "1600000000.1,1,2", "1600000001.1,3,4"]
-    file.write_text("\n".join([*rows, ""]), encoding="utf-8")
-    request = Request(truth=str(file))
+    file.write_text("timestamp,x,y\ns,m,m\n1600000000.1,1,2\n1600000001.1,3,4\n", encoding="utf-8")
 
-    log = dive(tmp_path, NED_FILE + "skip_rows = 1", request=request)
-    with pytest.raises(LogError, match=r"t\.csv: no truth row is left of 3 \(skip_rows = 9\)"):
-        dive(tmp_path, NED_FILE + "skip_rows = 9", request=request)
-    file.write_text("\n".join([*rows[:3], "1600000001.1,east,4", ""]), encoding="utf-8")
-    with pytest.raises(LogError, match=r't\.csv: line 4: x is "east", not a number'):
-        dive(tmp_path, NED_FILE + "skip_rows = 1", request=request)
+    log = dive(tmp_path, NED_FILE + "skip_rows = 1", request=Request(truth=str(file)))
 
     assert log.truth is not None
     np.testing.assert_array_equal(log.truth.position_m, [[2, 1], [4, 3]])
@@ -104,19 +99,6 @@ def test_columns_may_count_seconds_of_the_log(tmp_path: Path) -> None:
     assert truth.position_m[0, 1] == pytest.approx(0.0009 * 111132, abs=0.1)
 
 
-def test_latitudes_of_a_file_without_a_plane_are_an_error(tmp_path: Path) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text("time_ns,lat_deg,lon_deg\n1,45,7\n", encoding="utf-8")
-
-    with pytest.raises(LogError) as fault:
-        dive(tmp_path, request=Request(truth=str(file)))
-
-    assert str(fault.value) == (
-        f"{file}: holds latitudes and longitudes, but the plane has no origin; "
-        "state origin_lat_deg and origin_lon_deg under [map]"
-    )
-
-
 def test_a_canonical_file_needs_no_columns(tmp_path: Path) -> None:
     file = tmp_path / "t.csv"
     file.write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
@@ -134,6 +116,7 @@ def test_a_canonical_file_needs_no_columns(tmp_path: Path) -> None:
         ("stamp_ns,x_m,y_m", f"{T0 + SECOND},1,2"),
         ("time_s,tx,ty", "1,1,2"),
         ("timestamp,heading,east_m,north_m,x,y", f"{T0 // SECOND + 1},9,1,2,99,99"),
+        ("time_ns  east_m north_m", f"{T0 + SECOND}   1 2"),
     ],
 )
 def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str) -> None:
@@ -146,52 +129,54 @@ def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str)
     assert (truth.time_s.tolist(), truth.position_m.tolist()) == ([1.0], [[1.0, 2.0]])
 
 
-def test_unusual_names_of_columns_have_to_be_stated(tmp_path: Path) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text("epoch,px,py\n1,2,3\n", encoding="utf-8")
+@pytest.mark.parametrize(
+    ("toml", "text", "option", "fault", "said"),
+    [
+        ("", "time_ns,lat_deg,lon_deg\n1,45,7\n", "{file}", LogError,
+         "{file}: holds latitudes and longitudes, but the plane has no origin; state origin_lat_deg and origin_lon_deg "
+         "under [map]"),
+        ("", "epoch,px,py\n1,2,3\n", "{file}", UsageError,
+         "{file}: which columns hold time and position? State columns = { time_unix_s = \"...\", x = \"...\", "
+         "y = \"...\" } under [truth] (its columns: epoch, px, py)"),
+        (NED_FILE, "stamp,x,y\n1600000000.1,1,2\n", "{file}", LogError,
+         "{file}: has no column timestamp (its columns: stamp, x, y)"),
+        (NED_FILE, "timestamp,x,y\n1600000000.1,1,2\nnoon,1,2\n", "{file}", LogError,
+         '{file}: line 3: timestamp is "noon", not a number of seconds'),
+        (NED_FILE + "skip_rows = 9", "timestamp,x,y\n1600000000.1,1,2\n", "{file}", LogError,
+         "t.csv: no truth row is left of 1 (skip_rows = 9)"),
+        (NED_FILE + "skip_rows = 1", "timestamp,x,y\ns,m,m\n1.1,1,2\n2.1,east,4\n", "{file}", LogError,
+         '{file}: line 4: x is "east", not a number'),
+        ("", "# timestamp tx ty tz qx qy qz qw\n1 3.0 4.0 0 0 0 0 1\n2 east 6.0 0 0 0 0 1\n", "{file}", LogError,
+         '{file}: line 3: tx is "east", not a number'),
+        ("", "", "slam/gone.txt", LogError,
+         "{log}: truth slam/gone.txt is neither a file, here or beside the log, nor a topic"),
+        ("", "", "/no/topic", LogError,
+         "{log}: truth /no/topic is neither a file, here or beside the log, nor a topic"),
+        ('[truth]\nfile = "gone.txt"', "", None, LogError, "{gone}: no such truth file ([truth] file)"),
+        ('[truth]\ntopic = "/gps/fix"\nframe = "NED"', "", None, UsageError,
+         '{toml}: frame = "NED": /gps/fix holds latitudes and longitudes'),
+    ],
+)  # fmt: skip
+def test_a_truth_that_cannot_be_read_is_one_sentence(
+    tmp_path: Path, toml: str, text: str, option: str | None, fault: type[LogError], said: str
+) -> None:
+    file = tmp_path / ("slam.tum" if text.startswith("#") else "t.csv")
+    file.write_text(text, encoding="utf-8")
+    here = {
+        "log": tmp_path / "dive.mcap",
+        "toml": tmp_path / "usbldr.toml",
+        "gone": tmp_path / "gone.txt",
+        "file": file,
+    }
+    gps = FIXES if "/gps/fix" in toml else []
 
-    with pytest.raises(UsageError) as fault:
-        dive(tmp_path, request=Request(truth=str(file)))
+    with pytest.raises(fault) as found:
+        dive(tmp_path, toml, gps, Request(truth=option and option.replace("{file}", str(file))))
 
-    assert str(fault.value) == (
-        f"{file}: which columns hold time and position? "
-        'State columns = { time_unix_s = "...", x = "...", y = "..." } under [truth] '
-        "(its columns: epoch, px, py)"
-    )
-
-
-def test_a_missing_truth_column_is_an_error_with_the_header(tmp_path: Path) -> None:
-    with pytest.raises(LogError) as fault:
-        dive(tmp_path, NED_FILE.replace('"timestamp"', '"stamp"'))
-
-    assert str(fault.value) == (
-        f"{tmp_path / 'slam' / 'vertices.txt'}: has no column stamp (its columns: timestamp, frame id, x, y, z)"
-    )
-
-
-def test_a_broken_truth_time_is_an_error_with_its_line(tmp_path: Path) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text("timestamp,x,y\n1600000000.1,1,2\nnoon,1,2\n", encoding="utf-8")
-
-    with pytest.raises(LogError) as fault:
-        dive(tmp_path, NED_FILE, request=Request(truth=str(file)))
-
-    assert str(fault.value) == f'{file}: line 3: timestamp is "noon", not a number of seconds'
-
-
-@pytest.mark.parametrize("option", ["slam/gone.txt", "/no/topic"])
-def test_an_absent_truth_is_an_error(tmp_path: Path, option: str) -> None:
-    with pytest.raises(LogError) as fault:
-        dive(tmp_path, request=Request(truth=option))
-
-    assert str(fault.value) == (
-        f"{tmp_path / 'dive.mcap'}: truth {option} is neither a file, here or beside the log, nor a topic"
-    )
-
-
-def test_a_configured_truth_file_that_is_absent_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"gone\.txt: no such truth file \(\[truth\] file\)"):
-        dive(tmp_path, '[truth]\nfile = "gone.txt"')
+    wanted = said
+    for name, path in here.items():
+        wanted = wanted.replace(f"{{{name}}}", str(path))
+    assert str(found.value) == wanted
 
 
 def pose(time_ns: int, x: float, y: float, kind: str = POSE) -> Row:
@@ -262,13 +247,6 @@ def test_latitudes_named_by_option_do_not_take_the_frame_of_another_truth(tmp_pa
     np.testing.assert_allclose(log.truth.position_m[:, 1], [0, 1.111, 2.223], atol=1e-3)
 
 
-def test_a_local_frame_for_configured_latitudes_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError) as fault:
-        dive(tmp_path, '[truth]\ntopic = "/gps/fix"\nframe = "NED"', FIXES)
-
-    assert str(fault.value) == f'{tmp_path / "usbldr.toml"}: frame = "NED": /gps/fix holds latitudes and longitudes'
-
-
 def test_a_frame_for_the_truth_where_the_gps_is_the_truth_is_said_not_to_be_used(tmp_path: Path) -> None:
     said = {f.code: f.text for f in dive(tmp_path, '[truth]\nframe = "NED"', FIXES).findings}
     silent = {f.code for f in dive(tmp_path, '[gps]\nframe = "latlon"', FIXES).findings}
@@ -283,9 +261,6 @@ def test_a_frame_for_a_truth_of_its_own_is_not_said_to_be_idle(tmp_path: Path) -
     assert log.truth is not None
     np.testing.assert_allclose(log.truth.position_m, [[20, 10]])
     assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
-
-
-FIXES = [fix(T0 + k * SECOND, 45.0 + k * 1e-5, 7.0) for k in range(3)]
 
 
 def test_gps_is_the_truth_by_default(tmp_path: Path) -> None:
@@ -355,24 +330,6 @@ def test_a_tum_file_is_read_with_or_without_its_comment_and_its_last_line_end(tm
     assert truth is not None
     assert list(truth.time_s) == [1.5, 2.5]
     np.testing.assert_array_equal(truth.position_m, [[3, 4], [5, 6]])
-
-
-def test_columns_between_blanks_are_read_by_their_names(tmp_path: Path) -> None:
-    file = tmp_path / "t.txt"
-    file.write_text(f"time_ns  east_m north_m\n{T0 + SECOND}   1 2\n", encoding="utf-8")
-
-    truth = dive(tmp_path, request=Request(truth=str(file))).truth
-
-    assert truth is not None
-    np.testing.assert_array_equal(truth.position_m, [[1, 2]])
-
-
-def test_a_broken_line_of_a_tum_file_is_named(tmp_path: Path) -> None:
-    file = tmp_path / "slam.tum"
-    file.write_text(TUM_LINES.replace("5.0", "east"), encoding="utf-8")
-
-    with pytest.raises(LogError, match=r'slam\.tum: line 3: tx is "east", not a number'):
-        dive(tmp_path, request=Request(truth=str(file)))
 
 
 def along_a_bend(frame: str, truth: str = "/nav/slam") -> list[Row]:
