@@ -9,7 +9,6 @@ import pytest
 from click.testing import CliRunner
 
 from checkout import ROOT
-from usbldr.filters.errors import UsageError
 from usbldr_cli.main import COMMANDS, cli
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -66,9 +65,3 @@ def test_the_help_lists_every_command_and_the_exit_codes() -> None:
         assert re.search(rf"^\s+{name}\s", done.output, re.MULTILINE)
     for code in ("0 good", "1 a check failed", "2 wrong usage", "3 the log is unreadable", "130 interrupted"):
         assert code in done.output
-
-
-def test_a_misspelt_command_gets_the_one_that_was_meant() -> None:
-    with pytest.raises(UsageError) as fault:
-        cli.main(["relpay", "dive.mcap"], standalone_mode=False)
-    assert str(fault.value) == f"there is no command 'relpay'; did you mean replay? (commands: {', '.join(COMMANDS)})"

@@ -342,19 +342,6 @@ def test_options_of_a_first_baseline_are_written_into_its_rows_and_hold_there(ma
     assert (run.returncode, run.stdout) == (0, "passed: 12 of 12 metrics in 2 rows within their limits\n")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["gate.toml", "--start", "4"], "--start is for --init: the rows of a baseline state their own options"),
-        (["--init", "dive.mcap", "--smooth"], "--smooth is a flag, which the row of a baseline cannot hold"),
-    ],
-)
-def test_options_that_a_check_cannot_use_are_refused(arguments: list[str], sentence: str) -> None:
-    done = _check(*arguments)
-
-    assert (done.returncode, done.stderr) == (2, f"usbldr: {sentence}\n")
-
-
 def test_a_first_baseline_leaves_out_what_a_log_has_no_sensor_for(tmp_path: Path) -> None:
     (tmp_path / "d").mkdir()
     for name in ("usbl", "gps"):
@@ -376,13 +363,6 @@ def test_one_log_that_is_not_there_leaves_no_baseline_of_the_others(made: Path, 
     assert (done.returncode, list(tmp_path.iterdir())) == (3, [])
     assert done.stderr.startswith(f"usbldr: {tmp_path / 'gone.bag'}: no such file, folder or scenario")
     assert len(done.stderr.splitlines()) == 1
-
-
-def test_two_baselines_at_once_are_refused(gate: Path) -> None:
-    run = _check(gate, gate)
-
-    assert run.returncode == 2
-    assert run.stderr == "usbldr: check takes one BASELINE, not 2; --init LOG... writes one for several logs\n"
 
 
 def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:

@@ -264,33 +264,6 @@ def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: 
         output_of("compare", tmp_path / "whole")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("paper", "--filters", "ckf,kalman"), "there is no filter 'kalman'"),
-        (("paper", "--filters", "ckf,ckf"), "--filters names ckf twice"),
-        (("paper", "paper"), "LOG names paper twice"),
-        (("paper", "--filters", "cpf,dr", "--gate", "0.99"), "--gate is for ekf, ckf, ukf"),
-        (
-            ("paper", "--calibrate", "speed"),
-            "unknown sensor error 'speed' to calibrate (known: scale,",
-        ),
-        (("paper", "--noise", "usbl=cauchy"), "--noise usbl=cauchy: write SENSOR=KIND"),
-        (("paper", "--truth", "x.csv"), "paper: a scenario takes no --truth"),
-    ],
-)
-def test_what_does_not_fit_together_is_told_before_anything_runs(arguments: tuple[str, ...], said: str) -> None:
-    with pytest.raises(UsageError) as fault:
-        output_of("compare", *arguments)
-
-    assert said in str(fault.value)
-
-
-def test_where_nothing_came_out_the_fault_is_the_commands(dive: Path) -> None:
-    with pytest.raises(UsageError, match="--start 20 is not before --end 10"):
-        output_of("compare", dive, "--filters", "usbl", "--start", "20", "--end", "10")
-
-
 def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [str(dive), "--filters", "dr,usbl", "--usbl", "none", "-o", str(out)]

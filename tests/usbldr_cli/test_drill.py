@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from commands import output_of, run
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.tables.run_table import WIDTH
@@ -121,22 +121,3 @@ def test_the_faults_of_the_options_are_one_drill_and_nothing_is_written_to_the_l
     (one,) = reported["rows"]
     assert set(one["faults"]) == {"drop usbl@30:60", "spike dvl:3m/s@0.02", "sd usbl:2"}
     assert {file: file.read_bytes() for file in dive.iterdir()} == before
-
-
-@pytest.mark.parametrize(
-    ("options", "reported"),
-    [
-        (("--drop", "usbl"), "--drop usbl: needs a span"),
-        (("--drop", "usbl@300:400"), "the log has no usbl record there (0 to 100 s)"),
-        (("--suite", "none.toml"), "there is no suite none.toml"),
-        (("--drop", "usbl@1:2", "--filters", "kalman"), "there is no filter 'kalman'"),
-        (("--drop", "usbl@1:2", "-o", "."), "contains the input"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_before_any_run(
-    dive: Path, options: tuple[str, ...], reported: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(dive.parent)
-    refused = run("drill", dive, *options).exception
-    assert isinstance(refused, UsageError)
-    assert reported in str(refused)

@@ -140,12 +140,6 @@ def test_a_log_that_no_configuration_can_mend_gets_none(tmp_path: Path) -> None:
     assert not (tmp_path / "dive.usbldr.toml").exists()
 
 
-def test_init_takes_no_configuration(log: Path) -> None:
-    done = run("init", str(log), "--config", "any.toml")
-
-    assert isinstance(done.exception, UsageError)
-
-
 LOCK, GYRO, ACOUSTIC = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker", "new_msgs/msg/Acoustic"
 define(
     {

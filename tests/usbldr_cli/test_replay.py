@@ -67,45 +67,11 @@ def test_a_strict_replay_of_a_cut_log_writes_nothing(dive: Path, fault: Fault) -
     assert not (dive.parent / "run").exists()
 
 
-def test_the_truth_cannot_be_a_sensor(dive: Path, fault: Fault) -> None:
-    code, said = fault("replay", dive, "--usbl", "/gps/fix", "--gps", "/gps/fix")
-
-    assert code == 2
-    assert said.startswith(f"usbldr: {dive}: /gps/fix cannot be the usbl and the truth at once: ")
-
-
 def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
     done = replay(dive, "--filter", "dr", "--start", "500", "--end", "501")
 
     assert done.return_value == 0
     assert "these numbers rest on 2 of the track's epochs alone" in " ".join(done.stdout.split())
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--fast-hz", "1e9"), "1e+09 Hz over 1000 s are 1e+12 epochs; use a lower --fast-hz"),
-        (("--fast-hz", "0"), "rates must be between 0.001 and 1e+09 Hz (fast 0, slow 1)"),
-        (("--dr-from", "91,0"), "--dr-from 91,0 is not a position"),
-        (("--dr-from", "here"), "--dr-from here is neither LAT,LON in degrees nor one of"),
-        (("--start", "5", "--end", "4"), "--start 5 is not before --end 4"),
-        (("--start", "noon"), "--start noon is neither seconds nor ISO time"),
-        (("--filter", "efk"), "there is no filter 'efk'; did you mean ekf? (filters: ekf, ckf,"),
-        (("--filter", "CPF"), "there is no filter 'CPF'; did you mean cpf?"),
-        (("-o", "track.csv"), "track.csv: --output names a folder for all results: leave .csv out"),
-        (("--write-calibration", "dive.yaml"), "dive.yaml: --write-calibration writes TOML: choose NAME.toml"),
-        (("--filter", "cpf", "--gate", "0.99"), "cpf weighs outliers and takes no gate"),
-    ],
-)
-def test_options_that_make_no_sense_are_one_sentence(
-    dive: Path, fault: Fault, options: tuple[str, ...], sentence: str
-) -> None:
-    code, said = fault("replay", dive, "-o", dive.parent / "run", *options)
-
-    assert code == 2
-    assert said.startswith(f"usbldr: {sentence}")
-    assert said.count("\n") == 1
-    assert not (dive.parent / "run").exists()
 
 
 def test_a_folder_with_a_dot_in_its_name_gives_its_whole_name_to_the_run(

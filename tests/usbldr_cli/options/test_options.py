@@ -8,7 +8,6 @@ import pytest
 from click.testing import CliRunner
 
 from recordings import short_dive, write_mcap
-from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.session import open_log
 from usbldr_cli.options.log_options import log_options, read_request
@@ -49,19 +48,3 @@ def test_a_scenario_is_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     assert log.format == "simulated"
     assert log.convention("dvl", "seed").value == 7
-
-
-def test_a_scenario_takes_no_topics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-    with pytest.raises(UsageError) as fault:
-        opened("paper", "--dvl", "/dvl")
-
-    assert str(fault.value) == "paper: a scenario takes no --truth, --with, --set or topics, and no --config but none"
-
-
-def test_what_is_neither_file_nor_scenario_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-    with pytest.raises(LogError, match=r"gone\.mcap: no such file, folder or scenario \(scenarios: .*paper"):
-        opened("gone.mcap")

@@ -67,13 +67,6 @@ def test_compare_says_it_too_and_refuses_to_set_it_beside_a_run_without(tmp_path
         output_of("compare", str(aided), str(alone))
 
 
-def test_a_track_without_a_filter_cannot_be_aided(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--aid needs a filter, and dr is not one"):
-        output_of("replay", str(SAMPLE), "--filter", "dr", "--aid", "gps@0:60", "-o", str(tmp_path / "run"))
-    with pytest.raises(UsageError, match="--aid is for filters, none of which is compared"):
-        output_of("compare", str(SAMPLE), "--filters", "dr,usbl", "--aid", "gps@0:60")
-
-
 def test_a_log_without_gps_there_leaves_no_run_directory(tmp_path: Path) -> None:
     folder = tmp_path / "run"
 
