@@ -44,7 +44,6 @@ class MultiHypothesisBelief(NamedTuple):
     hypotheses: tuple[Hypothesis, ...]
     ambiguity: Ambiguity | None
     last_fix_s: float  # -inf: no fix yet
-    first_fix_s: float = math.inf  # inf: no fix yet
     reacquisitions: tuple[Reacquisition, ...] = ()
 
 

@@ -21,7 +21,6 @@ from usbldr.filters.types import Array, Vector
 
 SENSOR = "usbl"  # the sensor whose outliers come in clusters
 TAIL_DOF = 4.0  # [degrees of freedom] of Student's t
-FALSE_START_M = 30.0  # scale of that t for a false start, each axis, by judgement: metres to hundreds of metres
 
 
 class HypothesisLikelihoods(NamedTuple):
@@ -31,7 +30,6 @@ class HypothesisLikelihoods(NamedTuple):
     if_accepted: float  # under the mixture or as an outlier: log(exp(modelled) + exp(outlier))
     inlier: float  # under the modes of the mixture that are not outliers themselves
     relocated: float  # if the vehicle is not at the predicted position; without the prior of that
-    after_false_start: float  # if the track began at false fixes; without the prior of that
     outlier: float  # as an outlier, times the share of outliers
     excess_m2: float  # squared innovation minus its expectation, per axis, at least 0
     informative: bool  # the fix is more precise than the predicted position
@@ -42,8 +40,8 @@ def hypothesis_likelihoods(
 ) -> HypothesisLikelihoods:
     """Return the likelihoods of fixes from a predicted bank of one; each fix alone, without updates in between."""
     each_fix = [_fix_likelihoods(bank, fix, outlier_noise) for fix in fixes]
-    *logs, excess_m2, informative = zip(*each_fix, strict=True)
-    sums = (sum(column) for column in logs)
+    modelled, if_accepted, inlier, relocated, outliers, excess_m2, informative = zip(*each_fix, strict=True)
+    sums = (sum(column) for column in (modelled, if_accepted, inlier, relocated, outliers))
     return HypothesisLikelihoods(*sums, excess_m2=max(excess_m2), informative=any(informative))
 
 
@@ -64,7 +62,6 @@ def _fix_likelihoods(bank: GaussianBank, fix: Measurement, outlier_noise: Contam
         float(np.logaddexp(modelled, log_outlier)),
         inlier,
         _log_t(e, predicted + R),
-        _log_t(e, predicted + R + FALSE_START_M**2 * np.eye(k)),
         log_outlier,
         max(0.0, float(e @ e - np.trace(predicted + R)) / k),
         bool(np.trace(predicted) > np.trace(R)),

@@ -83,7 +83,6 @@ def _until_doubt(
     return belief._replace(
         hypotheses=(nominal._replace(belief=after, estimate=kernel.estimate(after)),),
         last_fix_s=float(steps.t1_s[used[-1]]) if len(used) else belief.last_fix_s,
-        first_fix_s=min(belief.first_fix_s, float(steps.t1_s[used[0]])) if len(used) else belief.first_fix_s,
     ), estimates._replace(reacquisitions=belief.reacquisitions)
 
 

@@ -8,8 +8,7 @@ parallel, each with its own belief:
 - nominal: the filter as it is; each fix follows its noise model;
 - rejecting: the fixes since the ambiguity began are outliers with a common offset; none is used;
 - resumed: they were outliers, but the cluster has ended; fixes are used again;
-- relocated: the vehicle is at the fixes, further away than the filter thought possible: dead reckoning drifted in an
-  outage, or the track began at fixes that were false.
+- relocated: the vehicle is at the fixes, further away than the filter thought possible.
 
 Weights are products of predictive likelihoods (D. Reid, "An algorithm for tracking multiple targets", IEEE Trans.
 Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177). Clusters last for seconds, few for a minute, so
@@ -75,8 +74,6 @@ class MultiHypothesisFilter:
     long_cluster_s: float = 60.0  # mean duration of a few clusters: a leg beside a wall that reflects
     long_cluster_share: float = 1e-4  # so few that no decision waits for them, but the way back is remembered
     relocation_probability: float = 0.05  # of a drift that dead reckoning missed, after a long outage
-    false_start_probability: float = 0.0  # of first fixes that are false, if they gave the start
-    false_start_octaves: float = 7.0  # it lasts up to 2 min, and any scale of time is as likely
     long_outage_s: float = 60.0  # in a shorter outage the probability of relocation is proportionally smaller
     decision_odds: float = 20.0  # for a new leader that moves the track: strong evidence by Kass and Raftery
     pruning_ratio: float = 1e-4  # of the largest weight; hypotheses below it are dropped
@@ -103,7 +100,8 @@ class MultiHypothesisFilter:
         outage_s = step.t1_s - belief.last_fix_s
         ambiguity = belief.ambiguity or Ambiguity(step.t1_s, outage_s, step.t1_s)
         hypotheses = self._reweighted(belief, likelihoods, step, make_rng)
-        if new := self._new_hypotheses(belief, likelihoods, step, make_rng):
+        relocation_probability = float(self.drift_probability(np.array(outage_s)))
+        if new := self._new_hypotheses(belief.hypotheses, likelihoods, relocation_probability, step, make_rng):
             ambiguity = ambiguity._replace(
                 accepting=(*ambiguity.accepting, "relocated" if new[-1].kind == "relocated" else "nominal")
             )
@@ -121,12 +119,12 @@ class MultiHypothesisFilter:
             ambiguity = ambiguity._replace(resolved_s=step.t1_s, jump_m=max(ambiguity.jump_m, jump_m))
         if hypotheses[0].kind == "rejecting":
             ambiguity = ambiguity._replace(refused=ambiguity.refused + len(fixes))
-        fixes_s = (step.t1_s, min(belief.first_fix_s, step.t1_s))
+        reacquisitions = belief.reacquisitions
         if len(hypotheses) > 1:
-            return MultiHypothesisBelief(tuple(hypotheses), ambiguity, *fixes_s, belief.reacquisitions)
+            return MultiHypothesisBelief(tuple(hypotheses), ambiguity, step.t1_s, reacquisitions)
         last = hypotheses[0]
-        reacquisitions = with_outcome(belief.reacquisitions, ambiguity, last, "resumed")
-        return MultiHypothesisBelief((last._replace(kind="nominal", log_weight=0.0),), None, *fixes_s, reacquisitions)
+        reacquisitions = with_outcome(reacquisitions, ambiguity, last, "resumed")
+        return MultiHypothesisBelief((last._replace(kind="nominal", log_weight=0.0),), None, step.t1_s, reacquisitions)
 
     def span(
         self, belief: MultiHypothesisBelief, steps: Steps, epochs: range, seed: int
@@ -141,16 +139,6 @@ class MultiHypothesisFilter:
     def drift_probability(self, outage_s: Vector) -> Vector:
         """Return the probability of a relocation after outages, (F,)."""
         return self.relocation_probability * np.minimum(1.0, outage_s / self.long_outage_s)
-
-    def _false_start_probability(self, belief: MultiHypothesisBelief, time_s: float) -> float:
-        """Return the probability that all fixes up to the last were false, and that the one at this time is correct."""
-        if belief.first_fix_s == math.inf:
-            return 0.0
-        now, last = (
-            min(math.log2(1.0 + one_s - belief.first_fix_s), self.false_start_octaves)
-            for one_s in (time_s, belief.last_fix_s)
-        )
-        return self.false_start_probability * (now - last) / self.false_start_octaves
 
     def _survival(self, time_s: float) -> float:
         """Return the probability that a cluster of outliers lasts for longer."""
@@ -173,9 +161,7 @@ class MultiHypothesisFilter:
         of its own, or an inlier of the branch that resumes.
         """
         both = list(zip(belief.hypotheses, likelihoods, strict=True))
-        log_accepted: dict[str, float] = {}
-        for hypothesis, one in both:
-            log_accepted[hypothesis.kind] = max(log_accepted.get(hypothesis.kind, -math.inf), one.if_accepted)
+        log_accepted = {hypothesis.kind: one.if_accepted for hypothesis, one in both}
         after: list[Hypothesis] = []
         resumed: list[Hypothesis] = []
         for hypothesis, one in both:
@@ -205,20 +191,21 @@ class MultiHypothesisFilter:
 
     def _new_hypotheses(
         self,
-        belief: MultiHypothesisBelief,
+        hypotheses: Sequence[Hypothesis],
         likelihoods: Sequence[HypothesisLikelihoods],
+        relocation_probability: float,
         step: Step,
         make_rng: MakeRng,
     ) -> list[Hypothesis]:
         """Return the new hypotheses, after the step, that its fixes call for.
 
-        If the fixes are far from every prediction, and the track was not relocated just now: a rejecting and a
-        relocated one, the latter with the priors of a drift and of a false start. If there is one hypothesis and its
-        position is less certain than the fixes, so that it would follow outliers: a rejecting one.
+        If the fixes are far from every prediction: a rejecting and a relocated one, the latter with the prior
+        ``relocation_probability``. If there is one hypothesis and its position is less certain than the fixes, so that
+        it would follow outliers: a rejecting one.
         """
-        hypotheses, leader, likelihood = belief.hypotheses, belief.hypotheses[0], likelihoods[0]
-        log_drift = _log(float(self.drift_probability(np.array(step.t1_s - belief.last_fix_s))))
-        far = all(log_drift + one.relocated > one.inlier for one in likelihoods) and leader.kind != "relocated"
+        leader, likelihood = hypotheses[0], likelihoods[0]
+        far = all(_log(relocation_probability) + one.relocated > one.inlier for one in likelihoods)
+        far = far and all(hypothesis.kind != "relocated" for hypothesis in hypotheses)
         if not far and not (likelihood.informative and len(hypotheses) == 1):
             return []
         new: list[Hypothesis] = []
@@ -233,11 +220,7 @@ class MultiHypothesisFilter:
         if far:
             mean, cov = leader.estimate.mean, leader.estimate.cov.copy()
             cov[POSITION, POSITION] += likelihood.excess_m2
-            log_false_start = _log(self._false_start_probability(belief, step.t1_s))
-            log_relocated = float(
-                np.logaddexp(log_drift + likelihood.relocated, log_false_start + likelihood.after_false_start)
-            )
-            log_weight = leader.log_weight + log_relocated
+            log_weight = leader.log_weight + _log(relocation_probability) + likelihood.relocated
             relocated = Hypothesis("relocated", self.filter.start(Prior(mean, cov)), leader.estimate, log_weight)
             new.append(self._stepped(relocated, step, make_rng))
         return new

@@ -44,7 +44,6 @@ SINGULAR_TEXT = (
     "a covariance grew beyond what numbers can hold apart: start, sigmas and fixes are too far from each other to be "
     "of one dive; check [start] and the sigmas of the configuration"
 )
-FALSE_START_PROBABILITY = 0.05  # of first fixes that are false: the share of outliers among all fixes
 MIN_ESS_RATIO = 0.05  # of N: below it on average the particles no longer tell the posterior
 
 
@@ -148,8 +147,7 @@ def make_estimator(
     if not guarded:
         return estimator
     predictor = compiled(KalmanFilter(motion, linearised, moment_matched), kinds)
-    false_start = FALSE_START_PROBABILITY if parameters.start is None else 0.0
-    return MultiHypothesisFilter(estimator, motion, false_start_probability=false_start, predictor=predictor)
+    return MultiHypothesisFilter(estimator, motion, predictor=predictor)
 
 
 def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequence[str]) -> None:

@@ -380,31 +380,3 @@ def test_a_track_has_no_whole_turns_after_an_unknown_heading() -> None:
     track = run("adf", unknown, Parameters(process=ProcessNoise(turn_rate_radps=0.6)))
 
     assert np.abs(np.diff(track.mean[:, 0])).max() < math.pi
-
-
-@functools.cache
-def error_of_false_fixes(begin_s: int, lasts_s: int, off_m: float, order: str) -> np.ndarray:
-    """Return the error at each second, (E,), of a dive without an outage of which some fixes lie together elsewhere."""
-    rng, t = np.random.default_rng(29), np.arange(END_S * RATE_HZ + 1) / RATE_HZ
-    truth = np.column_stack([0 * t, SPEED_MPS * t])
-    fix_s = np.arange(END_S + 1.0)
-    fix_m = truth[::RATE_HZ] + 0.5 * rng.normal(size=(len(fix_s), 2))
-    fix_m[begin_s : begin_s + lasts_s] += off_m * DRIFT
-    velocity = np.tile([0.0, SPEED_MPS], (len(t), 1)) + 0.02 * rng.normal(size=(len(t), 2))
-    line = five_hz(velocity, 0 * t, fix_s, fix_m, yaw_sd_rad=math.radians(0.3), fix_sd_m=0.5)
-    track = run("adf", line, Parameters(usbl=GENERIC), FilterSettings(order=order))
-    return np.hypot(*(track.position_m - truth).T)[::RATE_HZ]
-
-
-@pytest.mark.parametrize("order", ["arrival", "validity"])
-@pytest.mark.parametrize("off_m", [20.0, 60.0, 400.0])
-@pytest.mark.parametrize("false_s", [40, 80])
-def test_a_track_that_began_at_false_fixes_comes_back_within_twice_their_time(false_s, off_m, order):
-    error_m = error_of_false_fixes(0, false_s, off_m, order)
-    assert error_m[5:false_s].min() > off_m - 3.0  # nothing could tell
-    assert error_m[2 * false_s :].max() < 2.0
-
-
-@pytest.mark.parametrize(("begin_s", "lasts_s"), [(60, 15), (150, 60)])
-def test_a_true_start_outlasts_a_shorter_run_of_false_fixes(begin_s, lasts_s):
-    assert error_of_false_fixes(begin_s, lasts_s, 32.0, "arrival").max() < 3.5
