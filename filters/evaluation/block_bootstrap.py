@@ -24,7 +24,8 @@ def mean_difference(difference: Vector) -> PairedDifference:
     A block is as long as is best for an AR(1) series (E. Carlstein, Annals of Statistics 14(3), 1986; times 1.5^(1/3)
     for blocks that overlap) with the same effective number of errors as NEES uses: M (1 - a²) / (1 + a²).
     """
-    M, mean = len(difference), float(np.mean(difference))
+    M = len(difference)
+    mean = float(np.mean(difference)) if M else math.nan
     e = difference - mean
     if M < LEAST_EPOCHS or not e.any():
         return PairedDifference(mean, None, None)

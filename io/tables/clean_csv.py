@@ -132,7 +132,8 @@ def _is_clean(file: Path, width: int, begin: int) -> bool:
                 return False
         while block := content.read(BLOCK_BYTES) + content.readline(limit(LINE_CHARACTERS)):
             row = b"," * (width - 1) + (b"\r\n" if block.endswith(b"\r\n") else b"\n")
-            if (left := block.translate(None, CLEAN)) != row * (len(left) // len(row)):
+            left = block.translate(None, CLEAN)
+            if not block.endswith(b"\n") or left != row * (len(left) // len(row)):  # a cut row may have no comma
                 return False
     return True
 

@@ -33,7 +33,9 @@ START = "east_m = 0\nnorth_m = 0\nsd_m = 1"
 KEYS = {  # key -> lines that let it act; V is its value, for a key inside a table or an array
     "map.origin_lat_deg": "origin_lon_deg = 7.0",
     "map.origin_lon_deg": "origin_lat_deg = 45.0",
-    **dict.fromkeys(("dvl.mount_deg", "dvl.scale_error", "dvl.sd_mps", "dvl.sd_scale", "dvl.latency_s"), ""),
+    **dict.fromkeys(
+        ("dvl.mount_deg", "dvl.scale_error", "dvl.sd_mps", "dvl.sd_scale", "dvl.latency_s", "dvl.clock_step_s"), ""
+    ),
     "dvl.min_good_beams": "",
     "dvl.sound_speed_mps": "",
     "dvl.assumed_sound_speed_mps": "sound_speed_mps = 1480.0",
@@ -43,12 +45,12 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "dvl.noise.dof": "noise = { kind = 'student-t', dof = V }",
     "dvl.noise.sd_mps": "noise = { kind = 'contamination', sd_mps = V }",
     **dict.fromkeys(("compass.bias_deg", "compass.deviation_sin_deg", "compass.deviation_cos_deg"), ""),
-    **dict.fromkeys(("compass.declination_deg", "compass.sd_deg", "compass.latency_s"), ""),
+    **dict.fromkeys(("compass.declination_deg", "compass.sd_deg", "compass.latency_s", "compass.clock_step_s"), ""),
     "compass.noise.share": "noise = { kind = 'contamination', sd_deg = 1.0, share = V }",
     "compass.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
     "compass.noise.dof": "noise = { kind = 'student-t', dof = V }",
     "compass.noise.sd_deg": "noise = { kind = 'contamination', sd_deg = V }",
-    **dict.fromkeys(("usbl.sd_m", "usbl.sd_scale", "usbl.latency_s"), ""),
+    **dict.fromkeys(("usbl.sd_m", "usbl.sd_scale", "usbl.latency_s", "usbl.clock_step_s"), ""),
     "usbl.mount_deg": f"frame = 'body'\n{FIXED}",
     **dict.fromkeys(("usbl.mount_roll_deg", "usbl.mount_pitch_deg"), f"frame = 'body'\n{FIXED}"),
     "usbl.head.latency_s": f"head = {{ {SHIP}, latency_s = V }}",
