@@ -69,7 +69,7 @@ def pooled_nees(nees_mean: Sequence[float], independent: Sequence[float]) -> Nee
     return nees_with_bounds(float(np.mean(nees_mean)), count)
 
 
-def student_quantile(probability: float, dof: int) -> float:
+def student_quantile(probability: float, dof: float) -> float:
     """Return the quantile of Student's t: exact for 1 and 2 degrees of freedom, else to 0.2 % at 97.5 %.
 
     R. A. Fisher and E. A. Cornish, "The percentile points of distributions having known cumulants", Technometrics
