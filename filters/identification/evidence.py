@@ -13,56 +13,46 @@ numbers of the run; the other errors become states of the filter.
 """
 
 import itertools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from operator import attrgetter
-from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.identification.conclusions import (
+    FAR_KEYS,
+    FAR_SD,
+    HEAD_OR_VEHICLE,
+    LOG_PRIOR_ODDS,
+    OPEN,
+    Choice,
+    concluded,
+    noise_changes,
+)
 from usbldr.filters.identification.dr_usbl_fit import fit_rotation, gross, segment_numbers
 from usbldr.filters.identification.false_runs import false_fixes
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
-    DR_WALK_NAME,
     LEVER_OR_LATENCY,
-    ErrorEstimate,
-    Explanation,
     FalseRun,
     Identification,
-    NoiseChange,
-    OpenPair,
-    SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
-    CLOCK,
     HEAD,
     KEYS,
-    LEVER,
-    PASS_STATES,
     RANGE,
-    REPORTED,
     STEPS,
     keys_of,
-    linearised,
     prior_sds,
 )
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
-from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, FixLikelihoods, Member, fix_likelihoods
-from usbldr.filters.models.calibration import SENSOR_ERRORS, STATES
-from usbldr.filters.models.noise import Contamination
+from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.position_fixes import with_gps_fixes
 from usbldr.filters.types import Mask, Timeline, Vector
 
-LOG_PRIOR_ODDS = -math.log(20)  # of an error that exists against one that does not: strong evidence is required
 LATENCY_SD_S = 1.0  # prior of a latency that exists: stamps of receipt are late by up to seconds
 SCALE_SD = 0.03  # prior of a scale error that exists: a wrong sound speed or beam angle gives several per cent
-FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "latency_s": 10.0}
-"""Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
-compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""
 USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outside
 LEAST_FACTOR = 1e-3  # fixed: on dead reckoning; a smaller one is as far outside
 MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
@@ -70,21 +60,6 @@ MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going 
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
 LINEARISATIONS = 2  # about the estimates of each subset
-FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
-HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
-FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
-OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not told from its rival
-
-
-class _Choice(NamedTuple):
-    """The chosen subset among all."""
-
-    member: Member
-    row: int  # in the subsets
-    named: frozenset[str]  # errors in it for which there is evidence, alone or with those they may be taken for
-    subsets: Sequence[frozenset[str]]
-    score: Vector  # (N,) of each subset
-    found: FixLikelihoods
 
 
 @cache
@@ -102,7 +77,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     """
     stated = estimate_dvl_noise(timeline, given)
     if not len(timeline.fix_time_s):
-        return Identification(replace(stated, calibrate=()), (), _noise_changes(given, stated))
+        return Identification(replace(stated, calibrate=()), (), noise_changes(given, stated))
     errors = stated.errors
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
@@ -115,7 +90,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
         kept = timeline.with_fixes(~false)
         members = _with_every_error(kept, stated)
     choice = max((_choice(kept, member, stated) for member in members), key=lambda one: float(one.score.max()))
-    found = _identification(kept, given, stated, choice)
+    found = concluded(kept, given, stated, choice)
     rows = tuple(np.flatnonzero(false).tolist())
     return replace(found, parameters=replace(found.parameters, false_fixes=rows), false_runs=_runs(timeline, false))
 
@@ -157,7 +132,7 @@ def _far(member: Member, stated: Parameters) -> frozenset[str]:
     return frozenset(key for key, field in FAR_KEYS.items() if getattr(errors, field) != getattr(usual, field))
 
 
-def _choice(timeline: Timeline, member: Member, stated: Parameters) -> _Choice:
+def _choice(timeline: Timeline, member: Member, stated: Parameters) -> Choice:
     """Return the best subset of errors under the priors of the member, errors and noise in turn."""
     far = _far(member, stated)
     fields = [FAR_KEYS[key] for key in far]
@@ -175,7 +150,7 @@ def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
     return tuple(FalseRun(float(t[first]), float(t[end - 1]), end - first) for first, end in edges)
 
 
-def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> _Choice:
+def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> Choice:
     """Return the subset of errors with the largest score, under the noise of the member; aiding GPS has a say."""
     timeline = with_gps_fixes(timeline, member.parameters)
     subsets = subsets_of(keys_of(timeline))
@@ -190,7 +165,7 @@ def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> _Ch
     for pair in map(frozenset, HEAD_OR_VEHICLE):
         (state,) = (name for key in pair & {HEAD, RANGE} for name in KEYS[key])
         named |= pair if named & pair and pair <= present and found.sd[state][row] > OPEN * sd[state] else named
-    return _Choice(_relinearised(members, found)[row], row, named, subsets, score, found)
+    return Choice(_relinearised(members, found)[row], row, named, subsets, score, found, far)
 
 
 def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
@@ -233,122 +208,3 @@ def _about(member: Member, value: Mapping[str, float]) -> Member:
     limit = {state: MAX_PRIOR_SIGMAS * sd for state, sd in prior_sds(member.parameters).items()}
     limit["dvl_scale"] = min(limit["dvl_scale"], MAX_SCALE)
     return member.with_errors(member.present, {s: min(max(x, -limit[s]), limit[s]) for s, x in value.items()})
-
-
-def _identification(timeline: Timeline, given: Parameters, stated: Parameters, choice: _Choice) -> Identification:
-    """Return the choice as parameters of a run: what is far is settled, what is left of it has the usual prior."""
-    far = _far(choice.member, stated)
-    (parameters, present, about), row, found = choice.member, choice.row, choice.found
-    far_states = {state for key in far & present for state in KEYS[key]}
-    settled = {state: value for state, value in zip(STEPS, about, strict=True) if state in far_states}
-    usual = {FAR_KEYS[key]: getattr(stated.errors, FAR_KEYS[key]) for key in far}
-    parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **usual))
-    if LEVER in present:
-        starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
-        starboard, forward, up = given.dvl_lever_m
-        parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
-    if CLOCK in present:
-        parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
-    of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
-    parameters = replace(
-        parameters,
-        settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in of_head}},
-        settled_sd={name: float(found.sd[name][row]) for name in of_head},
-    )
-    told = choice.named - (LEVER_OR_LATENCY if _shared_by_priors(choice) else frozenset())
-    always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
-    kept = tuple(key for key in STATES if key in present | always)
-    evidence = tuple(
-        SensorErrorEvidence(
-            key,
-            _log_odds(key, choice),
-            key in choice.named,
-            _estimates((key,), found, row) if key in told else (),
-            _effect_m(timeline, choice, key) if key in choice.named else 0.0,
-        )
-        for key in KEYS
-        if key in choice.subsets[-1]
-    )
-    parameters = replace(parameters, calibrate=kept)
-    pairs = _open_pairs(timeline, choice, parameters.settled_sd)
-    return Identification(parameters, evidence, _noise_changes(given, parameters), _explanations(choice), pairs)
-
-
-def _open_pairs(timeline: Timeline, choice: _Choice, sd: Mapping[str, float]) -> tuple[OpenPair, ...]:
-    """Return the errors of the head with evidence that the log does not tell from those of the vehicle."""
-    if timeline.fix_away_m is None:
-        return ()
-    away_m = float(np.quantile(np.hypot(*timeline.fix_away_m.T), FARTHEST))
-    known = prior_sds(choice.member.parameters)
-    states = [(pair, state) for pair in HEAD_OR_VEHICLE if choice.named.issuperset(pair) for state in KEYS[pair[0]]]
-    return tuple(OpenPair(*pair, away_m, away_m * sd[s]) for pair, s in states if sd[s] > OPEN * known[s])
-
-
-def _explanations(choice: _Choice) -> tuple[Explanation, ...]:
-    """Return the best subset, then those within log 20 of it that have another meaning.
-
-    A subset with an error more or less than a better one says of the others the same: `_log_odds` judges that error.
-    Lever arm and latency whose shares follow from their priors are two explanations, each of which is all of it.
-    """
-    score, subsets, present = choice.score, choice.subsets, choice.member.present
-    if _shared_by_priors(choice):
-        alone = [subsets.index(present - {key}) for key in LEVER_OR_LATENCY]
-        return tuple(_explanation(choice, row) for row in sorted(alone, key=lambda row: -score[row]))
-    taken: list[int] = []
-    for row in map(int, np.argsort(-score)):
-        if score[row] - score.max() < LOG_PRIOR_ODDS:
-            break
-        if not any(subsets[row] <= subsets[other] or subsets[row] >= subsets[other] for other in taken):
-            taken.append(row)
-    return tuple(_explanation(choice, row) for row in taken)
-
-
-def _explanation(choice: _Choice, row: int) -> Explanation:
-    keys = tuple(key for key in KEYS if key in choice.subsets[row])
-    return Explanation(keys, float(choice.score[row] - choice.score.max()), _estimates(keys, choice.found, row))
-
-
-def _shared_by_priors(choice: _Choice) -> bool:
-    """Return whether lever arm and latency both exist, and the log shows little but their sum."""
-    prior_s, sd_s = prior_sds(choice.member.parameters)["usbl_latency"], choice.found.sd["usbl_latency"][choice.row]
-    return choice.member.present >= LEVER_OR_LATENCY and float(sd_s) > OPEN * prior_s
-
-
-def _estimates(keys: Sequence[str], found: FixLikelihoods, row: int) -> tuple[ErrorEstimate, ...]:
-    return tuple(_estimate(name, found, row) for key in keys for name in KEYS[key])
-
-
-def _effect_m(timeline: Timeline, choice: _Choice, key: str) -> float:
-    """Return how far an error moves the fixes against dead reckoning, RMS about the mean."""
-    log = linearised(timeline, choice.member.parameters, MAX_FIXES, choice.member.about)
-    columns = [PASS_STATES.index(name) for name in KEYS[key]]
-    moved_m = log.measurement_matrix[:, :, columns] @ [choice.found.mean[name][choice.row] for name in KEYS[key]]
-    return math.sqrt(moved_m.var(axis=0).sum())
-
-
-def _estimate(state: str, found: FixLikelihoods, row: int) -> ErrorEstimate:
-    reported = REPORTED[state]
-    value, sd = float(found.mean[state][row]), float(found.sd[state][row])
-    return ErrorEstimate(reported.name, reported.factor * value, abs(reported.factor) * sd)
-
-
-def _log_odds(key: str, choice: _Choice) -> float:
-    """Return the score of the best subset with the error minus that of the best without."""
-    exists = np.array([key in subset for subset in choice.subsets])
-    return float(choice.score[exists].max() - choice.score[~exists].max())
-
-
-def _noise_changes(given: Parameters, current: Parameters) -> tuple[NoiseChange, ...]:
-    """Return the numbers of the noise that differ."""
-    numbers = {
-        "dvl_sd_scale": attrgetter("dvl_sd_scale"),
-        "velocity_walk_mps": attrgetter("process.velocity_mps"),
-        "usbl_sd_scale": attrgetter("usbl_sd_scale"),
-        "usbl_bias_sd_m": attrgetter("errors.usbl_bias_m"),
-        "usbl_bias_time_s": attrgetter("errors.usbl_bias_s"),
-        DR_WALK_NAME: attrgetter("process.position_m"),
-    }
-    if isinstance(given.usbl, Contamination):
-        numbers |= {"usbl_outlier_share": attrgetter("usbl.share"), "usbl_outlier_sd_m": attrgetter("usbl.sd")}
-    found = [NoiseChange(name, number(given), number(current)) for name, number in numbers.items()]
-    return tuple(one for one in found if one.after != one.before)

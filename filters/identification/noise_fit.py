@@ -81,8 +81,8 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
     dead reckoning grows or stays. Before it grows, what scatters is tried as an error of the fixes that lasts for
-    seconds, as the roll of a ship gives it. If dead reckoning is at fault, a slow error of the fixes cannot be told
-    from it, and remains as given.
+    seconds, as the roll of a ship gives it. If dead reckoning is at fault, a slow error of the fixes cannot be
+    distinguished from it, and remains as given.
     """
 
     def searched(about: Parameters, among: Sequence[TunableParameter], start: Parameters) -> _Found:

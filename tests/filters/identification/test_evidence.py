@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.evidence import _Choice, _explanations, _present, identify, subsets_of
+from usbldr.filters.identification.conclusions import Choice, explanations
+from usbldr.filters.identification.evidence import _present, identify, subsets_of
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
@@ -179,9 +180,11 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     ):
         score[SUBSETS.index(frozenset(keys))] = value
     rows = {name: np.arange(len(SUBSETS), dtype=float) for name in REPORTED}
-    choice = _Choice(Member(ASSUMED, frozenset()), 0, frozenset(), SUBSETS, score, FixLikelihoods(score, rows, rows))
+    choice = Choice(
+        Member(ASSUMED, frozenset()), 0, frozenset(), SUBSETS, score, FixLikelihoods(score, rows, rows), frozenset()
+    )
 
-    best, rival = _explanations(choice)
+    best, rival = explanations(choice)
 
     assert (best.keys, best.log_odds) == (("scale", "latency"), 0.0)
     assert (rival.keys, rival.log_odds) == (("scale", LEVER), -2.0)

@@ -1,0 +1,176 @@
+"""What the best set of sensor errors means for a run: its parameters, the evidence for each error, and rivals."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from operator import attrgetter
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.identification.identification import (
+    DR_WALK_NAME,
+    LEVER_OR_LATENCY,
+    ErrorEstimate,
+    Explanation,
+    Identification,
+    NoiseChange,
+    OpenPair,
+    SensorErrorEvidence,
+)
+from usbldr.filters.identification.linearisation import (
+    CLOCK,
+    HEAD,
+    KEYS,
+    LEVER,
+    PASS_STATES,
+    RANGE,
+    REPORTED,
+    STEPS,
+    linearised,
+    prior_sds,
+)
+from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, FixLikelihoods, Member
+from usbldr.filters.models.calibration import SENSOR_ERRORS, STATES
+from usbldr.filters.models.noise import Contamination
+from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.types import Timeline, Vector
+
+LOG_PRIOR_ODDS = -math.log(20)  # of an error that exists against one that does not: strong evidence is required
+FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "latency_s": 10.0}
+"""Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
+compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""
+FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
+HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
+FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
+OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
+
+
+class Choice(NamedTuple):
+    """The chosen subset among all."""
+
+    member: Member
+    row: int  # in the subsets
+    named: frozenset[str]  # errors in it for which there is evidence, alone or with those they may be taken for
+    subsets: Sequence[frozenset[str]]
+    score: Vector  # (N,) of each subset
+    found: FixLikelihoods
+    far: frozenset[str]  # keys of the errors whose prior is that of FAR_SD
+
+
+def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice: Choice) -> Identification:
+    """Return the choice as parameters of a run: what is far is settled, what is left of it has the usual prior."""
+    (parameters, present, about), row, found = choice.member, choice.row, choice.found
+    far_states = {state for key in choice.far & present for state in KEYS[key]}
+    settled = {state: value for state, value in zip(STEPS, about, strict=True) if state in far_states}
+    usual = {FAR_KEYS[key]: getattr(stated.errors, FAR_KEYS[key]) for key in choice.far}
+    parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **usual))
+    if LEVER in present:
+        starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
+        starboard, forward, up = given.dvl_lever_m
+        parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
+    if CLOCK in present:
+        parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
+    of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
+    parameters = replace(
+        parameters,
+        settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in of_head}},
+        settled_sd={name: float(found.sd[name][row]) for name in of_head},
+    )
+    separate = choice.named - (LEVER_OR_LATENCY if _shared_by_priors(choice) else frozenset())
+    always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
+    kept = tuple(key for key in STATES if key in present | always)
+    evidence = tuple(
+        SensorErrorEvidence(
+            key,
+            _log_odds(key, choice),
+            key in choice.named,
+            _estimates((key,), found, row) if key in separate else (),
+            _effect_m(timeline, choice, key) if key in choice.named else 0.0,
+        )
+        for key in KEYS
+        if key in choice.subsets[-1]
+    )
+    parameters = replace(parameters, calibrate=kept)
+    pairs = _open_pairs(timeline, choice, parameters.settled_sd)
+    return Identification(parameters, evidence, noise_changes(given, parameters), explanations(choice), pairs)
+
+
+def _open_pairs(timeline: Timeline, choice: Choice, sd: Mapping[str, float]) -> tuple[OpenPair, ...]:
+    """Return the errors of the head with evidence that the log does not tell from those of the vehicle."""
+    if timeline.fix_away_m is None:
+        return ()
+    away_m = float(np.quantile(np.hypot(*timeline.fix_away_m.T), FARTHEST))
+    known = prior_sds(choice.member.parameters)
+    states = [(pair, state) for pair in HEAD_OR_VEHICLE if choice.named.issuperset(pair) for state in KEYS[pair[0]]]
+    return tuple(OpenPair(*pair, away_m, away_m * sd[s]) for pair, s in states if sd[s] > OPEN * known[s])
+
+
+def explanations(choice: Choice) -> tuple[Explanation, ...]:
+    """Return the best subset, then those within log 20 of it that have another meaning.
+
+    A subset with an error more or less than a better one says of the others the same: `_log_odds` judges that error.
+    Lever arm and latency whose shares follow from their priors are two explanations, each of which is all of it.
+    """
+    score, subsets, present = choice.score, choice.subsets, choice.member.present
+    if _shared_by_priors(choice):
+        alone = [subsets.index(present - {key}) for key in LEVER_OR_LATENCY]
+        return tuple(_explanation(choice, row) for row in sorted(alone, key=lambda row: -score[row]))
+    taken: list[int] = []
+    for row in map(int, np.argsort(-score)):
+        if score[row] - score.max() < LOG_PRIOR_ODDS:
+            break
+        if not any(subsets[row] <= subsets[other] or subsets[row] >= subsets[other] for other in taken):
+            taken.append(row)
+    return tuple(_explanation(choice, row) for row in taken)
+
+
+def _explanation(choice: Choice, row: int) -> Explanation:
+    keys = tuple(key for key in KEYS if key in choice.subsets[row])
+    return Explanation(keys, float(choice.score[row] - choice.score.max()), _estimates(keys, choice.found, row))
+
+
+def _shared_by_priors(choice: Choice) -> bool:
+    """Return whether lever arm and latency both exist, and the log shows little but their sum."""
+    prior_s, sd_s = prior_sds(choice.member.parameters)["usbl_latency"], choice.found.sd["usbl_latency"][choice.row]
+    return choice.member.present >= LEVER_OR_LATENCY and float(sd_s) > OPEN * prior_s
+
+
+def _estimates(keys: Sequence[str], found: FixLikelihoods, row: int) -> tuple[ErrorEstimate, ...]:
+    return tuple(_estimate(name, found, row) for key in keys for name in KEYS[key])
+
+
+def _effect_m(timeline: Timeline, choice: Choice, key: str) -> float:
+    """Return how far an error moves the fixes against dead reckoning, RMS about the mean."""
+    log = linearised(timeline, choice.member.parameters, MAX_FIXES, choice.member.about)
+    columns = [PASS_STATES.index(name) for name in KEYS[key]]
+    moved_m = log.measurement_matrix[:, :, columns] @ [choice.found.mean[name][choice.row] for name in KEYS[key]]
+    return math.sqrt(moved_m.var(axis=0).sum())
+
+
+def _estimate(state: str, found: FixLikelihoods, row: int) -> ErrorEstimate:
+    reported = REPORTED[state]
+    value, sd = float(found.mean[state][row]), float(found.sd[state][row])
+    return ErrorEstimate(reported.name, reported.factor * value, abs(reported.factor) * sd)
+
+
+def _log_odds(key: str, choice: Choice) -> float:
+    """Return the score of the best subset with the error minus that of the best without."""
+    exists = np.array([key in subset for subset in choice.subsets])
+    return float(choice.score[exists].max() - choice.score[~exists].max())
+
+
+def noise_changes(given: Parameters, current: Parameters) -> tuple[NoiseChange, ...]:
+    """Return the numbers of the noise that differ."""
+    numbers = {
+        "dvl_sd_scale": attrgetter("dvl_sd_scale"),
+        "velocity_walk_mps": attrgetter("process.velocity_mps"),
+        "usbl_sd_scale": attrgetter("usbl_sd_scale"),
+        "usbl_bias_sd_m": attrgetter("errors.usbl_bias_m"),
+        "usbl_bias_time_s": attrgetter("errors.usbl_bias_s"),
+        DR_WALK_NAME: attrgetter("process.position_m"),
+    }
+    if isinstance(given.usbl, Contamination):
+        numbers |= {"usbl_outlier_share": attrgetter("usbl.share"), "usbl_outlier_sd_m": attrgetter("usbl.sd")}
+    found = [NoiseChange(name, number(given), number(current)) for name, number in numbers.items()]
+    return tuple(one for one in found if one.after != one.before)
