@@ -8,7 +8,7 @@ rest of the file for one cell.
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ import pandas as pd
 from usbldr.io.file_access.open_file import LINE_CHARACTERS, opened
 from usbldr.io.limits import limit
 from usbldr.io.reader import Column
-from usbldr.io.tables.text_table import TextColumn
+from usbldr.io.tables.text_table import Cells, TextColumn
 
 BLOCK_BYTES = 1 << 22  # [bytes] examined at once
 PIECE = 10_000  # [rows] read as text at once: some megabytes
@@ -27,7 +27,7 @@ read_csv: Any = pd.read_csv  # whose options the stubs do not all know
 MAX_LETTERS = 32  # of a time as text: more than its digits
 
 
-class NumberColumn(Sequence[str]):
+class NumberColumn(Cells):
     """The cells of a column that holds nothing but numbers, True or False, and empty cells."""
 
     def __init__(self, file: Path, options: dict[str, Any], values: Column, first: Sequence[str]) -> None:
@@ -44,13 +44,6 @@ class NumberColumn(Sequence[str]):
         for piece in _pieces(self._file, self._options) if place < len(self) else ():
             yield from piece[place:]
             place = max(0, place - len(piece))
-
-    @overload
-    def __getitem__(self, index: int) -> str: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[str]: ...
-    def __getitem__(self, index: int | slice) -> str | list[str]:
-        return list(self)[index]
 
     def numbers(self) -> Column:
         """Return the cells as numbers, NaN for empty ones."""

@@ -10,8 +10,19 @@ MAX_NAMES = 20  # of names in a sentence
 MAX_CHARACTERS = 60  # of a name or a cell in a sentence
 
 
-class TextColumn(Sequence[str]):
-    """Cells without line ends. To read them one after the other is fast; to pick one, all are read."""
+class Cells(Sequence[str]):
+    """The cells of a column as text. To read them one after the other is fast; to pick one, all are read."""
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        return list(self)[index]
+
+
+class TextColumn(Cells):
+    """Cells without line ends."""
 
     def __init__(self) -> None:
         self._pieces: list[str] = []  # the cells of many rows each, one a line
@@ -28,13 +39,6 @@ class TextColumn(Sequence[str]):
     def __iter__(self) -> Iterator[str]:
         for piece in self._pieces:
             yield from piece.split("\n")
-
-    @overload
-    def __getitem__(self, index: int) -> str: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[str]: ...
-    def __getitem__(self, index: int | slice) -> str | list[str]:
-        return list(self)[index]
 
 
 class TextTable(NamedTuple):
