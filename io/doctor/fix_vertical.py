@@ -16,14 +16,21 @@ SOUND_MPS = 1500.0  # of usual sea water, to state a scale as a speed
 
 def vertical_of(log: Log) -> VerticalFit | None:
     """Return what the fixes' own vertical says of their head; None if they have none, or the log has no depth."""
-    raw, head = log.raws.get("usbl"), log.settings.usbl.head
+    raw = log.raws.get("usbl")
     if raw is None or "depth" not in log.tables:
         return None
     time_s = (times_of(raw, log.settings.usbl.time, log.settings.usbl.latency_s).time_ns - log.start_ns) / 1e9
     along, drop = _measured(log, raw)
-    known_s, known_m = log.tables["depth"][["time_s", "depth_m"]].to_numpy(dtype=float).T
-    depth = np.interp(time_s, known_s, known_m, left=np.nan, right=np.nan) - (head.depth_m if head else 0.0)
-    return vertical_fit(drop, depth, along)
+    return vertical_fit(drop, depth_below_head_m(log, time_s), along)
+
+
+def depth_below_head_m(log: Log, time_s: Vector) -> Vector:
+    """Return how deep the vehicle is below the head, (n,), by the log's depth; NaN where it has none."""
+    if (table := log.tables.get("depth")) is None:
+        return np.full(len(time_s), np.nan)
+    known_s, depth_m = table[["time_s", "depth_m"]].to_numpy(dtype=float).T
+    head = log.settings.usbl.head
+    return np.interp(time_s, known_s, depth_m, left=np.nan, right=np.nan) - (head.depth_m if head else 0.0)
 
 
 def _measured(log: Log, raw: RawRecords) -> tuple[Array, Vector]:

@@ -24,20 +24,23 @@ from usbldr.filters.updates import UpdateTable
 from usbldr.filters.usbl_survey.calibration import PRIOR_SD, halves
 from usbldr.filters.usbl_survey.verdict import SETTLED_SHARE, UNCHANGED, Parameter, Verdict, decided, scatter
 from usbldr.filters.usbl_survey.vertical import VerticalFit
-from usbldr.io.doctor.fix_vertical import vertical_of
+from usbldr.io.doctor.fix_vertical import depth_below_head_m, vertical_of
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline, with_dvl_clock
 
 METHOD = "adf"  # robust against false fixes, and without random numbers
 (HEADING,), (SCALE,) = KEYS[HEAD], KEYS[RANGE]  # fixed: the states
-HEADING_SD_DEG = float(PRIOR_SD[0])  # before the dive, as that of the tilts
+ANGLE_SD_DEG = float(PRIOR_SD[0])  # of heading, roll and pitch before the dive, as in a survey
 RANGE_SD = float(PRIOR_SD[3])  # before the dive, as in a survey
 DISAGREEMENT = 13.8  # chi-square of two differences, 1 in 1000
 LEG_HEADING = (
     "drive the ship around the vehicle during the dive, or for longer, or survey a transponder that lies still"
 )
 LEG_TILT = "record the vertical of the fixes and the vehicle's depth, and dive on all sides of the head"
-RIVALS = {HEADING: "heading of the compass", SCALE: "scale of the DVL"}
+RIVALS = {
+    "mount_heading_deg": ("heading of the compass", LEG_HEADING),
+    "scale": ("scale of the DVL", LEG_HEADING),
+}
 
 
 class DiveCalibration(NamedTuple):
@@ -75,7 +78,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     found = [_identified(log, part, known=False) for part in parts]
     apart = _value(found[0]) - _value(found[1])
     disagreement = float(np.sum(apart**2 / (_sd(found[0]) ** 2 + _sd(found[1]) ** 2)))
-    slant_m = np.hypot(np.hypot(*line.fix_away_m.T), _drop_m(log, line))
+    slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(depth_below_head_m(log, line.fix_time_s)))
     by_halves = [_with_head_of(whole, one) for one in found]
     before, after = (
         scatter(_judged(log, line, sides, fits), slant_m, good)
@@ -91,7 +94,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
 
 def _identified(log: Log, line: Timeline, known: bool) -> Identification:
     """Return what the fixes of a timeline say; ``known``: the head is as stated."""
-    heading_rad, scale = (0.0, 0.0) if known else (math.radians(HEADING_SD_DEG), RANGE_SD)
+    heading_rad, scale = (0.0, 0.0) if known else (math.radians(ANGLE_SD_DEG), RANGE_SD)
     errors = replace(log.parameters.errors, usbl_heading_rad=heading_rad, usbl_range=scale)
     return identify(line, replace(log.parameters, calibrate=(AUTO,), errors=errors))
 
@@ -118,15 +121,6 @@ def _sd(found: Identification) -> Vector:
     return np.array([found.parameters.settled_sd[name] for name in (HEADING, SCALE)])
 
 
-def _drop_m(log: Log, line: Timeline) -> Vector:
-    """Return how deep below the head the fixes lie, (F,); 0 if the log does not say."""
-    table, head = log.tables.get("depth"), log.settings.usbl.head
-    if table is None:
-        return np.zeros(len(line.fix_time_s))
-    known_s, depth_m = table[["time_s", "depth_m"]].to_numpy(dtype=float).T
-    return np.interp(line.fix_time_s, known_s, depth_m) - (head.depth_m if head else 0.0)
-
-
 def _judged(log: Log, line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> Array:
     """Return fixes less the track of the other half of them, by the head that it found, (F, 2)."""
     off_m = np.empty(line.fix_m.shape)
@@ -140,36 +134,22 @@ def _parameters(
     log: Log, found: Identification, vertical: VerticalFit | None, slant_m: float, noise_m: float
 ) -> tuple[Parameter, ...]:
     """Return the head's errors as a configuration states them; the tilt is that of the vertical of the fixes."""
-    usbl, reported = log.settings.usbl, found.parameters.settled
-    heading = usbl.mount_deg - REPORTED[HEADING].factor * reported[HEADING]
-    scale = usbl.sound_speed_scale / (1 + reported[SCALE])
+    usbl, turned_deg = log.settings.usbl, REPORTED[HEADING].factor * float(_value(found)[0])
     heading_sd, scale_sd = np.abs([REPORTED[HEADING].factor, 1.0]) * _sd(found)
-    settled = vertical.settled if vertical is not None else [False] * 3
+    estimates = {
+        "mount_roll_deg": (usbl.mount_roll_deg, ANGLE_SD_DEG),
+        "mount_pitch_deg": (usbl.mount_pitch_deg, ANGLE_SD_DEG),
+        "mount_heading_deg": (usbl.mount_deg - turned_deg, float(heading_sd)),
+        "scale": (usbl.sound_speed_scale / (1 + float(_value(found)[1])), float(scale_sd)),
+    }
+    if vertical is not None:
+        by_depth = zip(("mount_roll_deg", "mount_pitch_deg", "scale"), vertical.value, vertical.sd, strict=False)
+        estimates |= {name: (float(v), float(sd)) for name, v, sd in by_depth if sd < estimates[name][1]}  # the surer
     rows: list[Parameter] = []
-    for k, name, stated in ((0, "mount_roll_deg", usbl.mount_roll_deg), (1, "mount_pitch_deg", usbl.mount_pitch_deg)):
-        value, sd = (vertical.value[k], vertical.sd[k]) if vertical is not None else (stated, PRIOR_SD[k])
-        rows.append(_parameter(name, value, sd, np.radians(slant_m), noise_m, not settled[k], "", LEG_TILT))
-    unsettled = heading_sd > UNCHANGED * HEADING_SD_DEG
-    rival = RIVALS[HEADING]
-    rows.append(
-        _parameter(
-            "mount_heading_deg", heading, heading_sd, np.radians(slant_m), noise_m, unsettled, rival, LEG_HEADING
-        )
-    )
-    if vertical is not None and settled[2] and vertical.sd[2] < scale_sd:  # the surer of two independent ones
-        scale, scale_sd = vertical.value[2], vertical.sd[2]
-    rows.append(
-        _parameter(
-            "scale", scale, scale_sd, slant_m, noise_m, scale_sd > UNCHANGED * RANGE_SD, RIVALS[SCALE], LEG_HEADING
-        )
-    )
+    for name, (value, sd) in estimates.items():
+        prior_sd, moves_m = (RANGE_SD, slant_m) if name == "scale" else (ANGLE_SD_DEG, math.radians(slant_m))
+        effect_m = sd * moves_m
+        unsettled = sd > UNCHANGED * prior_sd or effect_m > SETTLED_SHARE * noise_m
+        rival, leg = RIVALS.get(name, ("", LEG_TILT)) if unsettled else ("", "")
+        rows.append(Parameter(name, value, sd, effect_m, unsettled, False, rival, leg))
     return tuple(rows)
-
-
-def _parameter(
-    name: str, value: float, sd: float, reach_m: float, noise_m: float, unchanged: bool, rival: str, leg: str
-) -> Parameter:
-    effect_m = float(sd * reach_m)
-    unsettled = bool(unchanged or effect_m > SETTLED_SHARE * noise_m)
-    said = (rival, leg) if unsettled else ("", "")
-    return Parameter(name, float(value), float(sd), effect_m, unsettled, False, *said)
