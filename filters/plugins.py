@@ -87,7 +87,7 @@ def _module(place: str) -> ModuleType:
         module = sys.modules[name] = importlib.util.module_from_spec(spec)  # before it runs: dataclasses look it up
         try:
             spec.loader.exec_module(module)
-        except BaseException:
+        except BaseException:  # also on Ctrl-C: a module that ran in part must not be imported again as whole
             del sys.modules[name]
             raise
     return sys.modules[name]

@@ -70,7 +70,7 @@ def calibrate_usbl(
     are the roll, pitch and heading of the head, the scale of its ranges, the lever arm from antenna to head, the
     latencies of attitude and position, and the place of the transponder, each with its sigma. The LOG of a dive has a
     DVL and a compass in place of the transponder; it gives the heading and the scale if the ship moves, and the tilt if
-    the depth is known. Errors that LOG cannot tell apart are named with what would separate them. Exit code 1 if the
+    the depth is known. Errors that LOG does not separate are named with what would separate them. Exit code 1 if the
     verdict is bad or open.
 
     \b

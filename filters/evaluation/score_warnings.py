@@ -59,7 +59,7 @@ def _clock_instead(error_m: Array, time_s: Vector, truth_m: Array) -> str:
     """Return which clock would explain a shift along a straight course; empty if none does.
 
     An offset of the truth's clock moves errors along the velocity, which is the same all the time: no shift and no
-    offset can then be told apart.
+    offset can then be distinguished.
     """
     way_m, shift_m = truth_m[-1] - truth_m[0], error_m.mean(axis=0)
     path_m = float(np.hypot(*np.diff(truth_m, axis=0).T).sum())

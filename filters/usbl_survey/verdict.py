@@ -59,7 +59,7 @@ class Parameter(NamedTuple):
     effect_m: float  # of its sigma, on a fix at the median range
     open: bool
     assumed: bool  # a latency that the survey cannot settle is taken as stated
-    rival: str  # the parameter that it is hardly told apart from, if it is open
+    rival: str  # the parameter that it is hardly distinguished from, if it is open
     leg: str  # what would settle it
 
 

@@ -29,7 +29,7 @@ class VerticalFit(NamedTuple):
 
     @property
     def settled(self) -> list[bool]:
-        """Whether the dive has told each."""
+        """Whether the dive settles each."""
         return (self.sd < UNCHANGED * self.prior_sd).tolist()
 
 

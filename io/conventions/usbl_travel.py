@@ -52,10 +52,10 @@ def fix_times(raw: RawRecords, kind: str, section: UsblSection, times: Times) ->
 
 
 def moved_by_head_m(away_m: Array, slant_m: Vector, gone_m: Array) -> Array:
-    """Return by how much positions are too far, (n, 2): the head went ``gone_m`` (n, 2) between sending and hearing.
+    """Return by how much positions are too far, (n, 2): the head went ``gone_m`` (n, 2) between question and reply.
 
-    ``away_m`` (n, 2) points from the head, when it heard, to the position. The way out was longer by the part of
-    ``gone_m`` along the line of sight, and the range is the mean of both ways.
+    ``away_m`` (n, 2) points from the head, when it received the reply, to the position. The way out was longer by the
+    part of ``gone_m`` along the line of sight, and the range is the mean of both ways.
     """
     along = np.divide(away_m, slant_m[:, None], out=np.zeros_like(away_m), where=slant_m[:, None] > 0)
     return along * np.nan_to_num(np.sum(along * gone_m, axis=1, keepdims=True)) / 2

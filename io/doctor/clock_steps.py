@@ -1,6 +1,6 @@
 """A clock that was set forward within the log: from then on the stamps of one sensor are late.
 
-Its stamps have a gap as long as the step, as an outage has. Dead reckoning tells the two apart: with the step taken
+Its stamps have a gap as long as the step, as an outage has. Dead reckoning distinguishes the two: with the step taken
 off, it fits the fixes better, and after an outage far worse. Uses no truth.
 """
 

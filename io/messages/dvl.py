@@ -9,7 +9,7 @@ from usbldr.io.units import MPS_PER_UNIT
 BEAM, EARTH = 0, 3  # of coordinate_mode
 BOTTOM, WATER = 1, 2  # of velocity_mode and velocity_reference
 MAX_SPEED_MPS = 20.0  # [m/s] no vehicle with a DVL, and no ship above it, goes so fast
-USUAL_SPEED_MPS = 1.0  # [m/s] of a vehicle, within a factor three, by which units a factor ten apart are told
+USUAL_SPEED_MPS = 1.0  # [m/s] of a vehicle, within a factor three, by which units a factor ten apart are distinguished
 TOO_FAST = f"faster than {MAX_SPEED_MPS:g} m/s"
 FAST_SHARE = 0.1  # of records too fast, from which on a unit that nobody stated is wrong
 FAST_SHARE_NAMED = 0.5  # the same of a unit that the names of columns state

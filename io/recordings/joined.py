@@ -26,7 +26,7 @@ class LogPart:
     reader: Reader
     offset_ns: int = 0
     dated: bool = False  # whether the offset has the date that the log lacks
-    name: str = ""  # what its findings are told apart by; "": its file
+    name: str = ""  # by which its findings are distinguished; "": its file
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def readable_parts(
 ) -> tuple[tuple[LogPart, ...], list[Finding]]:
     """Return the files that can be read, and a finding for each other; raise LogError if there is none.
 
-    ``names``: what they are told apart by, if not their files.
+    ``names``: by which they are distinguished, if not their files.
     """
     parts: list[LogPart] = []
     unread: list[Finding] = []

@@ -1,4 +1,4 @@
-"""A clock that was set forward within the log: named, told from an outage, and undone by the key that is proposed."""
+"""A clock that was set forward within the log: named, no outage, undone by the proposed key."""
 
 from pathlib import Path
 
