@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 
+from usbldr.filters.errors import printable
 from usbldr.io.reports.report_text import Table
 from usbldr_cli.runs.seed_table import ComparisonRow, grouped
 from usbldr_cli.tables.compare_table import error_table
@@ -22,7 +23,9 @@ SPECIAL = str.maketrans(
 def latex(rows: Sequence[ComparisonRow]) -> str:
     """Return the errors of each log as a tabular; its lines need no more than \\usepackage{booktabs}."""
     logs = {log: [row for row in group if row.good] for log, group in grouped(rows).items()}
-    return "\n\n".join(f"% {log}\n{tabular(error_table(group))}" for log, group in logs.items() if group) + "\n"
+    return (
+        "\n\n".join(f"% {printable(log)}\n{tabular(error_table(group))}" for log, group in logs.items() if group) + "\n"
+    )
 
 
 def tabular(table: Table) -> str:

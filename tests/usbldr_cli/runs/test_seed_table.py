@@ -191,11 +191,12 @@ def test_runs_against_another_truth_window_or_alignment_are_refused() -> None:
 
 
 def test_a_latex_table_has_a_line_for_each_filter_and_its_names_are_no_commands() -> None:
-    wild = dataclasses.replace(row("cpf", 1.0, 2.0), label=r"a_b%&$#{}\input^~")
+    named = (dataclasses.replace(one, log="dive\n\\input{x}") for one in (row("ekf", 2.0, 2.0), row("cpf", 1.0, 2.0)))
+    ekf, cpf = named
 
-    head, *lines = latex([row("ekf", 2.0, 2.0), wild]).splitlines()
+    head, *lines = latex([ekf, dataclasses.replace(cpf, label=r"a_b%&$#{}\input^~")]).splitlines()
 
-    assert head == "% dive"
+    assert head == r"% dive\n\input{x}"
     assert lines[0] == r"\begin{tabular}{lrrrrr}"
     assert r"a\_b\%\&\$\#\{\}\textbackslash{}input\textasciicircum{}\textasciitilde{} & 1.500 $\pm$ 0.500 &" in lines[5]
     assert all(line.count(" & ") == 5 and line.endswith(r" \\") for line in (lines[2], lines[4], lines[5]))
