@@ -49,9 +49,16 @@ def negligible(bank: GaussianBank) -> bool:
     return bool(_halves(bank.log_weight)[1].max() < np.log(NEGLIGIBLE))
 
 
-def mixed(bank: GaussianBank, dt_s: float) -> GaussianBank:
-    """Return the 2 N hypotheses after ``dt_s`` of switching; the last two states are the offset, east and north."""
-    begins, ends = -np.expm1(-dt_s / BETWEEN_S), -np.expm1(-dt_s / CLUSTER_S)
+def switching(dt_s: Vector) -> tuple[Vector, Vector]:
+    """Return the probabilities that a cluster begins and that one ends within times, (F,) each."""
+    return -np.expm1(-dt_s / BETWEEN_S), -np.expm1(-dt_s / CLUSTER_S)
+
+
+def mixed(bank: GaussianBank, begins: float, ends: float) -> GaussianBank:
+    """Return the 2 N hypotheses after a cluster may begin or end; the last two states are the offset, east and north.
+
+    ``begins`` and ``ends``: probabilities, of ``switching``.
+    """
     right, false = _both(bank)
     begun, ended = right.cov.copy(), _Mixture(false.weight * ends, false.mean.copy(), false.cov.copy())
     begun[[-2, -1], [-2, -1]] += OFFSET_SD_M**2

@@ -101,7 +101,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
     Wide are the priors of what lies beyond USUAL_SIGMAS. Their start is dead reckoning turned, scaled and delayed onto
     the fixes. They must make dead reckoning right: without bottom lock it fits some heading by chance.
     """
-    usual = Member(stated, frozenset(keys_of(timeline)))
+    usual = Member(stated, frozenset(keys_of(timeline, stated)))
     found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
     value = {state: float(found.mean[state][0]) for state in STEPS}
     # linear in both, half a turn is a scale of 2: they are the parts of one factor on dead reckoning
@@ -153,7 +153,7 @@ def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
 def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> Choice:
     """Return the subset of errors with the largest score, under the noise of the member; aiding GPS has a say."""
     timeline = with_gps_fixes(timeline, member.parameters)
-    subsets = subsets_of(keys_of(timeline))
+    subsets = subsets_of(keys_of(timeline, member.parameters))
     members = [member.with_errors(subset, dict(zip(STEPS, member.about, strict=True))) for subset in subsets]
     for _ in range(LINEARISATIONS - 1):
         members = _relinearised(members, fix_likelihoods(timeline, members))

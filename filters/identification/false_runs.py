@@ -152,45 +152,49 @@ def _updated(
     now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int
 ) -> tuple[_Histories, Indices, Indices]:
     """Return the likeliest histories with this fix, the history before of each, and what each takes the fix for."""
-    cross = now.cov @ H.T  # (N, n, 2)
-    offset = now.cov[:, :, -2:]
-    e, S = z - now.mean @ H.T, H @ cross
-    shared = H @ offset
-    e_in, S_in = e - now.mean[:, -2:], S + shared + shared.transpose(0, 2, 1) + offset[:, -2:]
-    begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)
-    S_new = S + begun_m2[:, None, None] * np.eye(2)
-    run_s, gap_s = np.array(DURATIONS_S)[now.pair].T
-    begins = run_s / (run_s + gap_s) if f == 0 else -np.expm1(-dt_s / gap_s)
-    ends = np.where(now.in_run, -np.expm1(-dt_s / run_s), 1.0)
-    with np.errstate(divide="ignore"):
-        log_prior = np.log([(1 - begins) * ends, begins * ends, np.where(now.in_run, 1 - ends, 0.0)])
-    log_l = np.stack(
-        [_log_likelihood(e, S, noise), _log_likelihood(e, S_new, noise), _log_likelihood(e_in, S_in, noise)]
-    )
-    log_l[BEGINS] += 0.5 * np.log(OFFSET_SD_M**2 / begun_m2)  # a tail as heavy as a scale that is not known
-    log_weight = (now.log_weight + log_prior + log_l).ravel()
-    count = len(now.log_weight)
+    count, offset = len(now.log_weight), now.cov[:, :, -2:]
     decision, parent = np.divmod(np.arange(3 * count), count)
+    cross = np.concatenate([now.cov @ H.T] * 3)  # (3 N, n, 2)
+    e, S = z - now.mean @ H.T, H @ cross[:count]
+    begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)[:, None, None] * np.eye(2)
+    shared = H @ offset
+    cross[: 2 * count, -2:] = 0.0
+    cross[count : 2 * count, -2:] = begun_m2
+    cross[2 * count :] += offset
+    log_l, inverse, weighted = _by_mode(
+        np.concatenate([e, e, e - now.mean[:, -2:]]),
+        np.concatenate([S, S + begun_m2, S + shared + shared.transpose(0, 2, 1) + offset[:, -2:]]),
+        noise,
+    )
+    of_fix = np.logaddexp.reduce(log_l, axis=0)
+    log_weight = of_fix + (now.log_weight + _log_prior(now, dt_s, f)).ravel()
+    # a tail as heavy as a scale that is not known
+    log_weight[count : 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / begun_m2[:, 0, 0])
     recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
     octave = np.select([decision == BEGINS, decision == CONTINUES], [(f + 1).bit_length(), now.octave[parent]], 0)
-    chosen = _chosen(log_weight, now.pair[parent], recent, octave)
-    kept, log_weight = chosen
-    decision, parent = decision[kept], parent[kept]
+    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave)
+    decision, parent, cross = decision[kept], parent[kept], cross[kept]
     mean, cov = now.mean[parent], now.cov[parent]
     ended = decision != CONTINUES
     mean[ended, -2:] = 0.0
     cov[ended, -2:] = 0.0
     cov[ended, :, -2:] = 0.0
-    begun = np.flatnonzero(decision == BEGINS)
-    cov[begun[:, None], [-2, -1], [-2, -1]] = begun_m2[parent[begun], None]
-    in_run = decision != CORRECT
-    H_of = np.broadcast_to(H, (len(kept), *H.shape)).copy()
-    H_of[in_run, 0, -2] = H_of[in_run, 1, -1] = 1.0
-    cross = cov @ H_of.transpose(0, 2, 1)
-    g, G = _correction(z - np.einsum("kan,kn->ka", H_of, mean), H_of @ cross, noise)
-    mean += np.einsum("kna,ka->kn", cross, g)
+    cov[decision == BEGINS, -2:, -2:] = begun_m2[parent[decision == BEGINS]]
+    g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
+    mean += (cross @ g[:, :, None])[:, :, 0]
     cov += cross @ G @ cross.transpose(0, 2, 1)
+    in_run = decision != CORRECT
     return _Histories(log_weight, mean, cov, in_run, now.pair[parent], recent[kept], octave[kept]), parent, decision
+
+
+def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
+    """Return the log probability that each history takes the fix for correct, the first or another one of a run."""
+    run_s, gap_s = np.array(DURATIONS_S)[now.pair].T
+    begins = run_s / (run_s + gap_s) if f == 0 else -np.expm1(-dt_s / gap_s)
+    ends = np.where(now.in_run, -np.expm1(-dt_s / run_s), 1.0)
+    with np.errstate(divide="ignore"):
+        log_prior: Array = np.log([(1 - begins) * ends, begins * ends, 1 - ends])
+    return log_prior
 
 
 def _chosen(log_weight: Vector, pair: Indices, recent: Indices, octave: Indices) -> tuple[Indices, Vector]:
@@ -201,10 +205,10 @@ def _chosen(log_weight: Vector, pair: Indices, recent: Indices, octave: Indices)
     order = np.argsort(-log_weight, kind="stable")
     order = order[np.isfinite(log_weight[order])]
     long = recent[order] == 2**RECENT - 1
-    code = np.stack([pair[order], recent[order], np.where(long, octave[order], 0)])
-    _, first, group = np.unique(code, axis=1, return_index=True, return_inverse=True)
+    code = ((pair[order] << RECENT | recent[order]) << 6) | np.where(long, octave[order], 0)  # MAX_FIXES has 12 bits
+    _, first, group = np.unique(code, return_index=True, return_inverse=True)
     top = log_weight[order[first]]
-    total = top + np.log(np.bincount(group.ravel(), np.exp(log_weight[order] - top[group.ravel()])))
+    total = top + np.log(np.bincount(group, np.exp(log_weight[order] - top[group])))
     kept = order[first]
     rows: list[Indices] = [np.flatnonzero(long[first])]
     for p in range(len(DURATIONS_S)):
@@ -214,32 +218,19 @@ def _chosen(log_weight: Vector, pair: Indices, recent: Indices, octave: Indices)
     return kept[each], total[each]
 
 
-def _inverse(S: Array, noise: Noise) -> tuple[Array, Vector]:
-    """Return inverse and log determinant of S + R of each mode, (J, N, 2, 2) and (J, N)."""
+def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array, Array]:
+    """Return the log of each mode's part of the likelihood, (J, N), (S + R)^-1, (J, N, 2, 2), and its product by e."""
     total = S + noise.cov[:, None]
     a, b, c = total[..., 0, 0], total[..., 0, 1], total[..., 1, 1]
     det = a * c - b * b
     inverse = np.stack([c, -b, -b, a], axis=-1).reshape(total.shape) / det[..., None, None]
-    return inverse, np.log(det)
+    weighted = (inverse @ e[:, :, None])[..., 0]
+    log_l = -0.5 * ((weighted * e).sum(axis=-1) + np.log(det)) - np.log(2 * np.pi)
+    return log_l + np.log(noise.probabilities)[:, None], inverse, weighted
 
 
-def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array]:
-    """Return the log of each mode's share of the likelihood, (J, N), and its S^-1 e, (J, N, 2)."""
-    inverse, log_det = _inverse(S, noise)
-    weighted = np.einsum("jnab,nb->jna", inverse, e)
-    log_l = -0.5 * (np.einsum("jna,na->jn", weighted, e) + log_det) - np.log(2 * np.pi)
-    return log_l + np.log(noise.probabilities)[:, None], weighted
-
-
-def _log_likelihood(e: Vector, S: Array, noise: Noise) -> Vector:
-    return np.logaddexp.reduce(_by_mode(e, S, noise)[0], axis=0)
-
-
-def _correction(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array]:
+def _correction(p: Array, inverse: Array, weighted: Array) -> tuple[Array, Array]:
     """Return g and G of the moment-matched update: mean + C g, covariance + C G C^T with the cross covariance C."""
-    log_l, weighted = _by_mode(e, S, noise)
-    p = np.exp(log_l - np.logaddexp.reduce(log_l, axis=0))
-    inverse, _ = _inverse(S, noise)
     g = np.einsum("jn,jna->na", p, weighted)
-    outer = np.einsum("jn,jna,jnb->nab", p, weighted, weighted) - np.einsum("jn,jnab->nab", p, inverse)
-    return g, outer - g[:, :, None] * g[:, None, :]
+    outer = weighted[..., :, None] * weighted[..., None, :] - inverse
+    return g, np.einsum("jn,jnab->nab", p, outer) - g[:, :, None] * g[:, None, :]

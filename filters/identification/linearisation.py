@@ -89,9 +89,10 @@ def prior_sds(parameters: Parameters) -> Mapping[str, float]:
     }
 
 
-def keys_of(timeline: Timeline) -> tuple[str, ...]:
-    """Return the keys of the errors that the fixes of a timeline can have."""
-    return tuple(key for key in KEYS if timeline.fix_away_m is not None or key not in (HEAD, RANGE))
+def keys_of(timeline: Timeline, parameters: Parameters) -> tuple[str, ...]:
+    """Return the keys of the errors that the fixes of a timeline can have, but for those with a prior sigma of 0."""
+    known, has_head = prior_sds(parameters), timeline.fix_away_m is not None
+    return tuple(key for key, states in KEYS.items() if known[states[0]] > 0 and (has_head or key not in (HEAD, RANGE)))
 
 
 def near(value: Mapping[str, float]) -> Point:

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-CALLS = 3  # fixed: version of the arguments of advance and run_pass, as in module.c
+CALLS = 4  # fixed: version of the arguments of advance and run_pass, as in module.c
 FIELDS = {
     "Function": "number kind k nonlinear columns argument row axis angle bilinear uses",
     "NoiseModes": "probability log_probability R nominal",
     "Reading": "g noise z modes fix",
     "Step": "dt_s remaining usual_mps added_m2ps2 state seed seeded gap readings padding",
     "Filter": "scale resample_below walk bias_s bias_m2 n N update move_steps bias_row padding",
-    "Pass": "far n N F M G modes bias_row per_scalar first last axis padding",
+    "Pass": "far offset_m2 log_negligible n N F G modes bias_row per_scalar padding",
 }
 """The structures of layout.h in the order in which Python writes their fields; types and offsets are the module's."""
 TYPES = {"double": "f8", "Covariance": "3f8", "int32_t": "i4", "uint32_t": "u4", "uint64_t": "u8"}
@@ -42,7 +42,7 @@ class Kernel(NamedTuple):
     name: str  # the variant, or "numpy"
     reason: str  # why NumPy runs; empty for a compiled kernel
     advance: Callable[..., int] | None = None  # see module.c; None: NumPy
-    run_pass: Callable[..., int] | None = None
+    run_pass: Callable[..., None] | None = None
     variant: int = 0
     limits: Limits = Limits()
     structures: Mapping[str, np.dtype[Any]] = MappingProxyType({})

@@ -35,5 +35,6 @@ def run_pass(
     offset: NDArray[float64],
     cov_m2: NDArray[float64],
     counted: NDArray[float64],
+    switching: NDArray[float64],
     /,
-) -> int: ...
+) -> None: ...

@@ -82,27 +82,25 @@ typedef struct {
     double outlier_m2;            /* variance of an outlier */
 } Guard;
 
-/* A pass over the fixes for N members of a bank, linear in n states: usbl_likelihood.py of identification. F fixes, M
-   members with noise and drift of their own, G linearisations; N is M, or 2 M hypotheses. Arrays as NumPy has them. */
+/* A pass over all fixes for N members of a bank, linear in n states, and for two hypotheses of each in a cluster:
+   usbl_likelihood.py and clusters.py of identification. F fixes, G linearisations. Arrays as NumPy has them. */
 #define PASS_FIELDS(FIELD) \
-    FIELD(double, far, ) /* stop before a fix whose chi-square is larger, for any member */ \
-    FIELD(int32_t, n, ) FIELD(int32_t, N, ) FIELD(int32_t, F, ) FIELD(int32_t, M, ) FIELD(int32_t, G, ) \
-    FIELD(int32_t, modes, ) FIELD(int32_t, bias_row, ) FIELD(int32_t, per_scalar, ) \
-    FIELD(int32_t, first, ) FIELD(int32_t, last, ) /* the fixes of this call */ \
-    FIELD(int32_t, axis, ) /* 0, 1: update with this axis alone; 2: with both at once; 3: as the noise says, after the \
-                              prediction */ \
-    FIELD(int32_t, padding, )
+    FIELD(double, far, ) /* chi-square of a fix that may begin a cluster, for any member */ \
+    FIELD(double, offset_m2, ) FIELD(double, log_negligible, ) /* variance of an offset; weight of one that ends it */ \
+    FIELD(int32_t, n, ) FIELD(int32_t, N, ) FIELD(int32_t, F, ) FIELD(int32_t, G, ) \
+    FIELD(int32_t, modes, ) FIELD(int32_t, bias_row, ) FIELD(int32_t, per_scalar, ) FIELD(int32_t, padding, )
 typedef struct { PASS_FIELDS(DECLARED) } Pass;
 
 typedef struct {
     double *mean, *cov, *log_likelihood;                /* (n, N), (n, n, N), (N): changed, added to */
-    const double *residual, *H, *changes;               /* (F, 2, G), (F, 2, n, G), (3, F, M): _Motion.changes */
-    const int64_t *group;                               /* (M): linearisation of each */
-    const double *probability, *gain, *offset, *R, *counted; /* (modes, M) each; (F, 2, 2); (F): 1 if fix counts */
+    const double *residual, *H, *changes;               /* (F, 2, G), (F, 2, n, G), (3, F, N): _Motion.changes */
+    const int64_t *group;                               /* (N): linearisation of each */
+    const double *probability, *gain, *offset, *R;      /* (modes, N) each; (F, 2, 2) */
+    const double *counted, *switching;                  /* (F): 1 if fix counts; (F, 2): a cluster begins, ends */
 } PassArrays;
-enum { PASS_ARRAYS = 12 };
+enum { PASS_ARRAYS = 13 };
 
-/* Return the first fix that was not used, or -1 without memory. */
+/* Return GOOD or NO_MEMORY. */
 typedef int RunPass(const Pass *, const PassArrays *);
 /* Return how many steps were run, or what went wrong. */
 typedef int Advance(const Filter *, const Step *, int past, int count, const Reading *, const Guard *, double *state,

@@ -68,32 +68,33 @@ static PyObject *py_advance(PyObject *self, PyObject *args) {
     return NULL;
 }
 
-/* run_pass(variant, pass, twelve arrays in the order of PassArrays) -> first fix that was not used */
+/* run_pass(variant, pass, the arrays in the order of PassArrays) */
 static PyObject *py_run_pass(PyObject *self, PyObject *args) {
     (void)self;
-    int variant, done = -1;
+    int variant, status = GOOD;
     Py_buffer part[1 + PASS_ARRAYS], *a = part + 1;
-    if (!PyArg_ParseTuple(args, "iy*w*w*w*y*y*y*y*y*y*y*y*y*", &variant, &part[0], &a[0], &a[1], &a[2], &a[3], &a[4],
-                          &a[5], &a[6], &a[7], &a[8], &a[9], &a[10], &a[11]))
+    if (!PyArg_ParseTuple(args, "iy*w*w*w*y*y*y*y*y*y*y*y*y*y*", &variant, &part[0], &a[0], &a[1], &a[2], &a[3], &a[4],
+                          &a[5], &a[6], &a[7], &a[8], &a[9], &a[10], &a[11], &a[12]))
         return NULL;
     const Pass *p = part[0].buf;
     int good = part[0].len == sizeof(Pass) && variant >= 0 && variant < COUNT && can_run(variant) && p->n > 1 &&
-               p->n <= MAX_STATES && p->M > 0 && p->N > 0 && p->G > 0 && p->modes > 0 && p->modes <= MAX_MODES &&
-               p->bias_row >= 0 && p->bias_row < p->n - 1 && p->first >= 0 && p->last <= p->F;
+               p->n <= MAX_STATES && p->N > 0 && p->F >= 0 && p->G > 0 && p->modes > 0 && p->modes <= MAX_MODES &&
+               p->bias_row >= 0 && p->bias_row < p->n - 1;
     if (good) {
-        Py_ssize_t n = p->n, N = p->N, F = p->F, M = p->M, G = p->G, modes = p->modes * M;
-        const Py_ssize_t sizes[PASS_ARRAYS] = {n * N,     n * n * N, N,     F * 2 * G, F * 2 * n * G, 3 * F * M,
-                                               M,         modes,     modes, modes,     4 * F,         F};
+        Py_ssize_t n = p->n, N = p->N, F = p->F, G = p->G, modes = p->modes * N;
+        const Py_ssize_t sizes[PASS_ARRAYS] = {n * N, n * n * N, N,     F * 2 * G, F * 2 * n * G, 3 * F * N, N,
+                                               modes, modes,     modes, 4 * F,     F,             2 * F};
         for (int i = 0; i < PASS_ARRAYS; i++) good = good && a[i].len == 8 * sizes[i];
-        for (Py_ssize_t m = 0; good && m < M; m++) good = ((int64_t *)a[6].buf)[m] >= 0 && ((int64_t *)a[6].buf)[m] < G;
+        for (Py_ssize_t m = 0; good && m < N; m++) good = ((int64_t *)a[6].buf)[m] >= 0 && ((int64_t *)a[6].buf)[m] < G;
     }
     if (good) {
-        const PassArrays arrays = {a[0].buf, a[1].buf, a[2].buf, a[3].buf, a[4].buf,  a[5].buf,
-                                   a[6].buf, a[7].buf, a[8].buf, a[9].buf, a[10].buf, a[11].buf};
-        done = VARIANTS[variant].run->run_pass(p, &arrays);
+        const PassArrays arrays = {a[0].buf, a[1].buf, a[2].buf, a[3].buf,  a[4].buf,  a[5].buf, a[6].buf,
+                                   a[7].buf, a[8].buf, a[9].buf, a[10].buf, a[11].buf, a[12].buf};
+        status = VARIANTS[variant].run->run_pass(p, &arrays);
     }
     for (int i = 0; i < 1 + PASS_ARRAYS; i++) PyBuffer_Release(&part[i]);
-    if (good) return done < 0 ? PyErr_NoMemory() : PyLong_FromLong(done);
+    if (good && status == NO_MEMORY) return PyErr_NoMemory();
+    if (good) Py_RETURN_NONE;
     PyErr_SetString(PyExc_ValueError, "the kernel was given arrays that do not fit together");
     return NULL;
 }
@@ -124,7 +125,7 @@ static void add_structure(PyObject *layout, const char *name, size_t size, const
     Py_XDECREF(both);
 }
 
-enum { CALLS = 3 }; /* counts the changes of the arguments of the two functions */
+enum { CALLS = 4 }; /* counts the changes of the arguments of the two functions */
 static PyMethodDef METHODS[] = {{"advance", py_advance, METH_VARARGS, "Run steps on a bank; see span.h."},
                                 {"run_pass", py_run_pass, METH_VARARGS, "Run a bank over fixes; see fixes.h."},
                                 {NULL, NULL, 0, NULL}};

@@ -23,6 +23,11 @@ def two_hypotheses(seed: int) -> GaussianBank:
     return GaussianBank(mean, np.einsum("ikm,jkm->ijm", root, root), np.log(np.concatenate([share, 1 - share])))
 
 
+def switching(dt_s: float) -> tuple[float, float]:
+    begins, ends = clusters.switching(np.array([dt_s]))
+    return float(begins[0]), float(ends[0])
+
+
 def position_moments(bank: GaussianBank) -> tuple[Array, Array]:
     merged = clusters.members(bank)
     return merged.mean[:2], merged.cov[:2, :2]
@@ -31,7 +36,7 @@ def position_moments(bank: GaussianBank) -> tuple[Array, Array]:
 def test_switching_does_not_move_the_position() -> None:
     bank = two_hypotheses(1)
 
-    after = clusters.mixed(bank, 20.0)
+    after = clusters.mixed(bank, *switching(20.0))
 
     for before_one, after_one in zip(position_moments(bank), position_moments(after), strict=True):
         np.testing.assert_allclose(after_one, before_one, atol=1e-12)
@@ -43,7 +48,7 @@ def test_clusters_begin_and_end_at_the_stated_rates() -> None:
     bank = two_hypotheses(2)
     right, false = np.split(np.exp(bank.log_weight), 2)
 
-    after_right, after_false = np.split(np.exp(clusters.mixed(bank, 5.0).log_weight), 2)
+    after_right, after_false = np.split(np.exp(clusters.mixed(bank, *switching(5.0)).log_weight), 2)
 
     ends, begins = 1 - math.exp(-5 / clusters.CLUSTER_S), 1 - math.exp(-5 / clusters.BETWEEN_S)
     np.testing.assert_allclose(after_right, right * (1 - begins) + false * ends)
@@ -53,7 +58,7 @@ def test_clusters_begin_and_end_at_the_stated_rates() -> None:
 def test_a_fix_that_may_begin_a_cluster_has_the_density_of_the_mixture() -> None:
     sd_m, z = 2.0, np.array([12.0, -5.0])
     one = GaussianBank(np.zeros((4, 1)), np.diag([sd_m**2, sd_m**2, 0.0, 0.0])[:, :, None], np.zeros(1))
-    bank = clusters.mixed(clusters.both_hypotheses(one), 1.0)
+    bank = clusters.mixed(clusters.both_hypotheses(one), *switching(1.0))
 
     H = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0]])
     log_l = np.array(
