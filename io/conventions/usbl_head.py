@@ -22,7 +22,7 @@ from usbldr.io.conventions.time_series import time_series
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.messages.layouts import RawRecords
-from usbldr.io.messages.roles import TopicChoice, topic_named
+from usbldr.io.messages.roles import TopicChoice, find_topic, topic_named
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSection, Head, UsblSection
@@ -64,14 +64,20 @@ class UsblReference:
     causes: Mapping[str, Mask] = field(default_factory=dict[str, Mask])  # by cause which fixes cannot be placed
 
 
-def ship_choices(path: Path, topics: Sequence[TopicInfo], head: Head | None) -> dict[str, TopicChoice]:
-    """Return the topics that the configuration names for the head; raise LogError or UsageError if not found."""
-    chosen: dict[str, TopicChoice] = {}
-    if head is not None and head.topic is not None:
-        chosen[SHIP] = topic_named(path, topics, "gps", head.topic, "configuration")
-    if head is not None and head.heading_topic is not None:
-        chosen[SHIP_HEADING] = topic_named(path, topics, "compass", head.heading_topic, "configuration")
-    return chosen
+def ship_choices(
+    path: Path, topics: Sequence[TopicInfo], head: Head | None, chosen: Mapping[str, TopicChoice]
+) -> dict[str, TopicChoice]:
+    """Return the topics that the configuration names for the head; raise LogError or UsageError if not found.
+
+    A topic that is ``chosen`` for the receiver or the compass, too, is read by the same columns.
+    """
+    names = {SHIP: ("gps", head.topic), SHIP_HEADING: ("compass", head.heading_topic)} if head is not None else {}
+    found: dict[str, TopicChoice] = {}
+    for ship, (role, name) in names.items():
+        if name is not None:
+            same = role in chosen and chosen[role].topic == find_topic(topics, name)
+            found[ship] = chosen[role] if same else topic_named(path, topics, role, name, "configuration")
+    return found
 
 
 def usbl_reference(

@@ -70,7 +70,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         raise _without_messages(reader)
     source = truth_source(path, topics, request, configuration)
     choices = dict(roles.chosen) | ({"truth": source.topic} if source.topic else {})
-    choices |= ship_choices(path, topics, configuration.usbl.head) if "usbl" in choices else {}
+    choices |= ship_choices(path, topics, configuration.usbl.head, choices) if "usbl" in choices else {}
     refuse_as_sensor(path, choices, None if source.off or source.file else "truth" if source.topic else "gps")
     try:
         sensors = sensor_tables(reader, choices, configuration, source.chosen_by, raw_fields, request.part)

@@ -72,7 +72,7 @@ def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
     topics = reader.topics()
     roles = roles_of(topics, request, opened)
     choices = {ship: roles.chosen[role] for ship, role in ROLES.items() if role in roles.chosen}
-    choices |= ship_choices(path, topics, configuration.usbl.head)
+    choices |= ship_choices(path, topics, configuration.usbl.head, roles.chosen)
     for needed, what in NEEDS.items():
         if needed not in choices:
             raise roles.unresolved.get(ROLES[needed]) or LogError(f"the survey lacks {what}", path=path)

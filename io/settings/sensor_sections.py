@@ -227,7 +227,10 @@ class UsblSection(Section, frozen=True, kw_only=True):
             if not known_end:
                 raise ValueError("range_sd_m, range_sd_rel and bearing_sd_deg need the head's position (head = {...})")
         if not known_end and (self.relative_to == "head" or self.kind == "range_bearing" or self.frame == "body"):
-            raise ValueError("the head's position is missing (head = { lat_deg = ..., lon_deg = ..., depth_m = ... })")
+            raise ValueError(
+                "the head's position is missing (head = { lat_deg = ..., lon_deg = ..., depth_m = ... }, or on a ship "
+                "{ topic = ..., heading_topic = ... })"
+            )
 
 
 class GpsSection(Section, frozen=True, kw_only=True):
