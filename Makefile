@@ -4,11 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 USBLDR ?= $(BIN)/usbldr
 SAMPLES ?= sample_logs
-SEEDS ?= 20
 
 KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
 
-.PHONY: demo test test-all fuzz docs man lint check sanitize sample_logs paper field drills logs peers clean
+.PHONY: demo test test-all fuzz docs man lint check sanitize sample_logs study logs peers clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -48,13 +47,9 @@ sample_logs: $(VENV)/installed
 	$(USBLDR) simulate lawnmower --seed 0 --force -o $(SAMPLES)/lawnmower_csv
 	$(USBLDR) export $(SAMPLES)/lawnmower.mcap --start 60 --end 180 --force -o $(SAMPLES)/lawnmower_turn_db3
 
-# docs/studies/paper.md with its tables and pictures; finished runs are kept in paper-runs (SEEDS=50 for the goals)
-paper: $(VENV)/installed
-	$(BIN)/python benchmarks/paper/study.py --seeds $(SEEDS)
-
-# docs/studies/field.md with its tables and pictures; third-party logs in USBLDR_FIELD_LOGS, finished runs in field-runs
-field: $(VENV)/installed
-	$(BIN)/python benchmarks/field/study.py $(HELD_BACK)
+# every command of a page of docs/studies, such as `make study PAGE=docs/studies/field.md`; third-party logs in USBLDR_FIELD_LOGS
+study: $(VENV)/installed
+	@sed -n 's/^\$$ //p' $(PAGE) | PATH="$(CURDIR)/$(BIN):$$PATH" sh -ex
 
 # what info, doctor and init say of each of the same logs
 logs: $(VENV)/installed

@@ -1,15 +1,21 @@
 """Whether fixes, dead reckoning and truth agree on scale, rotation and time; no filter can correct a disagreement.
 
+    python benchmarks/field/agreement.py
+
 Moves between fixes are compared: the time by which one source is ahead of the other, a common length ratio (a scale)
 and a common turn (a heading), by least squares. The truth serves to judge and goes nowhere else.
 """
 
 import math
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from field.logs import Dive
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # field is a package
+
+from field.logs import FOLDERS, SCENARIO, Dive, dive
 from usbldr.filters.evaluation.alignment import fit_rigid
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, velocity_mps
 from usbldr.filters.types import Array, Timeline, Vector
@@ -76,3 +82,15 @@ def _fitted(base: Array, other: Array) -> Fit:
         if np.array_equal(still, kept):
             return Fit(float(np.median(off_m)), ratio, -math.degrees(alignment.rotation_rad))
         kept = still
+
+
+def main() -> None:
+    print(f"| log | against DR | ahead by | at median speed | length ratio | rotated clockwise |\n|{'---|' * 6}")
+    for name in (*FOLDERS, SCENARIO):
+        for source, one in agreement(dive(name)).items():
+            lead = f"{one.lead_s:+.2f} s | {one.lead_m:+.2f} m" if math.isfinite(one.lead_s) else "not observable | "
+            print(f"| {name} | {source} | {lead} | {one.ratio:.3f} | {one.turn_deg:+.1f}° |")
+
+
+if __name__ == "__main__":
+    main()

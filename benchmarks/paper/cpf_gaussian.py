@@ -1,4 +1,4 @@
-"""The particle filter with one Gaussian proposal: `cpf-gaussian` of the paper's study.
+"""The particle filter with one Gaussian proposal: `--plugin benchmarks/paper/cpf_gaussian.py:CPF_GAUSSIAN`.
 
 One Gaussian is predicted and updated by the collapse of mode_updates.py; that result is the importance density q. From
 it N particles are drawn, weighed with p(z | x) N(x; m-, P-) / q(x), and their weighted mean and covariance are the
@@ -27,7 +27,8 @@ from usbldr.filters.estimators.mode_updates import collapse, mode_likelihoods
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update, with_state_shift
 from usbldr.filters.estimators.resampling import effective_size, normalised
 from usbldr.filters.models.motion import MotionModel
-from usbldr.filters.models.sigma_points import MomentTransform
+from usbldr.filters.models.sigma_points import MomentTransform, cubature
+from usbldr.filters.replay.methods import Method
 from usbldr.filters.types import Array, Update
 
 
@@ -84,3 +85,13 @@ def whitened(normals: Array) -> Array:
     spread: Array = centred @ centred.T / centred.shape[1]
     root = np.linalg.cholesky(spread)
     return np.linalg.solve(root, centred).astype(np.float64, copy=False)
+
+
+CPF_GAUSSIAN = Method(
+    "cpf-gaussian",
+    "one Gaussian proposal, whitened draws",
+    lambda motion, settings: GaussianParticleFilter(motion, cubature, settings.particles),
+    smoother_transform=cubature,
+    draws=True,
+    multiple_hypotheses=True,
+)

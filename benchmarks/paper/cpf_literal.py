@@ -1,4 +1,4 @@
-"""The paper's particle filter in its literal reading: `cpf-literal` and `upf-literal` of its study.
+"""The paper's particle filter in its literal reading: `--plugin benchmarks/paper/cpf_literal.py:CPF_LITERAL`.
 
 Read as van der Merwe's unscented particle filter with the cubature rule: particle i carries a covariance P_i, its sigma
 point filter gives N(x_i, P_i), a new x_i is drawn from it and weighed with p(z | x) p(x | x_before) / N(x; x_i, P_i).
@@ -19,7 +19,8 @@ from usbldr.filters.estimators.mode_updates import mode_likelihoods
 from usbldr.filters.estimators.protocol import Estimate, MakeRng, Prior, Step, measurement_update
 from usbldr.filters.estimators.resampling import effective_size, normalised, systematic
 from usbldr.filters.models.motion import MotionModel
-from usbldr.filters.models.sigma_points import MomentTransform, linearised
+from usbldr.filters.models.sigma_points import MomentTransform, cubature, linearised, unscented
+from usbldr.filters.replay.methods import Method
 from usbldr.filters.types import Array, Update, Vector
 
 
@@ -83,3 +84,15 @@ class LiteralParticleFilter:
         still = before._replace(cov=np.zeros_like(before.cov))
         moved = predict(still, self.motion, linearised, step.t0_s, step.t1_s).mean
         return -0.5 * np.sum((points - moved) ** 2 / self.motion.noise(step.t0_s, step.t1_s)[:, None], axis=0)
+
+
+CPF_LITERAL, UPF_LITERAL = (
+    Method(
+        f"{name}-literal",
+        f"{name} in the literal reading of the paper: loses its particles in dead reckoning",
+        lambda motion, settings, rule=rule: LiteralParticleFilter(motion, rule, settings.particles),
+        draws=True,
+        estimates=frozenset(),
+    )
+    for name, rule in (("cpf", cubature), ("upf", unscented))
+)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from field.logs import CASES
+from field.logs import FOLDERS
 from usbldr.filters.evaluation.alignment import fit_rigid
 from usbldr.filters.replay.dead_reckoning import displacement_m, dr
 from usbldr.io.log import Log
@@ -23,7 +23,6 @@ from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.recordings.mcap_log import McapLog
 
-FOLDERS = {case.name: case.folder for case in CASES.values() if case.folder}
 UIB_TRUTHS = {"uib_field": '"/slam/graph_vertices"\nskip_rows = 2', "uib_simulation": '"/ground_truth"'}
 UIB = '[dvl]\naxes = "FLU"\n[compass]\nconvention = "NED"\n[truth]\nframe = "NED"\ntopic = {}\n'
 NO_GPS, NO_USBL = '[gps]\ntopic = "none"\n', '[usbl]\ntopic = "none"\n'

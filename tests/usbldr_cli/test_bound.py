@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,8 +12,11 @@ from click.testing import CliRunner
 
 from checkout import SAMPLES
 from commands import output_of
-from paper.bounds import limits
+from usbldr.filters.bounds.dive_bounds import position_bound
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.compare import compare
 from usbldr_cli.main import cli
 from usbldr_cli.replay import replay
@@ -21,13 +25,15 @@ SAMPLE = SAMPLES / "paper.mcap"
 
 
 @pytest.mark.long
-def test_the_bound_is_that_of_the_study(tmp_path: Path) -> None:
+def test_the_bound_is_that_of_the_model_that_the_filters_assume(tmp_path: Path) -> None:
     options = ["--filter", "ekf", "--calibrate", "scale", "--seed", "3", "--bound", "-o", str(tmp_path / "run")]
 
     done = CliRunner().invoke(cli, ["replay", "paper", *options], catch_exceptions=False)
 
     assert done.exit_code == 0
-    want = limits(find_scenario("paper"), ("scale",), (3,))
+    paper = find_scenario("paper")
+    log = simulated_log(paper, 3)
+    want = position_bound(simulate(paper, 3), timeline(log), replace(log.parameters, calibrate=("scale",)))
     bound = json.loads((tmp_path / "run" / "report.json").read_text(encoding="utf-8"))["bound"]
     shown = [line.split()[-3:] for line in done.output.splitlines() if line.startswith(("bound", "smoother bound"))]
     for k, (name, errors_m) in enumerate((("filter", want.filter_m), ("smoother", want.smoother_m))):

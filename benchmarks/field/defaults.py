@@ -1,35 +1,46 @@
-"""What the field study changes about a run: its records, one feature taken away, one default halved or doubled.
+"""What each feature and each default is worth on the field logs: the tables of docs/studies/field.md.
 
-Every change has a name, by which runs, tables and processes know it.
+    python benchmarks/field/defaults.py            a feature taken away: metres
+    python benchmarks/field/defaults.py --halved   a default halved and doubled: per cent
+
+`adf --calibrate auto`; it changes constants that are no setting, so it is no `usbldr compare --set`.
 """
 
+import argparse
 import itertools
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from functools import cache, partial
 from operator import attrgetter
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from field.logs import cut, stamped_at_arrival, thinned
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # field is a package
+
+from field.logs import SCENARIO, SCORED_S, dive
+from field.moved_truth import moved_onto_fixes
+from usbldr.filters.errors import UsbldrError
+from usbldr.filters.evaluation.error_report import WHOLE_LOG
+from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification import evidence, noise_fit, usbl_likelihood
 from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, Start
 from usbldr.filters.replay import prior
 from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
-from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Mask, Timeline
+from usbldr.io.session import RunSettings, replay, resolve
 
 HALF, TWICE = "half", "twice"
 FACTORS = {HALF: 0.5, TWICE: 2.0}
 LEAST_BIAS_M = 1e-6  # [m] the least that a configuration may state
-THINNED_S = (10.0, 60.0)
-PF = "states of pf"  # which fixes every error of the compass when it samples the yaw
-OUTAGES_S = ((600.0, 1200.0), (2000.0, 2600.0))
+LOGS = ("uib_field", "uib_simulation", "stpere_marina", SCENARIO)
+DIVES = 3  # of the scenario, for a feature taken away
 MODULES = SimpleNamespace(evidence=evidence, noise_fit=noise_fit, usbl_likelihood=usbl_likelihood, prior=prior)
 
 
@@ -47,8 +58,7 @@ class Change:
 
     records: Callable[[Timeline], Timeline] = _same_line
     before: Callable[[Parameters, Timeline], Parameters] = _same  # identification from the log
-    after: Callable[[Parameters, Timeline], Parameters] = _same
-    options: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunChoices
+    settings: Mapping[str, Any] = field(default_factory=dict[str, Any])  # of RunSettings
     constants: Mapping[str, Any] = field(default_factory=dict[str, Any])  # by module of MODULES and name
 
 
@@ -72,6 +82,11 @@ def _without(key: str) -> Change:
     return Change(constants={"evidence._plausible": without})
 
 
+def _stamped_at_arrival(line: Timeline) -> Timeline:
+    late = line.with_fixes(np.argsort(line.fix_received_s, kind="stable"))
+    return replace(late, fix_time_s=late.fix_received_s)
+
+
 def _plain_start(parameters: Parameters, line: Timeline) -> Parameters:
     """Start at the plain median of the first fixes, wherever the vehicle has gone meanwhile."""
     if parameters.start is not None:
@@ -80,12 +95,10 @@ def _plain_start(parameters: Parameters, line: Timeline) -> Parameters:
     return replace(parameters, start=Start(east_m, north_m, 3.0))
 
 
-def _estimable_by_pf(parameters: Parameters, line: Timeline) -> Parameters:
-    """Leave out what pf cannot estimate, as the command line does without --calibrate."""
-    return replace(parameters, calibrate=tuple(k for k in parameters.calibrate if k in METHODS["pf"].estimates))
-
-
 def _ablations() -> Iterator[tuple[str, Change]]:
+    yield "Gaussian noise", Change(settings={"method": "ckf"})
+    yield "a gate instead of mixture noise", Change(settings={"method": "ckf", "gate": 0.99})
+    yield "--calibrate none", Change(settings={"calibrate": ()})
     for key in usbl_likelihood.KEYS:
         yield f"without {key}", _without(key)
     yield (
@@ -97,15 +110,9 @@ def _ablations() -> Iterator[tuple[str, Change]]:
     yield "noise not estimated from the log", Change(constants=stated_dvl | stated_usbl)
     yield "DVL noise not estimated", Change(constants=stated_dvl)
     yield "all errors estimated", Change(constants={"evidence._present": lambda _, subsets: (subsets[-1], subsets[-1])})
-    yield "without guard", Change(options={"guard": False})
-    yield "fixes stamped at arrival", Change(records=stamped_at_arrival)
+    yield "without guard", Change(settings={"guard": False})
+    yield "fixes stamped at arrival", Change(records=_stamped_at_arrival)
     yield "start at the median fix", Change(before=_plain_start)
-
-
-def _records() -> Iterator[tuple[str, Change]]:
-    yield "cut", Change(records=lambda line: cut(line, OUTAGES_S))
-    for every_s in THINNED_S:
-        yield f"one fix in {every_s:g} s", Change(records=lambda line, s=every_s: thinned(line, s))
 
 
 def _scaled(owner: str, name: str, factor: float) -> Change:
@@ -175,10 +182,54 @@ def _prior_factors(factor: float) -> Mapping[str, Any]:
 
 ABLATIONS: Mapping[str, Change] = dict(_ablations())
 SENSITIVITY: Mapping[str, Change] = dict(_sensitivity())
-CHANGES: Mapping[str, Change] = {
-    "": Change(),
-    PF: Change(after=_estimable_by_pf),
-    **dict(_records()),
-    **ABLATIONS,
-    **SENSITIVITY,
-}
+
+
+def error(name: str, change: Change, order: str, seed: int = 0) -> tuple[float, float]:
+    """Return the mean horizontal error in metres and the NEES of a run on a log, changed."""
+    log, line, truth = dive(name, seed)
+    if name == "uib_field":
+        truth = moved_onto_fixes(truth, line)
+    line = change.records(line)
+    changed = {"method": "adf", "calibrate": ("auto",), "order": order, "seed": seed, **change.settings}
+    method, settings = changed.pop("method"), RunSettings(**changed)
+    with constants(change.constants):
+        found = resolve(replace(log, parameters=change.before(log.parameters, line)), line, method, settings)
+        track = replay(log, line, method, settings, found)
+    window = SCORED_S if name == "uib_field" else WHOLE_LOG
+    metrics = evaluate(track, truth, window, "none", line.time_s[line.slow]).flat()
+    return metrics["mean_horizontal_m"] or math.nan, metrics["nees_mean"] or math.nan
+
+
+@cache
+def usual_error(name: str, order: str, seed: int) -> tuple[float, float]:
+    """Return the same of a run with all features and defaults."""
+    return error(name, Change(), order, seed)
+
+
+def cell(name: str, change: Change, halved: bool) -> str:
+    """Return what a change does to the error on a log: in per cent, or in metres and with the NEES."""
+    order = "validity" if halved or name == SCENARIO else "arrival"
+    seeds = range(DIVES if name == SCENARIO and not halved else 1)
+    try:
+        before = np.array([usual_error(name, order, seed) for seed in seeds])
+        after = np.array([error(name, change, order, seed) for seed in seeds])
+    except UsbldrError as fault:
+        return f"failed: {fault}"
+    (usual, _), (metres, nees) = before.mean(axis=0), after.mean(axis=0)
+    if np.array_equal(before[:, 0], after[:, 0]):
+        return "·"  # the log does not use what was changed
+    return f"{100 * (metres / usual - 1):+.1f} %" if halved else f"{metres - usual:+.3f} m, NEES {nees:.2f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--halved", action="store_true", help="defaults halved and doubled")
+    parser.add_argument("--logs", nargs="+", default=LOGS, choices=LOGS)
+    chosen = parser.parse_args()
+    print(f"| change | {' | '.join(chosen.logs)} |\n|{'---|' * (1 + len(chosen.logs))}")
+    for name, change in (SENSITIVITY if chosen.halved else ABLATIONS).items():
+        print(f"| {name} | {' | '.join(cell(log, change, chosen.halved) for log in chosen.logs)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
