@@ -30,7 +30,7 @@ from usbldr.filters.identification.conclusions import (
     noise_changes,
 )
 from usbldr.filters.identification.dr_usbl_fit import fit_rotation, gross, segment_numbers
-from usbldr.filters.identification.false_runs import false_fixes
+from usbldr.filters.identification.false_runs import false_fixes, false_starts
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     LEVER_OR_LATENCY,
@@ -92,7 +92,9 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     choice = max((_choice(kept, member, stated) for member in members), key=lambda one: float(one.score.max()))
     found = concluded(kept, given, stated, choice)
     rows = tuple(np.flatnonzero(false).tolist())
-    return replace(found, parameters=replace(found.parameters, false_fixes=rows), false_runs=_runs(timeline, false))
+    starts = false_starts(timeline, choice.member) if false[0] else ()
+    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
+    return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
 
 
 def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:

@@ -8,6 +8,7 @@ Control 24(6), 1979, doi:10.1109/TAC.1979.1102177; those that agree in the last 
 is likeliest after the last fix judges the first ones, too. Metres and seconds.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
 from usbldr.filters.models.noise import Noise, robust_sd
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.parameters import FalseStart, Parameters, Start
 from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
 OFFSET_SD_M = 30.0  # each axis, by judgement: echoes lie metres to tens of metres away
@@ -33,6 +34,8 @@ DURATIONS_S = ((60.0, 3600.0), (20.0, 120.0), (30.0, 60.0))
 """Mean duration of a run and mean time between runs; the likeliest pair is taken."""
 HISTORIES = 10  # of each pair
 RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
+UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
+STRONG_ODDS = 20.0  # strong evidence by Kass and Raftery, see evidence.py
 CORRECT, BEGINS, CONTINUES = range(3)
 
 
@@ -41,6 +44,7 @@ class FalseRuns(NamedTuple):
 
     false: Mask  # (F,) of the first MAX_FIXES fixes
     log_likelihood: float  # predictive, of all of them
+    first: Sequence[Mapping[int, float]]  # after each fix: number of first fixes that are false -> log weight
 
 
 class _Histories(NamedTuple):
@@ -52,6 +56,7 @@ class _Histories(NamedTuple):
     in_run: Mask  # (N,)
     pair: Indices  # (N,) in DURATIONS_S
     recent: Indices  # (N,) the last RECENT decisions as bits
+    first: Indices  # (N,) how many of the first fixes are false
     octave: Indices  # (N,) of the fix with which a run began, counted from 1; 0: none
 
 
@@ -74,6 +79,25 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> Mask:
     if found.false.mean() >= 0.5:
         return none
     return np.append(found.false, none[len(found.false) :])
+
+
+def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:
+    """Return how many of the first fixes are false as far as the fixes that have arrived show, whenever it changes.
+
+    That the start is false is taken as soon as it is likelier, another number of fixes with strong evidence.
+    """
+    if member.parameters.start is None:  # that it lies in the spread of all fixes is not known yet
+        residual_m = linearised(timeline, member.parameters, 1, member.about).residual_m[0]
+        start = Start(*residual_m.tolist(), sd_m=UNKNOWN_START_M)
+        member = member._replace(parameters=replace(member.parameters, start=start))
+    received_s = np.maximum.accumulate(timeline.fix_received_s[:MAX_FIXES])
+    starts = [FalseStart(-np.inf, 0)]
+    for f, weight in enumerate(false_runs(timeline, member).first):
+        likeliest, last = max(weight, key=weight.__getitem__), starts[-1].fixes
+        odds = weight[likeliest] - weight.get(last, -np.inf)
+        if likeliest <= f and odds > (np.log(STRONG_ODDS) if last else 0):  # until then nothing shows the vehicle
+            starts.append(FalseStart(float(received_s[f]), likeliest))
+    return tuple(starts[1:])
 
 
 def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
@@ -105,15 +129,19 @@ def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
         np.tile(np.diag(sd[used] ** 2), (pairs, 1, 1)),
         np.zeros(pairs, np.bool_),
         np.arange(pairs),
-        np.zeros(pairs, np.intp),
-        np.zeros(pairs, np.intp),
+        *np.zeros((3, pairs), np.intp),
     )
+    first: list[Mapping[int, float]] = []
     parents: list[Indices] = []
     decisions: list[Indices] = []
     for f, z in enumerate(log.residual_m):
         now = _predicted(now, bias, fade[f], errors.usbl_bias_m, drift_m2[f] if f else 0.0, dt_s[f])
         noise = Noise(modes.probabilities, modes.cov[:, f])
         now, parent, decision = _updated(now, z, H[f], noise, dt_s[f], f)
+        weight = dict[int, float]()
+        for fixes, log_weight in zip(now.first.tolist(), now.log_weight.tolist(), strict=True):
+            weight[fixes] = float(np.logaddexp(weight.get(fixes, -np.inf), log_weight))
+        first.append(weight)
         parents.append(parent)
         decisions.append(decision)
     row = int(np.argmax(now.log_weight))
@@ -122,7 +150,7 @@ def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
     for f in range(len(time_s) - 1, -1, -1):
         false[f] = decisions[f][row] != CORRECT
         row = int(parents[f][row])
-    return FalseRuns(false, total)
+    return FalseRuns(false, total, first)
 
 
 def _sd_scale(timeline: Timeline, member: Member) -> float:
@@ -156,20 +184,24 @@ def _updated(
     decision, parent = np.divmod(np.arange(3 * count), count)
     cross = np.concatenate([now.cov @ H.T] * 3)  # (3 N, n, 2)
     e, S = z - now.mean @ H.T, H @ cross[:count]
+    # two offsets of which none is known: that of a run that begins, and that of first fixes that were all false
     begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)[:, None, None] * np.eye(2)
+    apart_m2 = np.where(((now.first == f) & (f > 0))[:, None, None], begun_m2 - OFFSET_SD_M**2 * np.eye(2), 0.0)
     shared = H @ offset
     cross[: 2 * count, -2:] = 0.0
+    cross[:count, :2] += apart_m2
     cross[count : 2 * count, -2:] = begun_m2
     cross[2 * count :] += offset
     log_l, inverse, weighted = _by_mode(
         np.concatenate([e, e, e - now.mean[:, -2:]]),
-        np.concatenate([S, S + begun_m2, S + shared + shared.transpose(0, 2, 1) + offset[:, -2:]]),
+        np.concatenate([S + apart_m2, S + begun_m2, S + shared + shared.transpose(0, 2, 1) + offset[:, -2:]]),
         noise,
     )
     of_fix = np.logaddexp.reduce(log_l, axis=0)
     log_weight = of_fix + (now.log_weight + _log_prior(now, dt_s, f)).ravel()
     # a tail as heavy as a scale that is not known
-    log_weight[count : 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / begun_m2[:, 0, 0])
+    offset_m2 = np.concatenate([apart_m2[:, 0, 0] + OFFSET_SD_M**2, begun_m2[:, 0, 0]])
+    log_weight[: 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / offset_m2)
     recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
     octave = np.select([decision == BEGINS, decision == CONTINUES], [(f + 1).bit_length(), now.octave[parent]], 0)
     kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave)
@@ -179,12 +211,15 @@ def _updated(
     mean[ended, -2:] = 0.0
     cov[ended, -2:] = 0.0
     cov[ended, :, -2:] = 0.0
+    cov[decision == CORRECT, :2, :2] += apart_m2[parent[decision == CORRECT]]
     cov[decision == BEGINS, -2:, -2:] = begun_m2[parent[decision == BEGINS]]
     g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
     mean += (cross @ g[:, :, None])[:, :, 0]
     cov += cross @ G @ cross.transpose(0, 2, 1)
     in_run = decision != CORRECT
-    return _Histories(log_weight, mean, cov, in_run, now.pair[parent], recent[kept], octave[kept]), parent, decision
+    first = now.first[parent] + (in_run & (now.first[parent] == f))
+    after = _Histories(log_weight, mean, cov, in_run, now.pair[parent], recent[kept], first, octave[kept])
+    return after, parent, decision
 
 
 def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:

@@ -6,7 +6,7 @@ The defaults apply to every log; a configuration or a scenario states others. St
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
 from usbldr.filters.models.quantities import (
@@ -147,6 +147,13 @@ class Start:
 UNKNOWN_START = Start(math.nan, math.nan, math.nan)
 
 
+class FalseStart(NamedTuple):
+    """From some time on the fixes that have arrived show how many of the first ones are false."""
+
+    known_s: float
+    fixes: int
+
+
 @dataclass(frozen=True, slots=True)
 class Parameters:
     """The model side of a run, the same for every filter."""
@@ -169,6 +176,7 @@ class Parameters:
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
+    false_starts: tuple[FalseStart, ...] = ()  # the same of the first ones alone, as far as it is known in mid-dive
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
     settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])

@@ -14,7 +14,7 @@ import numpy as np
 from usbldr.filters.estimators.protocol import Estimates, Filter, Prior, run_span
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource
-from usbldr.filters.types import Update
+from usbldr.filters.types import Update, Vector
 
 SPAN = 1000  # [epochs] that a filter is given at once: enough that the call itself costs nothing
 
@@ -51,9 +51,14 @@ def by_arrival(
         again = [running.advance(source.every.step(i, time_s)) for i in range(first, k + 1)]
         updates |= {first + i: estimate.updates for i, estimate in enumerate(again)}
         last = k + 1 == len(times_s)
-        oldest = k + 1 if last else bisect.bisect_left(times_s, time_s - memory_s - 1e-6)
+        oldest = k + 1 if last else settled_before(times_s, time_s, memory_s)
         settled = [update for i in range(min(updates), oldest) for update in updates.pop(i)]
         yield Stretch(k, Estimates.of([again[-1]._replace(updates=())]), settled)
+
+
+def settled_before(times_s: Sequence[float] | Vector, time_s: float, memory_s: float = MAX_FIX_DELAY_S) -> int:
+    """Return the first epoch that a late fix may still run again at a time, of epochs at ``times_s``."""
+    return bisect.bisect_left(times_s, time_s - memory_s - 1e-6)
 
 
 def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> int:

@@ -3,8 +3,9 @@
 The driver (late_fixes.py, steps.py) alone knows grids, fixes and their times of validity; a filter only sees Steps.
 """
 
+import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,10 +23,11 @@ from usbldr.filters.evaluation.noise_change import noise_warnings
 from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
+from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, velocity_history
-from usbldr.filters.replay.late_fixes import FIX_ORDERS, discarded_fixes
+from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
 from usbldr.filters.replay.methods import (
     FilterSettings,
     Method,
@@ -78,8 +80,6 @@ def _run(
 ) -> Trajectory:
     layout = layout_for(parameters.calibrate)
     timeline = freed(timeline, parameters.settled)
-    if settings.order == "arrival":  # which fixes are false is known at the end of a log
-        parameters = replace(parameters, false_fixes=())
     motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline))
     name, estimator = method.name, make_estimator(method, motion, settings, parameters)
     began = time.perf_counter()
@@ -88,21 +88,24 @@ def _run(
     ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
     widening = np.zeros((count, len(layout)))
     reacquisitions: tuple[Reacquisition, ...] = ()
-    source, start = StepSource(timeline, parameters, layout), prior(timeline, parameters, layout)
-    updates = UpdateTableBuilder(expected=sum(one.z.size for one in source.readings))
-    for first, found, settled in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
+    updates = UpdateTableBuilder(expected=3 * count + 2 * (len(timeline.fix_time_s) + len(timeline.gps_time_s)))
+    source = before = StepSource(timeline, parameters, layout)
+    for source, (first, found, settled) in _stretches(estimator, timeline, parameters, layout, settings):
         k = slice(first, first + len(found.mean))
         mean[k], cov[k], ess[k], acceptance[k] = found.mean, found.cov, found.ess, found.acceptance
         inflation[k], reacquisitions = found.inflation, found.reacquisitions
         if found.widening is not None:
             widening[k] = found.widening
         updates.add(settled)
-        updates.add(source.left_out(first, found.mean, found.cov))
+        # of another attempt also the fixes that the one before had not settled
+        since = first if source is before or not first else settled_before(source.time_s, source.time_s[first - 1])
+        updates.add(source.left_out(since, mean[since : k.stop], cov[since : k.stop]))
+        before = source
         progress(k.stop, count)
     progress(count, count)
     psi = layout.index("psi")
     mean[:, psi] = np.unwrap(mean[:, psi])  # hypotheses of an unknown heading may differ by whole turns
-    recoveries = outage_recoveries(timeline, parameters, layout, mean, cov)
+    recoveries = outage_recoveries(timeline, source.parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
     for state, value in parameters.settled.items():
@@ -122,7 +125,7 @@ def _run(
         ess if method.draws else None,
         particles,
         acceptance if method.draws else None,
-        _warnings(method, settings, ess, done, late)
+        _warnings(method, settings, parameters.false_starts, ess, done, late)
         + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions))
         + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
         time.perf_counter() - began,
@@ -133,6 +136,29 @@ def _run(
     )
     texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track))
     return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))
+
+
+def _stretches(
+    estimator: Filter[Any], timeline: Timeline, parameters: Parameters, layout: StateLayout, settings: FilterSettings
+) -> Iterator[tuple[StepSource, Stretch]]:
+    """Yield the stretches of a run, each with the steps that it comes from.
+
+    Which fixes are false is known at the end of a log. In the order of arrival, the fixes that follow false first ones
+    show where the vehicle is: the filter then begins again without those.
+    """
+    attempts = [(0, parameters)]
+    if settings.order == "arrival":
+        known_s = [timeline.time_s[0], *(one.known_s for one in parameters.false_starts)]
+        fixes = [0, *(one.fixes for one in parameters.false_starts)]
+        epochs = np.searchsorted(timeline.time_s, known_s).tolist()
+        attempts = [(k, replace(parameters, false_fixes=tuple(range(n)))) for k, n in zip(epochs, fixes, strict=True)]
+    for (begin, known), (end, _) in itertools.pairwise([*attempts, (len(timeline.time_s), parameters)]):
+        source, start = StepSource(timeline, known, layout), prior(timeline, known, layout)
+        for stretch in FIX_ORDERS[settings.order](estimator, start, source, settings.seed):
+            if stretch.first >= end:
+                break
+            if stretch.first >= begin:
+                yield source, stretch
 
 
 def make_estimator(
@@ -175,11 +201,18 @@ def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequenc
 def _warnings(
     method: Method,
     settings: FilterSettings,
+    starts: Sequence[FalseStart],
     ess: Vector,
     updates: UpdateTable,
     late: int,
 ) -> tuple[str, ...]:
     name, texts = method.name, list[str]()
+    if settings.order == "arrival":
+        texts += [
+            f"{name}: from {one.known_s:.0f} s on later fixes show that the first {one.fixes} were false: the filter began "
+            "again without them"
+            for one in starts
+        ]
     if late:
         texts.append(
             f"{name}: {late} fixes came more than {MAX_FIX_DELAY_S:g} s late, or after the end, and were not used"

@@ -26,7 +26,7 @@ class StepSource:
     """The steps of a timeline, with their readings as columns."""
 
     def __init__(self, timeline: Timeline, parameters: Parameters, layout: StateLayout) -> None:
-        self.time_s = timeline.time_s
+        self.time_s, self.parameters = timeline.time_s, parameters
         fixes = usbl_fixes(timeline, parameters, layout), gps_fixes(timeline, parameters)
         self.fixes = tuple(_fix_readings(timeline.time_s, each) for each in fixes)
         self.readings = (*_vehicle_readings(timeline, VehicleSensors(parameters, layout)), *self.fixes)

@@ -86,14 +86,30 @@ def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
 
 
 @pytest.mark.long
-def test_in_the_order_of_arrival_no_fix_is_known_to_be_false() -> None:
-    line = moved(RUNS["first 5 s"], np.array([40.0, -30.0]))
+def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false() -> None:
+    """They outweigh the first ones when they have lasted for as long."""
+    dive = weaving_dive(Faults(), seconds=120)
+    t, false_s = dive.fix_time_s, 20.0
+    off_m = np.where((t < false_s) | ((t > 80) & (t < 90)), 1.0, 0.0)[:, None] * (40.0, -30.0)
+    line = replace(dive, fix_m=dive.fix_m + off_m)
     found = identify(line, ASSUMED).parameters
 
-    track = run("adf", line, found, FilterSettings(order="arrival"))
+    track, without, clean = (
+        run("ekf", one, parameters, FilterSettings(order="arrival"))
+        for one, parameters in ((line, found), (line, replace(found, false_starts=())), (dive, ASSUMED))
+    )
 
-    without = run("adf", line, replace(found, false_fixes=()), FilterSettings(order="arrival"))
-    np.testing.assert_array_equal(track.mean, without.mean)
+    (start,) = found.false_starts
+    assert start.fixes == np.count_nonzero(t < false_s)
+    assert false_s < start.known_s <= 2 * false_s
+    early = track.time_s < start.known_s
+    np.testing.assert_array_equal(track.mean[early], without.mean[early])
+    error_m = np.hypot(*(track.position_m - clean.position_m).T)
+    assert error_m[early].min() > 20
+    assert error_m[~early & (track.time_s < 80)].max() < 1
+    fixes = UpdateTable.of(track.updates).of_sensor("usbl")
+    assert sorted(fixes.row) == list(range(len(t)))
+    assert f"the first {start.fixes} were false" in track.warnings[0]
 
 
 FAR = {
