@@ -209,7 +209,7 @@ def _warnings(
     name, texts = method.name, list[str]()
     if settings.order == "arrival":
         texts += [
-            f"{name}: from {one.known_s:.0f} s on later fixes show that the first {one.fixes} were false: the filter began "
+            f"{name}: later fixes show from {one.known_s:.0f} s on that the first {one.fixes} were false: it began "
             "again without them"
             for one in starts
         ]
