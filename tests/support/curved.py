@@ -1,10 +1,17 @@
 """A curved dive in any conventions, with faults that the test puts there."""
 
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
-from recordings import SECOND, T0, Row, fix, point, twist, yaw
+from commands import findings
+from recordings import SECOND, T0, Row, fix, point, twist, write_mcap, yaw
 
 LAT, LON = 45.0, 7.0
+FLIPPED = {"HEADING-CONVENTION", "MAP-FRAME", "DVL-AXES"}
+CONVENTIONS = {*FLIPPED, "CONVENTION-UNDECIDED", "CONVENTION-CONTRADICTED", "CONVENTION-UNOBSERVABLE"}
 M_PER_DEG = 111_132.0  # of latitude at 45 degrees, WGS84, to 0.1 %
 
 
@@ -19,13 +26,14 @@ def curved_dive(
     late_s: float = 0.0,
     straight: bool = False,
     gross: tuple[int, ...] = (),
+    seconds: int = 300,
 ) -> list[Row]:
-    """Ten minutes of surge and sway around curves, stated in the conventions that are asked for.
+    """Some minutes of surge and sway around curves, stated in the conventions that are asked for.
 
     ``mount_deg``: heading of the DVL's x axis minus heading of the bow; ``late_s``: stamps of fixes minus true time.
     """
     rng = np.random.default_rng(1)
-    t = np.arange(0, 600, 0.02)
+    t = np.arange(0, seconds, 0.02)
     heading = np.radians(np.full(len(t), 40.0)) if straight else 0.02 * t + 0.9 * np.sin(t / 31)
     forward, starboard = 1 + 0.3 * np.sin(t / 17), 0.4 * np.sin(t / 41) + 0.2
     east = np.cumsum(forward * np.sin(heading) + starboard * np.cos(heading)) * 0.02
@@ -62,3 +70,28 @@ def in_radians(rows: list[Row], times: float = 1.0) -> list[Row]:
         else:
             reported.append((ns, topic, kind, values))
     return reported
+
+
+def written(folder: Path, rows: Iterable[Row] | None = None, toml: str = "", **dive: Any) -> Path:
+    """Write dive.mcap of the rows, or of a curved dive, and usbldr.toml beside it."""
+    folder.mkdir(exist_ok=True)
+    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+    return write_mcap(folder / "dive.mcap", curved_dive(**dive) if rows is None else rows)
+
+
+def stating(log: Path, toml: str) -> str:
+    """Return the file of a configuration beside the log."""
+    file = log.parent / "stated.toml"
+    file.write_text(toml, encoding="utf-8")
+    return str(file)
+
+
+def cured_by(log: Path, toml: str) -> Mapping[str, Mapping[str, Any]]:
+    """Return code -> finding of the doctor with a configuration."""
+    return findings(log, "--config", stating(log, toml))
+
+
+def changed(rows: Iterable[Row], topic: str, **values: Any) -> list[Row]:
+    """Set fields of a topic's messages; "__" in a name is a dot."""
+    fields = {name.replace("__", "."): value for name, value in values.items()}
+    return [(*row[:3], dict(row[3]) | fields) if row[1] == topic else row for row in rows]

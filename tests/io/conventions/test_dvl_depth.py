@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from logs import codes, logged
 from recordings import (
@@ -35,6 +36,32 @@ def body(table: pd.DataFrame) -> list[float]:
     return [float(table[c].iloc[0]) for c in ("starboard_mps", "forward_mps", "up_mps")]
 
 
+def marine(time_ns: int, beams: int = 4, **more: Any) -> Row:
+    values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.2, "velocity_mode": 1}
+    values |= {"num_good_beams": beams, "velocity_covar": np.full(9, -1.0)}
+    return time_ns, "/dvl/data", MARINE, values | {path.replace("__", "."): value for path, value in more.items()}
+
+
+def water_linked(time_ns: int, valid: bool = True, kind: str = DVL, more: Mapping[str, Any] | None = None) -> Row:
+    values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.5, "velocity_valid": valid, "fom": 0.03}
+    return time_ns, "/dvl/data", kind, {**values, **(more or {})}
+
+
+def number(value: float, topic: str = "/heading") -> Row:
+    return T0, topic, HEADING, {"data": value}
+
+
+def pressure(value: float, k: int = 0) -> Row:
+    return T0 + k, "/pressure", PRESSURE, {"header.stamp": T0 + k, "fluid_pressure": value}
+
+
+def tilted(*yaw_pitch_roll_deg: float) -> Row:
+    """Return an Imu that is turned by each angle about the turned axes."""
+    x, y, z, w = Rotation.from_euler("ZYX", yaw_pitch_roll_deg, degrees=True).as_quat()
+    turn = {"orientation.x": x, "orientation.y": y, "orientation.z": z, "orientation.w": w}
+    return T0, "/imu", IMU, {"header.stamp": T0, **turn}
+
+
 FORWARD_2_STARBOARD_1_UP_3 = {
     "FSD": (2, 1, -3),
     "FRD": (2, 1, -3),
@@ -44,15 +71,51 @@ FORWARD_2_STARBOARD_1_UP_3 = {
     "BSU": (-2, 1, 3),
     "UPB": (3, -1, -2),
 }
+SIN, COS = math.sin(math.radians(30)), math.cos(math.radians(30))
+BAR_M = 1e5 / (1025 * 9.80665)  # of sea water
+SPEED = "[dvl]\nsound_speed_mps = 1545.0"
 
 
-@pytest.mark.parametrize("axes", FORWARD_2_STARBOARD_1_UP_3)
-def test_axes_say_where_x_y_and_z_point(tmp_path: Path, axes: str) -> None:
-    x, y, z = FORWARD_2_STARBOARD_1_UP_3[axes]
+@pytest.mark.parametrize(
+    ("row", "toml", "expected"),
+    [
+        *((twist(T0, *xyz), f'[dvl]\naxes = "{axes}"', [1, 2, 3]) for axes, xyz in FORWARD_2_STARBOARD_1_UP_3.items()),
+        # the bow moves at 1 m/s; an FRD instrument turned 30 deg to starboard sees it 30 deg to its left
+        (twist(T0, COS, -SIN), '[dvl]\naxes = "FRD"\nmount_deg = 30', [0, 1]),
+        # the formula of TURBOT's authors, Rz(135 deg) (vx, -vy), x forward, y starboard: (-0.4 - 0.3, 0.4 - 0.3) / √2
+        (twist(T0, 0.4, -0.3), '[dvl]\naxes = "FLU"\nmount_deg = 135', [0.1 * 0.5**0.5, -0.7 * 0.5**0.5]),
+        (twist(T0, 2.02, 0.0), "[dvl]\nscale_error = 0.01", [0, 2]),
+        # speed = Doppler shift x speed of sound / (2 x frequency), up to the beam's angle
+        (marine(T0, sound_speed=1500.0), "", [0.2, 1]),
+        (marine(T0, sound_speed=1500.0), SPEED, [0.206, 1.03]),
+        (marine(T0, sound_speed=1484.0), SPEED, [0.2 * 1545 / 1484, 1545 / 1484]),  # what each record assumed
+        (marine(T0, sound_speed=0.0), SPEED, [0.206, 1.03]),  # none recorded: the usual 1500 m/s
+        (
+            marine(T0, sound_speed=1500.0),
+            f"{SPEED}\nassumed_sound_speed_mps = 1400.0",
+            [0.2 * 1545 / 1400, 1545 / 1400],
+        ),
+        *((yaw(T0, ccw), "", [heading]) for ccw, heading in ((0, 90), (90, 0), (180, 270), (-45, 135))),
+        (yaw(T0, 30), '[compass]\nconvention = "NED"', [30]),
+        (tilted(40, -20, 10), "", [50]),
+        (number(361.0), "[compass]\nbias_deg = 2.0", [359]),
+        (number(350.0), "[compass]\ndeclination_deg = 15.6", [5.6]),
+        (pressure(201325.0), "", [BAR_M]),
+        *(
+            (pressure(201325.0 / pascals), f'[depth]\nunit = "{unit}"', [BAR_M])
+            for unit, pascals in (("Pa", 1), ("hPa", 100), ("dbar", 1e4), ("bar", 1e5))
+        ),
+        (number(-4.0, "/depth"), '[depth]\npositive = "up"', [4]),
+    ],
+)
+def test_a_record_is_turned_and_scaled_as_its_conventions_say(
+    tmp_path: Path, row: Row, toml: str, expected: list[float]
+) -> None:
+    (role, table), *_ = logged(tmp_path, [row], toml).tables.items()
 
-    log = logged(tmp_path, [twist(T0, x, y, z)], f'[dvl]\naxes = "{axes}"')
-
-    assert body(log.tables["dvl"]) == pytest.approx([1, 2, 3])
+    column = {"compass": "heading_deg", "depth": "depth_m"}
+    found = body(table) if role == "dvl" else table[column[role]].tolist()
+    assert found[: len(expected)] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("frame_id", "axes"), [("dvl_link", "FLU"), ("base_link_ned", "FRD"), ("dvl_frd", "FRD")])
@@ -65,31 +128,6 @@ def test_a_twist_without_configured_axes_goes_by_its_frame(tmp_path: Path, frame
     assert log.tables["dvl"]["starboard_mps"].iloc[0] == (-0.5 if axes == "FLU" else 0.5)
 
 
-def test_a_dvl_turned_30_degrees_clockwise_reads_the_surge_on_its_port_side(tmp_path: Path) -> None:
-    """The bow moves at 1 m/s; an FRD instrument turned 30 deg to starboard sees it 30 deg to its left."""
-    turn = math.radians(30)
-
-    log = logged(tmp_path, [twist(T0, math.cos(turn), -math.sin(turn))], '[dvl]\naxes = "FRD"\nmount_deg = 30')
-
-    assert body(log.tables["dvl"])[:2] == pytest.approx([0, 1])
-
-
-def test_the_turbot_formula_of_its_authors_is_axes_flu_and_mount_135(tmp_path: Path) -> None:
-    """Rz(135 deg) (vx, -vy), in a frame of x forward, y starboard."""
-    vx, vy, c, s = 0.4, -0.3, math.cos(math.radians(135)), math.sin(math.radians(135))
-    forward, starboard = c * vx - s * -vy, s * vx + c * -vy
-
-    log = logged(tmp_path, [twist(T0, vx, vy)], '[dvl]\naxes = "FLU"\nmount_deg = 135')
-
-    assert body(log.tables["dvl"])[:2] == pytest.approx([starboard, forward])
-
-
-def test_a_dvl_that_reads_one_per_cent_too_much_is_brought_back(tmp_path: Path) -> None:
-    log = logged(tmp_path, [twist(T0, 2.02, 0.0)], "[dvl]\nscale_error = 0.01")
-
-    assert log.tables["dvl"]["forward_mps"].iloc[0] == pytest.approx(2.0)
-
-
 def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> None:
     rows = [twist(T0 + k * SECOND, 1.0, 0.0) for k in range(3)] + [yaw(T0 + k * SECOND, 0.0) for k in range(3)]
 
@@ -100,48 +138,14 @@ def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> No
     assert log.start_ns == T0
 
 
-@pytest.mark.parametrize(("yaw_deg", "heading"), [(0, 90), (90, 0), (180, 270), (-45, 135)])
-def test_an_imu_turns_counter_clockwise_from_east(tmp_path: Path, yaw_deg: float, heading: float) -> None:
-    log = logged(tmp_path, [yaw(T0, yaw_deg)])
+def test_an_imu_counts_from_east_by_its_type(tmp_path: Path) -> None:
+    log = logged(tmp_path, [yaw(T0, 0.0)])
 
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(heading)
     assert log.provenance["compass"].conventions[0] == Convention("convention", "ENU", "type")
 
 
-def test_a_ned_quaternion_turns_clockwise_from_north(tmp_path: Path) -> None:
-    log = logged(tmp_path, [yaw(T0, 30)], '[compass]\nconvention = "NED"')
-
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(30)
-
-
-def test_roll_and_pitch_do_not_change_the_yaw(tmp_path: Path) -> None:
-    """Yaw 40, then pitch -20, then roll 10 degrees, each about the turned axes."""
-    y, p, r = (math.radians(a) / 2 for a in (40, -20, 10))
-    w = math.cos(r) * math.cos(p) * math.cos(y) + math.sin(r) * math.sin(p) * math.sin(y)
-    qx = math.sin(r) * math.cos(p) * math.cos(y) - math.cos(r) * math.sin(p) * math.sin(y)
-    qy = math.cos(r) * math.sin(p) * math.cos(y) + math.sin(r) * math.cos(p) * math.sin(y)
-    qz = math.cos(r) * math.cos(p) * math.sin(y) - math.sin(r) * math.sin(p) * math.cos(y)
-    values = {"header.stamp": T0, "orientation.x": qx, "orientation.y": qy, "orientation.z": qz, "orientation.w": w}
-
-    log = logged(tmp_path, [(T0, "/imu", IMU, values)])
-
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(50)
-
-
-def test_a_compass_that_reads_two_degrees_too_much_is_brought_back(tmp_path: Path) -> None:
-    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 361.0})], "[compass]\nbias_deg = 2.0")
-
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(359)
-
-
-def test_an_easterly_declination_is_added_to_a_magnetic_heading(tmp_path: Path) -> None:
-    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 350.0})], "[compass]\ndeclination_deg = 15.6")
-
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(5.6)
-
-
 def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:
-    log = logged(tmp_path, [(T0, "/heading", HEADING, {"data": 3.0})])
+    log = logged(tmp_path, [number(3.0)])
 
     assert codes(log)["HEADING-UNIT"] == (
         '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
@@ -160,19 +164,6 @@ def test_imu_messages_without_orientation_are_left_out(tmp_path: Path) -> None:
     assert codes(log)["COMPASS-INVALID"] == (
         "/imu: 3 of 4 records are invalid and left out (2 without orientation (covariance -1), 1 zero quaternion)"
     )
-
-
-def marine(time_ns: int, beams: int = 4, **more: Any) -> Row:
-    values = {
-        "header.stamp": time_ns,
-        "velocity.x": 1.0,
-        "velocity.y": 0.2,
-        "velocity_mode": 1,
-        "num_good_beams": beams,
-    }
-    unknown = np.full(9, -1.0)
-    more = {path.replace("__", "."): value for path, value in more.items()}
-    return time_ns, "/dvl/data", MARINE, {**values, "velocity_covar": unknown, **more}
 
 
 def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path) -> None:
@@ -197,39 +188,17 @@ def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("stated", "recorded", "expected"),
+    ("rows", "toml", "valid"),
     [
-        ("", 1500.0, 1.0),
-        ("sound_speed_mps = 1545.0", 1500.0, 1.03),
-        ("sound_speed_mps = 1545.0", 1484.0, 1545 / 1484),  # what each record assumed
-        ("sound_speed_mps = 1455.0", 0.0, 0.97),  # none recorded: the usual 1500 m/s
-        ("sound_speed_mps = 1540.0\nassumed_sound_speed_mps = 1400.0", 1500.0, 1.1),
+        ([marine(T0, beams=0), marine(T0 + 1, beams=0)], "", [True, True]),  # a field that nobody fills
+        ([marine(T0, beams=3), marine(T0 + 1)], "min_good_beams = 4", [False, True]),
+        ([water_linked(T0, more={"velocity.x": 0.0, "velocity.y": 0.0})], "", [True]),  # at rest, and it says so
     ],
 )
-def test_a_velocity_grows_with_the_true_speed_of_sound(
-    tmp_path: Path, stated: str, recorded: float, expected: float
+def test_a_dvl_record_is_valid_if_its_own_word_and_the_configuration_say_so(
+    tmp_path: Path, rows: list[Row], toml: str, valid: list[bool]
 ) -> None:
-    """Speed = Doppler shift x speed of sound / (2 x frequency), up to the beam's angle."""
-    log = logged(tmp_path, [marine(T0, sound_speed=recorded)], f"[dvl]\n{stated}")
-
-    assert body(log.tables["dvl"])[:2] == pytest.approx([0.2 * expected, 1.0 * expected])
-
-
-def test_an_assumed_speed_of_sound_needs_the_true_one(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="assumed_sound_speed_mps needs the true one beside it"):
-        logged(tmp_path, [marine(T0)], "[dvl]\nassumed_sound_speed_mps = 1500.0")
-
-
-def test_good_beams_that_nobody_fills_are_no_fault(tmp_path: Path) -> None:
-    log = logged(tmp_path, [marine(T0, beams=0), marine(T0 + 1, beams=0)])
-
-    assert log.tables["dvl"]["valid"].all()
-
-
-def test_min_good_beams_of_the_configuration_is_taken_at_its_word(tmp_path: Path) -> None:
-    log = logged(tmp_path, [marine(T0, beams=3), marine(T0 + 1, beams=4)], "[dvl]\nmin_good_beams = 4")
-
-    assert list(log.tables["dvl"]["valid"]) == [False, True]
+    assert list(logged(tmp_path, rows, f"[dvl]\n{toml}").tables["dvl"]["valid"]) == valid
 
 
 def test_a_csv_folder_in_millimetres_or_radians_is_told_how_its_columns_are_named(tmp_path: Path) -> None:
@@ -252,14 +221,6 @@ def test_a_unit_for_a_quaternion_is_said_not_to_be_used(tmp_path: Path) -> None:
     ]
 
 
-def test_min_good_beams_without_such_a_field_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError) as fault:
-        logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3")
-
-    kind = "geometry_msgs/msg/TwistStamped"
-    assert str(fault.value) == f"{tmp_path / 'usbldr.toml'}: [dvl] min_good_beams: /dvl ({kind}) has no such field"
-
-
 def test_with_water_track_bottom_track_is_not_used_and_without_it_the_key_is_named(tmp_path: Path) -> None:
     rows = [marine(T0 + k * SECOND, velocity_mode=mode) for k, mode in enumerate((2, 1, 2))]
 
@@ -273,11 +234,6 @@ def test_with_water_track_bottom_track_is_not_used_and_without_it_the_key_is_nam
         logged(tmp_path, [rows[0], rows[2]])
 
 
-def water_linked(time_ns: int, valid: bool = True, kind: str = DVL, more: Mapping[str, Any] | None = None) -> Row:
-    values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.5, "velocity_valid": valid, "fom": 0.03}
-    return time_ns, "/dvl/data", kind, {**values, **(more or {})}
-
-
 @pytest.mark.parametrize("kind", ["old_dvl_msgs/msg/DVL", DVL])
 def test_both_layouts_of_dvl_msgs_are_read(tmp_path: Path, kind: str) -> None:
     rows = [water_linked(T0, kind=kind), water_linked(T0 + SECOND, valid=False, kind=kind)]
@@ -287,12 +243,6 @@ def test_both_layouts_of_dvl_msgs_are_read(tmp_path: Path, kind: str) -> None:
     assert list(log.tables["dvl"]["valid"]) == [True, False]
     assert body(log.tables["dvl"])[:2] == [0.5, 1.0]
     assert log.tables["dvl"]["sd_mps"].iloc[0] == 0.03
-
-
-def test_a_dvl_that_stands_still_and_says_so_is_valid(tmp_path: Path) -> None:
-    log = logged(tmp_path, [water_linked(T0, more={"velocity.x": 0.0, "velocity.y": 0.0})])
-
-    assert log.tables["dvl"]["valid"].all()
 
 
 def test_a_dvl_record_is_as_old_as_its_transmission_took(tmp_path: Path) -> None:
@@ -325,21 +275,37 @@ def test_a_negative_covariance_makes_a_twist_invalid(tmp_path: Path, kind: str) 
     assert log.tables["dvl"]["sd_mps"].iloc[0] == pytest.approx(0.02)
 
 
-def test_all_dvl_records_invalid_is_an_error_with_counts(tmp_path: Path) -> None:
-    with pytest.raises(LogError) as fault:
-        logged(tmp_path, [marine(T0, beams=1), marine(T0 + 1, beams=1), marine(T0 + 2, velocity__y=math.inf)])
-
-    assert str(fault.value) == (
-        f"{tmp_path / 'dive.mcap'}: all 3 records of /dvl/data (dvl) are invalid: "
-        "1 not a number, 2 fewer than 3 good beams"
-    )
+SECTION, LOG = "{folder}/usbldr.toml: [{section}] ", "{folder}/dive.mcap: "
 
 
-def test_speeds_that_look_like_millimetres_are_pointed_out(tmp_path: Path) -> None:
-    with pytest.raises(LogError) as fault:
-        logged(tmp_path, [twist(T0, 800.0, 12.0)])
+@pytest.mark.parametrize(
+    ("rows", "toml", "fault", "said"),
+    [
+        ([marine(T0, 1), marine(T0 + 1, 1), marine(T0 + 2, velocity__y=math.inf)], "[dvl]", LogError,
+         LOG + "all 3 records of /dvl/data (dvl) are invalid: 1 not a number, 2 fewer than 3 good beams"),
+        ([twist(T0, 800.0, 12.0)], "[dvl]", LogError, LOG + "all 1 records of /dvl (dvl) are invalid: 1 faster than "
+         '20 m/s; if they are in mm/s, state unit = "mm/s" under [dvl]'),
+        ([marine(T0)], "[dvl]\nassumed_sound_speed_mps = 1500.0", UsageError,
+         SECTION.replace("] ", "]: ") + "assumed_sound_speed_mps needs the true one beside it: state sound_speed_mps"),
+        ([twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3", UsageError,
+         SECTION + "min_good_beams: /dvl (geometry_msgs/msg/TwistStamped) has no such field"),
+        ([pressure(201325.0)], '[depth]\nunit = "m"', UsageError,
+         SECTION + 'unit = "m": /pressure holds pressures (Pa, hPa, dbar, bar)'),
+        ([pressure(201325.0)], '[depth]\npositive = "up"', UsageError,
+         SECTION + "positive: /pressure holds pressures, to which it does not apply"),
+        ([number(4.0, "/depth")], '[depth]\ntopic = "/depth"\nunit = "Pa"', UsageError,
+         SECTION + 'unit = "Pa": /depth holds depths in m'),
+        ([number(4.0, "/depth")], '[depth]\ntopic = "/depth"\nsurface_pa = 0', UsageError,
+         SECTION + "surface_pa: /depth holds depths, to which it does not apply"),
+    ],
+)  # fmt: skip
+def test_what_the_records_refute_is_one_sentence_with_its_file(
+    tmp_path: Path, rows: list[Row], toml: str, fault: type[Exception], said: str
+) -> None:
+    with pytest.raises(fault) as found:
+        logged(tmp_path, rows, toml)
 
-    assert str(fault.value).endswith('1 faster than 20 m/s; if they are in mm/s, state unit = "mm/s" under [dvl]')
+    assert str(found.value) == said.format(folder=tmp_path, section=toml[1:].partition("]")[0])
 
 
 def test_a_dvl_in_millimetres_is_refused_though_it_lay_still_at_first(tmp_path: Path) -> None:
@@ -373,19 +339,8 @@ def test_the_dvl_noise_is_left_open_unless_somebody_states_it(tmp_path: Path) ->
     assert stated.tables["dvl"]["sd_mps"].iloc[0] == 0.1
 
 
-@pytest.mark.parametrize(
-    ("unit", "pressure"), [(None, 201325.0), ("Pa", 201325.0), ("hPa", 2013.25), ("dbar", 20.1325), ("bar", 2.01325)]
-)
-def test_pressure_becomes_depth_in_sea_water(tmp_path: Path, unit: str | None, pressure: float) -> None:
-    toml = f'[depth]\nunit = "{unit}"' if unit else ""
-
-    log = logged(tmp_path, [(T0, "/pressure", PRESSURE, {"header.stamp": T0, "fluid_pressure": pressure})], toml)
-
-    assert log.tables["depth"]["depth_m"].iloc[0] == pytest.approx(1e5 / (1025 * 9.80665))
-
-
 def test_pressures_that_cannot_be_pascals_are_not_used(tmp_path: Path) -> None:
-    log = logged(tmp_path, [(T0, "/pressure", PRESSURE, {"header.stamp": T0, "fluid_pressure": 1013.0})])
+    log = logged(tmp_path, [pressure(1013.0)])
 
     assert "depth" not in log.tables
     assert codes(log)["DEPTH-UNIT"] == (
@@ -395,10 +350,7 @@ def test_pressures_that_cannot_be_pascals_are_not_used(tmp_path: Path) -> None:
 
 def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None:
     """From the surface down to 19.9 m: all but the first ten metres could be absolute pressures."""
-    rows = [
-        (T0 + k, "/pressure", PRESSURE, {"header.stamp": T0 + k, "fluid_pressure": k * 1025 * 9.80665 / 10})
-        for k in range(200)
-    ]
+    rows = [pressure(k * 1025 * 9.80665 / 10, k) for k in range(200)]
 
     unsaid, said = logged(tmp_path, rows), logged(tmp_path, rows, "[depth]\nsurface_pa = 0")
 
@@ -407,31 +359,6 @@ def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None
         "is below air pressure: gauge pressures need surface_pa = 0 under [depth]"
     )
     assert said.tables["depth"]["depth_m"].to_numpy() == pytest.approx(np.arange(200) / 10)
-
-
-def test_depth_may_be_a_number_that_grows_upwards(tmp_path: Path) -> None:
-    log = logged(tmp_path, [(T0, "/depth", HEADING, {"data": -4.0})], '[depth]\npositive = "up"')
-
-    assert log.tables["depth"]["depth_m"].iloc[0] == 4.0
-
-
-@pytest.mark.parametrize(
-    ("toml", "said"),
-    [
-        ('unit = "m"', '[depth] unit = "m": /pressure holds pressures (Pa, hPa, dbar, bar)'),
-        ('positive = "up"', "[depth] positive: /pressure holds pressures, to which it does not apply"),
-        ('topic = "/depth"\nunit = "Pa"', '[depth] unit = "Pa": /depth holds depths in m'),
-        ('topic = "/depth"\nsurface_pa = 0', "[depth] surface_pa: /depth holds depths, to which it does not apply"),
-    ],
-)
-def test_a_key_of_depth_that_the_records_refute_is_told_with_its_file(tmp_path: Path, toml: str, said: str) -> None:
-    pressure = (T0, "/pressure", PRESSURE, {"header.stamp": T0, "fluid_pressure": 201325.0})
-    number = (T0, "/depth", HEADING, {"data": 4.0})
-
-    with pytest.raises(UsageError) as fault:
-        logged(tmp_path, [number if "/depth" in toml else pressure], f"[depth]\n{toml}")
-
-    assert str(fault.value) == f"{tmp_path / 'usbldr.toml'}: {said}"
 
 
 def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -> None:

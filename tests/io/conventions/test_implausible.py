@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from logs import codes, logged
@@ -136,8 +138,7 @@ def test_a_coarse_dvl_that_loses_its_speed_at_once_shows_no_standstill(dive: Log
     assert lost(changed(dive, "dvl", VELOCITY, velocity)) == {"dvl": times(dive, "dvl")[zeros].tolist()}
 
 
-@pytest.mark.parametrize("size_deg", [20.0, -60.0, 120.0, 180.0])
-@pytest.mark.parametrize("records", [1, 5])
+@pytest.mark.parametrize(("records", "size_deg"), [(1, 20.0), (1, -60.0), (5, 120.0), (5, 180.0)])
 def test_one_wrong_heading_and_a_burst_are_left_out(dive: Log, size_deg: float, records: int) -> None:
     wrong = np.isin(np.arange(len(times(dive, "compass"))), 4500 + np.arange(records))
     log = turned(dive, wrong, size_deg)
@@ -146,17 +147,17 @@ def test_one_wrong_heading_and_a_burst_are_left_out(dive: Log, size_deg: float, 
     assert lost(log) == {"compass": times(log, "compass")[wrong].tolist()}
 
 
-@pytest.mark.parametrize("size_deg", [3.0, 6.0, 8.0, 9.0, 9.5, 10.0, 12.0, 45.0, 120.0, 180.0])
-def test_a_wrong_heading_of_any_size_changes_no_other(dive: Log, size_deg: float) -> None:
+@settings(max_examples=40)
+@given(at=st.integers(100, 8900), size_deg=st.floats(3.0, 180.0))
+def test_a_wrong_heading_of_any_size_changes_no_other(dive: Log, at: int, size_deg: float) -> None:
     """About 90 deg/s, one of both changes may look possible and the other not."""
-    for at in range(400, 8900, 500):
-        wrong = np.arange(len(times(dive, "compass"))) == at
-        left = without_implausible(turned(dive, wrong, size_deg)).tables["compass"]
-        was = dive.tables["compass"][~wrong].set_index("time_s")["heading_deg"]
+    wrong = np.arange(len(times(dive, "compass"))) == at
+    left = without_implausible(turned(dive, wrong, size_deg))
 
-        assert "SPIKES" in found(turned(dive, wrong, size_deg)) or size_deg < 12
-        now = left.set_index("time_s")["heading_deg"].reindex(was.index)
-        pd.testing.assert_series_equal(now, was)
+    assert "SPIKES" in [finding.code for finding in left.findings] or size_deg < 12
+    was = dive.tables["compass"][~wrong].set_index("time_s")["heading_deg"]
+    now = left.tables["compass"].set_index("time_s")["heading_deg"].reindex(was.index)
+    pd.testing.assert_series_equal(now, was)
 
 
 def test_spikes_of_the_compass_are_left_out_and_no_other_heading(dive: Log) -> None:
@@ -323,8 +324,7 @@ def test_a_file_is_read_without_its_spikes_and_doctor_names_them(tmp_path: Path)
     assert "SPIKES" in [finding.code for finding in examine(tmp_path / "dive.mcap", Request()).findings]
 
 
-@pytest.mark.parametrize("length", [3, 50, 4500])
-@pytest.mark.long
+@pytest.mark.parametrize("length", [30, 4500])
 def test_spikes_are_the_same_in_blocks_of_any_length(dive: Log, length: int, monkeypatch: pytest.MonkeyPatch) -> None:
     time_s, heading_deg = times(dive, "compass"), dive.tables["compass"]["heading_deg"].to_numpy()
     off = np.random.default_rng(5).choice(len(time_s), 40, replace=False)

@@ -17,7 +17,7 @@ from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.writers.export import export
 
-SECONDS, HEADING_DEG, ROLL_DEG = 200, 30.0, -8.0  # roll: port down
+SECONDS, HEADING_DEG, ROLL_DEG = 100, 30.0, -8.0  # roll: port down
 END_M = SECONDS * np.array([np.sin(np.radians(HEADING_DEG)), np.cos(np.radians(HEADING_DEG))])
 
 
@@ -89,13 +89,13 @@ def test_without_a_depth_the_configuration_decides(tmp_path: Path) -> None:
     as_recorded, reported = (end_m(logged(tmp_path, rows, settings(dvl=key))) for key in ("", "level = true"))
 
     assert reported == pytest.approx(END_M, abs=0.3)
-    assert np.linalg.norm(as_recorded - END_M) > 15  # 200 m * (1 - cos 25 deg) and a roll
+    assert np.linalg.norm(as_recorded - END_M) > 7  # 100 m * (1 - cos 25 deg) and a roll
 
 
 def test_what_the_configuration_says_goes_before_the_depth(tmp_path: Path) -> None:
     level = end_m(logged(tmp_path, dive(), settings(dvl="level = false")))
 
-    assert np.linalg.norm(level - END_M) > 15
+    assert np.linalg.norm(level - END_M) > 7
 
 
 def test_an_imu_beside_the_bow_tilts_about_its_own_axes(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_attitudes_are_the_same_in_blocks_of_any_length(tmp_path: Path, monkeypa
     np.testing.assert_array_equal(in_blocks.to_numpy(dtype=float), whole.to_numpy(dtype=float))
 
 
-@pytest.mark.parametrize("most", [5000, 500, 200])
+@pytest.mark.parametrize("most", [5000, 200])
 def test_attitudes_of_some_records_turn_velocities_level(
     tmp_path: Path, most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -191,4 +191,4 @@ def test_records_without_orientation_have_no_attitude(tmp_path: Path) -> None:
 
     table = logged(tmp_path, rows, settings()).tables["dvl"]
 
-    np.testing.assert_allclose(table["up_mps"], 0.3, atol=0.06)
+    np.testing.assert_allclose(table["up_mps"][:-1], 0.3, atol=0.06)  # after the last attitude nothing is known

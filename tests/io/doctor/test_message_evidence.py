@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from commands import findings
-from curved import curved_dive
-from recordings import HEADER, SECOND, T0, Row, define, write_mcap
+from curved import CONVENTIONS, changed, curved_dive, written
+from recordings import HEADER, SECOND, T0, Row, define
 
 DEPTH_M = 12.0
 TYPES = {
@@ -33,72 +33,50 @@ def told_by(kind: str, row: Row) -> Row:
 
 def deep(rows: list[Row]) -> list[Row]:
     """Add what a depth sensor says."""
-    depths = [
-        (T0 + k * SECOND, "/depth", DEPTH, {"header.stamp": T0 + k * SECOND, "depth": DEPTH_M}) for k in range(600)
-    ]
+    times = range(T0, T0 + 300 * SECOND, SECOND)
+    depths = [(ns, "/depth", DEPTH, {"header.stamp": ns, "depth": DEPTH_M}) for ns in times]
     return sorted([*rows, *depths], key=lambda row: row[0])
 
 
-@pytest.mark.parametrize("kind", [SEATRAC, USBLLONG])
-def test_a_depth_beside_east_and_north_is_no_proof_of_a_map_with_x_north(tmp_path: Path, kind: str) -> None:
-    rows = [told_by(kind, row) if row[1] == "/usbl" else row for row in curved_dive()]
-    log = write_mcap(tmp_path / "dive.mcap", deep(rows))
-    (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
+@pytest.mark.parametrize(
+    ("kind", "dive", "named"),
+    [
+        (SEATRAC, {}, {}),
+        (USBLLONG, {}, {}),
+        (SEATRAC, {"dvl": "FRD", "imu": "NED"}, {"DVL-AXES": "ENU", "HEADING-CONVENTION": "ENU"}),
+        (SEATRAC, {"gravity": -9.8}, {"CONVENTION-CONTRADICTED": "gravity"}),
+    ],
+)
+def test_a_type_settles_the_map_and_no_depth_mirrored_sensor_or_gravity_undoes_it(
+    tmp_path: Path, kind: str, dive: dict[str, Any], named: dict[str, str]
+) -> None:
+    rows = [told_by(kind, row) if row[1] == "/usbl" else row for row in curved_dive(**dive)]
 
-    found = findings(log)
+    found = findings(written(tmp_path, deep(rows), AT_ORIGIN))
 
-    assert {"MAP-FRAME", "CONVENTION-CONTRADICTED", "CONVENTION-UNDECIDED"}.isdisjoint(found)
-    assert "excluded by: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
-
-
-def test_a_mirrored_compass_and_dvl_leave_the_map_of_a_modem_as_it_is(tmp_path: Path) -> None:
-    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in curved_dive(dvl="FRD", imu="NED")]
-    log = write_mcap(tmp_path / "dive.mcap", deep(rows))
-    (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
-
-    found = findings(log)
-
-    assert "MAP-FRAME" not in found
-    assert {"DVL-AXES", "HEADING-CONVENTION"} <= set(found)
-
-
-def test_a_type_weighs_more_than_the_gravity_of_a_compass_that_is_mounted_upside_down(tmp_path: Path) -> None:
-    rows = [told_by(SEATRAC, row) if row[1] == "/usbl" else row for row in curved_dive(gravity=-9.8)]
-    log = write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(AT_ORIGIN, encoding="utf-8")
-
-    found = findings(log)
-
-    assert {"MAP-FRAME", "DVL-AXES", "HEADING-CONVENTION"}.isdisjoint(found)
-    assert "excluded by: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
-    assert "gravity" in found["CONVENTION-CONTRADICTED"]["text"]
+    assert set(found) & CONVENTIONS == set(named)
+    assert all(words in found[code]["text"] for code, words in named.items())
+    if "DVL-AXES" not in named:
+        assert "excluded by: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
 
 
-@pytest.mark.parametrize(("z", "says"), [(DEPTH_M, "NED"), (-DEPTH_M, "ENU")])
-def test_where_no_type_settles_the_frame_the_sign_of_depth_does(tmp_path: Path, z: float, says: str) -> None:
-    rows = [(*r[:3], dict(r[3]) | {"point.z": z}) if r[1] == "/usbl" else r for r in curved_dive()]
-    log = write_mcap(tmp_path / "dive.mcap", deep(rows))
+@pytest.mark.parametrize(
+    ("values", "code", "words"),
+    [
+        ({"point__z": DEPTH_M}, "MAP-FRAME", "depth: the fixes have z"),
+        ({"point__z": -DEPTH_M}, "CONVENTION-CHECKED", "depth: the fixes have z"),
+        ({"header__frame_id": "combined_map"}, "CONVENTION-UNDECIDED", "nothing in the log decides"),
+        ({"header__frame_id": "menu"}, "CONVENTION-UNDECIDED", "nothing in the log decides"),
+        ({"header__frame_id": "worldEnu"}, "CONVENTION-CHECKED", 'excluded by: frame_id "worldEnu"'),
+        ({"header__frame_id": "map_enu"}, "CONVENTION-CHECKED", 'excluded by: frame_id "map_enu"'),
+    ],
+)
+def test_where_no_type_settles_the_frame_the_sign_of_depth_or_a_whole_word_of_its_name_does(
+    tmp_path: Path, values: dict[str, Any], code: str, words: str
+) -> None:
+    rows = changed(curved_dive(), "/usbl", **values)
 
-    found = findings(log)
+    found = findings(written(tmp_path, deep(rows) if "point__z" in values else rows))
 
-    assert ("MAP-FRAME" in found) == (says == "NED")
-    assert "depth: the fixes have z" in found["MAP-FRAME" if says == "NED" else "CONVENTION-CHECKED"]["text"]
-
-
-@pytest.mark.parametrize("name", ["usbl_aligned", "combined_map", "menu"])
-def test_a_word_within_another_names_no_frame(tmp_path: Path, name: str) -> None:
-    rows = [(*r[:3], dict(r[3]) | {"header.frame_id": name}) if r[1] == "/usbl" else r for r in curved_dive()]
-
-    found = findings(write_mcap(tmp_path / "dive.mcap", rows))
-
-    assert "MAP-FRAME" not in found
-    assert "CONVENTION-UNDECIDED" in found
-
-
-@pytest.mark.parametrize("name", ["map_enu", "worldEnu", "ENU"])
-def test_a_frame_that_is_called_east_north_up_is_one(tmp_path: Path, name: str) -> None:
-    rows = [(*r[:3], dict(r[3]) | {"header.frame_id": name}) if r[1] == "/usbl" else r for r in curved_dive()]
-
-    found = findings(write_mcap(tmp_path / "dive.mcap", rows))
-
-    assert f'excluded by: frame_id "{name}"' in found["CONVENTION-CHECKED"]["text"]
+    assert words in found[code]["text"]
+    assert ("MAP-FRAME" in found) == (code == "MAP-FRAME")

@@ -38,6 +38,11 @@ def log() -> Log:
     return open_log("turns", Request(configuration="none"))
 
 
+@pytest.fixture(scope="module")
+def usual(log: Log) -> set[str]:
+    return {one.code for one in examine_log(log).findings}
+
+
 def explanation(*keys: str, log_odds: float = 0.0, times: float = 1.0) -> Explanation:
     numbers = [(name, *number) for key in keys for name, number in NUMBERS[key].items()]
     return Explanation(keys, log_odds, tuple(ErrorEstimate(name, times * v, sd) for name, v, sd in numbers))
@@ -122,10 +127,8 @@ def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass
 )
 @pytest.mark.long
 def test_the_doctor_names_the_error_of_a_dive_and_no_other(
-    log: Log, kind: str, fault: str, code: str, worst: float
+    log: Log, usual: set[str], kind: str, fault: str, code: str, worst: float
 ) -> None:
-    usual = {one.code for one in examine_log(log).findings}
-
     found = examine_log(without_implausible(damaged(log, Drill("one", (fault_of(kind, fault),)), 0))).findings
 
     named = [one for one in found if one.code not in usual]
