@@ -16,7 +16,9 @@ from usbldr.io.formats.detect import open_log
 CONTAINERS = [form for form in FORMATS if form.startswith(("MCAP ", "bag", "rosbag2", "Parquet", "HDF5", ".mat"))]
 SEARCHED = ("MCAP ", "bag", "rosbag2", "Parquet", "HDF5")  # known by a mark that is found behind other bytes
 RESUMED = ("MCAP ", "bag")  # walked from record to record: another is found behind one that is cut
-junk = st.binary(min_size=1, max_size=600).map(lambda data: b"\7" + data.replace(b"\0", b"\1") + b"\7")
+junk = st.binary(min_size=1, max_size=600).map(
+    lambda data: b"\7" + bytes(byte | 128 for byte in data) + b"\7"  # no mark of a format, for all have a letter
+)
 
 
 def attempt(path: Path, form: str) -> tuple[list[int], bool]:

@@ -74,7 +74,7 @@ def simulated(folder: Path, section: str, wrong: dict[str, float]) -> Path:
 
 
 def calibrated(log: Path, key: str, run: Path, *options: str) -> dict[str, Any]:
-    output_of("replay", str(log), "-f", "adf", "--calibrate", key, "-o", str(run), "-q", *options)
+    output_of("replay", str(log), "-f", "adf", "--calibrate", key, "-o", str(run), "-q", "--plots", "none", *options)
     return json.loads((run / "report.json").read_text(encoding="utf-8"))["calibration"]
 
 
