@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs import MAP
 from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -37,33 +38,89 @@ def dive(tmp_path: Path, toml: str = "", more: Sequence[Row] = (), request: Requ
     return read_log(tmp_path / "dive.mcap", request or Request())
 
 
-def test_a_file_beside_the_log_is_read_by_its_columns_and_sorted(tmp_path: Path) -> None:
-    log = dive(tmp_path, NED_FILE)
+def pose(time_ns: int, x: float, y: float, kind: str = POSE) -> Row:
+    path = "pose.position" if kind == POSE else "pose.pose.position"
+    return time_ns, "/slam", kind, {"header.stamp": time_ns, f"{path}.x": x, f"{path}.y": y}
+
+
+TUM_LINES = """# timestamp tx ty tz qx qy qz qw
+1600000001.500000000 3.0 4.0 0 0 0 0 1
+1600000002.500000000 5.0 6.0 0 0 0 0 1
+"""
+LATLON = MAP + '[truth]\nframe = "latlon"\ncolumns = { time_s = "t", x = "lat", y = "lon" }'
+POSES = [pose(T0 + k * SECOND, 10.0 + k, 20.0) for k in range(3)]
+AFTER = "timestamp,x,y\ns,m,m\n1600000000.1,1,2\n1600000001.1,3,4\n"  # whose first row need hold no numbers
+NORTH_M = 1.1113
+OF_TUM = [1.5, 2.5], [[3, 4], [5, 6]]
+
+
+@pytest.mark.parametrize(
+    ("toml", "more", "option", "text", "time_s", "position_m", "source", "kind"),
+    [
+        # a file beside the log, sorted, its decimal seconds exact: as floats of today's seconds they are off by 0.1 us
+        (NED_FILE, [], None, "", [0.374442, 1.500001, 1.908468], [[0.2, 0.1], [4, 3], [2.5, 1.5]], "vertices.txt",
+         "slam"),
+        (NED_FILE + "skip_rows = 1", [], "t.csv", AFTER, [0.1, 1.1], [[2, 1], [4, 3]], "t.csv", "other"),
+        (LATLON, [], "t.csv", "t,lat,lon\n1.25,45.00001,7.0\n", [1.25], [[0, NORTH_M]], "t.csv", "other"),
+        ("", [], "t.csv", f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", [1], [[1, 2]], "t.csv", "other"),
+        ("", [], "t.tum", TUM_LINES, *OF_TUM, "t.tum", "other"),
+        ("", [], "t.tum", TUM_LINES.split("\n", 1)[1], *OF_TUM, "t.tum", "other"),
+        ("", [], "t.tum", TUM_LINES.rstrip("\n"), *OF_TUM, "t.tum", "other"),
+        # a topic of poses or of odometry; an option beats the configured file, whose frame it keeps
+        *(('[truth]\ntopic = "/slam"\nframe = "NED"\nskip_rows = 1\nkind = "slam"',
+           [pose(T0 + k * SECOND, 10.0 + k, 20.0, kind) for k in range(3)], None, "", [1, 2], [[20, 11], [20, 12]],
+           "/slam", "slam") for kind in (POSE, ODOMETRY)),
+        (NED_FILE, POSES[:1], "/slam", "", [0], [[20, 10]], "/slam", "slam"),
+        ('[truth]\nkind = "gps"', [*FIXES, *POSES[:1]], "/slam", "", [0], [[10, 20]], "/slam", "slam"),
+        ('[truth]\ntopic = "/slam"\nframe = "NED"', [*FIXES, *POSES[:1]], None, "", [0], [[20, 10]], "/slam", "slam"),
+        # the GPS by default, or by an option without the frame of the configured file
+        ("", FIXES, None, "", [0, 1, 2], [[0, 0], [0, NORTH_M], [0, 2 * NORTH_M]], "/gps/fix", "gps"),
+        (NED_FILE, FIXES, "/gps/fix", "", [0, 1, 2], [[0, 0], [0, NORTH_M], [0, 2 * NORTH_M]], "/gps/fix", "gps"),
+    ],
+)  # fmt: skip
+def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
+    tmp_path: Path,
+    toml: str,
+    more: Sequence[Row],
+    option: str | None,
+    text: str,
+    time_s: list[float],
+    position_m: list[list[float]],
+    source: str,
+    kind: str,
+) -> None:
+    if text:
+        (tmp_path / str(option)).write_text(text, encoding="utf-8")
+        option = str(tmp_path / str(option))
+
+    log = dive(tmp_path, toml, more, Request(truth=option))
 
     assert log.truth is not None
-    assert (log.truth.source, log.truth.kind, log.truth.max_gap_s) == ("vertices.txt", "slam", 12.0)
-    np.testing.assert_allclose(log.truth.position_m, [[0.2, 0.1], [4, 3], [2.5, 1.5]])
+    np.testing.assert_array_equal(log.truth.time_s, time_s)
+    np.testing.assert_allclose(log.truth.position_m, position_m, atol=1e-3)
+    assert (log.truth.source, log.truth.kind) == (source, kind)
+    if option:
+        assert log.provenance["truth"].chosen_by == "option"
+    if text == AFTER:
+        assert (log.provenance["truth"].messages, log.provenance["truth"].used) == (3, 2)
+    assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
+
+
+def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_gps_are_kept(
+    tmp_path: Path,
+) -> None:
+    log = dive(tmp_path, NED_FILE, FIXES)
+
+    assert log.truth is not None
+    assert log.truth.max_gap_s == 12.0
     assert [f.text for f in log.findings if f.code == "TRUTH-REPEATED"] == [
         "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
     ]
-
-
-def test_decimal_seconds_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
-    truth = dive(tmp_path, NED_FILE).truth
-
-    assert truth is not None
-    assert list(truth.time_s) == [0.374442, 1.500001, 1.908468]  # as floats of today's seconds: off by 0.1 us
-
-
-def test_skipped_rows_need_hold_no_numbers(tmp_path: Path) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text("timestamp,x,y\ns,m,m\n1600000000.1,1,2\n1600000001.1,3,4\n", encoding="utf-8")
-
-    log = dive(tmp_path, NED_FILE + "skip_rows = 1", request=Request(truth=str(file)))
-
-    assert log.truth is not None
-    np.testing.assert_array_equal(log.truth.position_m, [[2, 1], [4, 3]])
-    assert (log.provenance["truth"].messages, log.provenance["truth"].used) == (3, 2)
+    assert len(log.tables["gps"]) == 3
+    (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
+    stated = dive(tmp_path, request=Request(truth=str(tmp_path / "t.csv"))).truth
+    assert stated is not None
+    assert stated.sd_m[0] == 0.25
 
 
 def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path) -> None:
@@ -77,36 +134,6 @@ def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path) 
 
     assert said["ENU"] == []
     assert said["NED"] == ['t.csv: frame = "NED" of the configuration is not used; its columns are ENU']
-
-
-def test_columns_may_count_seconds_of_the_log(tmp_path: Path) -> None:
-    text = "t,lat,lon\n1.25,45.0009,7.0\n"
-    toml = """
-    [map]
-    origin_lat_deg = 45.0
-    origin_lon_deg = 7.0
-    [truth]
-    file = "t.csv"
-    frame = "latlon"
-    columns = { time_s = "t", x = "lat", y = "lon" }
-    """
-    (tmp_path / "t.csv").write_text(text, encoding="utf-8")
-
-    truth = dive(tmp_path, toml).truth
-
-    assert truth is not None
-    assert list(truth.time_s) == [1.25]
-    assert truth.position_m[0, 1] == pytest.approx(0.0009 * 111132, abs=0.1)
-
-
-def test_a_canonical_file_needs_no_columns(tmp_path: Path) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
-
-    truth = dive(tmp_path, request=Request(truth=str(file))).truth
-
-    assert truth is not None
-    assert (truth.time_s[0], truth.sd_m[0], truth.kind) == (1.0, 0.25, "other")
 
 
 @pytest.mark.parametrize(
@@ -179,24 +206,6 @@ def test_a_truth_that_cannot_be_read_is_one_sentence(
     assert str(found.value) == wanted
 
 
-def pose(time_ns: int, x: float, y: float, kind: str = POSE) -> Row:
-    path = "pose.position" if kind == POSE else "pose.pose.position"
-    return time_ns, "/slam", kind, {"header.stamp": time_ns, f"{path}.x": x, f"{path}.y": y}
-
-
-@pytest.mark.parametrize("kind", [POSE, ODOMETRY])
-def test_a_topic_of_poses_can_be_the_truth(tmp_path: Path, kind: str) -> None:
-    poses = [pose(T0 + k * SECOND, 10.0 + k, 20.0, kind) for k in range(3)]
-    toml = '[truth]\ntopic = "/slam"\nframe = "NED"\nskip_rows = 1\nkind = "slam"'
-
-    log = dive(tmp_path, toml, poses)
-
-    assert log.truth is not None
-    np.testing.assert_allclose(log.truth.position_m, [[20, 11], [20, 12]])
-    np.testing.assert_allclose(log.truth.time_s, [1, 2])
-    assert (log.truth.source, log.truth.kind) == ("/slam", "slam")
-
-
 @pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
 def test_odometry_has_the_heading_and_the_velocity_of_the_truth(
     tmp_path: Path, frame: str, yaws_deg: tuple[float, float], left: float
@@ -225,60 +234,12 @@ def test_poses_that_are_all_turned_alike_state_no_heading(tmp_path: Path) -> Non
     assert truth.velocity_mps is None
 
 
-def test_an_option_beats_the_configured_truth_and_keeps_its_frame(tmp_path: Path) -> None:
-    log = dive(tmp_path, NED_FILE, [pose(T0 + SECOND, 10.0, 20.0)], Request(truth="/slam"))
-
-    assert log.truth is not None
-    np.testing.assert_allclose(log.truth.position_m, [[20, 10]])
-    assert (log.truth.source, log.provenance["truth"].chosen_by) == ("/slam", "option")
-
-
-def test_the_kind_of_the_truth_follows_the_topic_that_an_option_names(tmp_path: Path) -> None:
-    log = dive(tmp_path, '[truth]\nkind = "gps"', [*FIXES, pose(T0 + SECOND, 10.0, 20.0)], Request(truth="/slam"))
-
-    assert log.truth is not None
-    assert (log.truth.source, log.truth.kind) == ("/slam", "slam")
-
-
-def test_latitudes_named_by_option_do_not_take_the_frame_of_another_truth(tmp_path: Path) -> None:
-    log = dive(tmp_path, NED_FILE, FIXES, Request(truth="/gps/fix"))
-
-    assert log.truth is not None
-    np.testing.assert_allclose(log.truth.position_m[:, 1], [0, 1.111, 2.223], atol=1e-3)
-
-
 def test_a_frame_for_the_truth_where_the_gps_is_the_truth_is_said_not_to_be_used(tmp_path: Path) -> None:
     said = {f.code: f.text for f in dive(tmp_path, '[truth]\nframe = "NED"', FIXES).findings}
     silent = {f.code for f in dive(tmp_path, '[gps]\nframe = "latlon"', FIXES).findings}
 
     assert said["KEY-UNUSED"].startswith("frame of [truth] is not used: the truth is the log's GPS")
     assert "KEY-UNUSED" not in silent
-
-
-def test_a_frame_for_a_truth_of_its_own_is_not_said_to_be_idle(tmp_path: Path) -> None:
-    log = dive(tmp_path, '[truth]\ntopic = "/slam"\nframe = "NED"', [*FIXES, pose(T0 + SECOND, 10.0, 20.0)])
-
-    assert log.truth is not None
-    np.testing.assert_allclose(log.truth.position_m, [[20, 10]])
-    assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
-
-
-def test_gps_is_the_truth_by_default(tmp_path: Path) -> None:
-    log = dive(tmp_path, more=FIXES)
-
-    assert log.truth is not None
-    assert (log.truth.kind, log.truth.source) == ("gps", "/gps/fix")
-    np.testing.assert_allclose(log.truth.position_m[:, 1], [0, 1.111, 2.223], atol=1e-3)
-    assert log.origin is not None
-    assert (log.origin.lat_deg, log.origin.kind) == (45.0, "first gps fix")
-
-
-def test_gps_stays_in_the_log_where_the_truth_is_another(tmp_path: Path) -> None:
-    log = dive(tmp_path, NED_FILE, FIXES)
-
-    assert log.truth is not None
-    assert log.truth.source == "vertices.txt"
-    assert len(log.tables["gps"]) == 3
 
 
 @pytest.mark.parametrize(("toml", "option"), [("", "none"), ('[truth]\ntopic = "none"', None)])
@@ -312,24 +273,6 @@ def test_the_accuracy_of_a_gps_message_is_taken_where_it_is_known(tmp_path: Path
 
     assert truth is not None
     np.testing.assert_allclose(truth.sd_m, [0.3, np.nan, 0.3])
-
-
-TUM_LINES = """# timestamp tx ty tz qx qy qz qw
-1600000001.500000000 3.0 4.0 0 0 0 0 1
-1600000002.500000000 5.0 6.0 0 0 0 0 1
-"""
-
-
-@pytest.mark.parametrize("text", [TUM_LINES, TUM_LINES.split("\n", 1)[1], TUM_LINES.rstrip("\n")])
-def test_a_tum_file_is_read_with_or_without_its_comment_and_its_last_line_end(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "slam.tum"
-    file.write_text(text, encoding="utf-8")
-
-    truth = dive(tmp_path, request=Request(truth=str(file))).truth
-
-    assert truth is not None
-    assert list(truth.time_s) == [1.5, 2.5]
-    np.testing.assert_array_equal(truth.position_m, [[3, 4], [5, 6]])
 
 
 def along_a_bend(frame: str, truth: str = "/nav/slam") -> list[Row]:

@@ -177,19 +177,39 @@ def test_a_magnetic_heading_gets_the_declination_of_its_place_and_day(tmp_path: 
     assert (convention.chosen_by, convention.note) == ("model", "WMM-2020 at 47.62, -122.35 ([map]) on 2020-09-13")
 
 
-def test_a_heading_of_unknown_north_gets_a_declination_only_on_request(tmp_path: Path) -> None:
-    rows = [row(QUATERNION, turned("quaternion", 0.0))]
+UNKNOWN, TRUE, MAGNETIC = (
+    row(QUATERNION, turned("quaternion", 0.0)),
+    row(WHOI, {"heading": 10.0, "is_true_heading": True}),
+    row(WHOI, {"heading": 10.0}, 1),
+)
+BY_3 = "[compass]\ndeclination_deg = 3.0"
 
-    assert heading(logged(tmp_path, rows, SEATTLE)) == [0.0]
-    asked = logged(tmp_path, rows, SEATTLE + '[compass]\ndeclination_deg = "auto"')
-    assert heading(asked)[0] == pytest.approx(15.3, abs=0.4)
 
+@pytest.mark.parametrize(
+    ("rows", "toml", "headings", "said"),
+    [
+        ([UNKNOWN], SEATTLE, [0.0], ""),
+        ([UNKNOWN], SEATTLE + '[compass]\ndeclination_deg = "auto"', [15.3], ""),
+        ([MAGNETIC, fix(T0, 47.6205, -122.3493)], "", [25.3], ""),  # the first fix of the GPS places the compass
+        ([MAGNETIC], SEATTLE + BY_3, [13.0], ""),
+        ([TRUE, MAGNETIC], BY_3, [10.0, 13.0], ""),
+        ([TRUE], BY_3, [10.0], "/heading: declination_deg of the configuration is not used; its records count from "
+         "true north"),
+        ([MAGNETIC], "", [10.0], "/heading: headings are magnetic and are not corrected, because no position is known"),
+    ],
+)  # fmt: skip
+def test_a_declination_is_added_to_magnetic_headings_alone_as_stated_or_by_the_model_of_a_known_place(
+    tmp_path: Path, rows: list[Row], toml: str, headings: list[float], said: str
+) -> None:
+    log = logged(tmp_path, rows, toml)
 
-def test_the_first_gps_fix_may_place_the_compass(tmp_path: Path) -> None:
-    log = logged(tmp_path, [row(WHOI, {"heading": 0.0}), fix(T0, 47.6205, -122.3493)])
-
-    assert heading(log)[0] == pytest.approx(15.3, abs=0.4)
-    assert "(first gps fix)" in log.convention("compass", "declination_deg").note
+    assert heading(log) == pytest.approx(headings, abs=0.4 if 15.3 in headings or 25.3 in headings else 1e-9)
+    texts = [f.text for f in log.findings if f.code in ("KEY-UNUSED", "HEADING-MAGNETIC")]
+    assert [text.startswith(said) for text in texts] == [True] * bool(said)
+    stated = Convention("declination_deg", 3.0, "configuration", "deg") in log.provenance["compass"].conventions
+    assert stated == (headings == [13.0])
+    if 25.3 in headings:
+        assert "(first gps fix)" in log.convention("compass", "declination_deg").note
 
 
 def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Path) -> None:
@@ -203,38 +223,6 @@ def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Pat
         assert heading(logged(tmp_path, [row(kind, {**named, **values})])) == pytest.approx([60.0])
 
     assert heading(logged(tmp_path, [row(IMU, {**named, **turned("orientation", 30.0)})])) == pytest.approx([30.0])
-
-
-def test_a_stated_declination_beats_the_model(tmp_path: Path) -> None:
-    log = logged(tmp_path, [row(WHOI, {"heading": 0.0})], SEATTLE + "[compass]\ndeclination_deg = 3.0")
-
-    assert heading(log) == [3.0]
-    assert Convention("declination_deg", 3.0, "configuration", "deg") in log.provenance["compass"].conventions
-
-
-def test_only_the_magnetic_records_of_a_compass_get_the_declination(tmp_path: Path) -> None:
-    rows = [row(WHOI, {"heading": 10.0, "is_true_heading": true}, k) for k, true in enumerate([True, False])]
-
-    assert heading(logged(tmp_path, rows, "[compass]\ndeclination_deg = 3.0")) == [10.0, 13.0]
-
-
-def test_a_declination_for_true_headings_is_not_used_and_is_reported(tmp_path: Path) -> None:
-    rows = [row(WHOI, {"heading": 10.0, "is_true_heading": True})]
-
-    log = logged(tmp_path, rows, "[compass]\ndeclination_deg = 3.0")
-
-    assert heading(log) == [10.0]
-    assert [f.text for f in log.findings if f.code == "KEY-UNUSED"] == [
-        "/heading: declination_deg of the configuration is not used; its records count from true north"
-    ]
-
-
-def test_a_magnetic_heading_without_a_place_stays_magnetic_and_is_reported(tmp_path: Path) -> None:
-    log = logged(tmp_path, [row(WHOI, {"heading": 10.0})])
-
-    assert heading(log) == [10.0]
-    (text,) = [f.text for f in log.findings if f.code == "HEADING-MAGNETIC"]
-    assert text.startswith("/heading: headings are magnetic and are not corrected, because no position is known")
 
 
 @pytest.mark.parametrize(

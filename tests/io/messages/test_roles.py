@@ -43,13 +43,53 @@ def test_the_usual_topics_are_recognised() -> None:
     assert roles.unresolved == {}
 
 
-@pytest.mark.parametrize(
-    "name", ["/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel", "/twist", "/sim/dvl/usbl"]
-)
-def test_what_is_computed_or_nameless_is_no_sensor(name: str) -> None:
-    topics = [topic(name, DVL.type, TWIST), topic(name, USBL.type, POINT)]
+HDG = topic("/mavros/global_position/compass_hdg", "std_msgs/msg/Float64", ("data",))
+MAVROS_IMU = topic("/mavros/imu/data", IMU_DATA.type, IMU)
+RAW, NAMELESS = topic("/imu/data_raw", IMU_DATA.type, IMU), topic("/sensor_7", IMU_DATA.type, IMU)
+A, B = topic("/a", DVL.type, TWIST), topic("/b", DVL.type, TWIST)
+SHIP_GPS, SHIP_USBL = topic("/ship/gps", GPS.type, GPS.fields), topic("/ship/usbl", USBL.type, POINT)
+SENTENCE = ("x", "y", "target", "fix_status")
+OFFSET, BOW = (topic(f"/{kind}", f"nmea/{kind}", SENTENCE) for kind in ("PEVOSSB_E", "PTSAX"))
+DEGREES = topic("/PTSAG", "nmea/PTSAG", ("lat_deg", "lon_deg", "target", "fix_status"))
+COMPUTED = ("/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel", "/twist", "/sim/dvl/usbl")
 
-    assert taken(choose_roles(LOG, topics, {}, {})) == {}
+
+@pytest.mark.parametrize(
+    ("topics", "options", "configured", "expected"),
+    [
+        # what is computed or nameless is no sensor
+        *(([topic(name, DVL.type, TWIST), topic(name, USBL.type, POINT)], {}, {}, {}) for name in COMPUTED),
+        # a name that suggests the sensor beats a type alone; raw data come after those with orientation
+        ([NAMELESS, IMU_DATA], {}, {}, {"compass": "/imu/data"}),
+        ([NAMELESS], {}, {}, {"compass": "/sensor_7"}),
+        ([RAW, IMU_DATA], {}, {}, {"compass": "/imu/data"}),
+        # latitudes come before offsets, and these before those along the bow
+        ([BOW, OFFSET, DEGREES], {}, {}, {"usbl": "/PTSAG"}),
+        ([BOW, OFFSET], {}, {}, {"usbl": "/PEVOSSB_E"}),
+        # the IMU in the USBL's head is not the compass, and a USBL on the ship is the vehicle's
+        ([topic("/usbl/orientation", IMU_DATA.type, IMU)], {}, {}, {}),
+        ([DVL, SHIP_USBL], {}, {}, {"dvl": DVL.name, "usbl": "/ship/usbl"}),
+        # options beat the configuration, which beats recognition; "none" switches off
+        ([DVL, A, B], {}, {"dvl": "/a"}, {"dvl": "/a"}),
+        ([DVL, A, B], {"dvl": "/b"}, {"dvl": "/a"}, {"dvl": "/b"}),
+        ([GPS, DVL], {"gps": "none"}, {}, {"dvl": "/dvl/twist"}),
+        ([GPS, DVL], {}, {"gps": "none"}, {"dvl": "/dvl/twist"}),
+        ([GPS], {"gps": "/gps/fix"}, {"gps": "none"}, {"gps": "/gps/fix"}),
+        ([DVL, SHIP_GPS], {"gps": "/ship/gps"}, {}, {"dvl": DVL.name, "gps": "/ship/gps"}),
+        ([DVL, SHIP_GPS], {}, {"gps": "/ship/gps"}, {"dvl": DVL.name, "gps": "/ship/gps"}),
+        # a topic used elsewhere leaves the role to the next, and one without messages is none
+        ([HDG, MAVROS_IMU], {"depth": HDG.name}, {}, {"compass": MAVROS_IMU.name, "depth": HDG.name}),
+        ([topic("/dvl/twist", DVL.type, TWIST, count=0)], {}, {}, {}),
+    ],
+)
+def test_a_sensor_is_the_topic_that_is_named_or_else_the_best_by_type_and_name(
+    topics: list[TopicInfo], options: dict[str, str], configured: dict[str, str], expected: dict[str, str]
+) -> None:
+    roles = choose_roles(LOG, topics, options, configured)
+
+    assert taken(roles) == expected
+    assert all(choice.chosen_by == "option" for role, choice in roles.chosen.items() if role in options)
+    assert roles.findings == () or not options
 
 
 def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
@@ -66,23 +106,6 @@ def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
         "/seatrac/point (geometry_msgs/msg/PointStamped, 19 messages, 2.00 Hz); "
         "choose one with --usbl TOPIC or with topic under [usbl] in the configuration"
     )
-
-
-def test_a_name_that_suggests_the_sensor_beats_a_type_alone() -> None:
-    anonymous = topic("/sensor_7", IMU_DATA.type, IMU)
-
-    assert taken(choose_roles(LOG, [anonymous, IMU_DATA], {}, {})) == {"compass": "/imu/data"}
-    assert taken(choose_roles(LOG, [anonymous], {}, {})) == {"compass": "/sensor_7"}
-
-
-def test_raw_imu_data_come_after_those_with_orientation() -> None:
-    raw = topic("/imu/data_raw", IMU_DATA.type, IMU)
-
-    assert taken(choose_roles(LOG, [raw, IMU_DATA], {}, {})) == {"compass": "/imu/data"}
-
-
-HDG = topic("/mavros/global_position/compass_hdg", "std_msgs/msg/Float64", ("data",))
-MAVROS_IMU = topic("/mavros/imu/data", IMU_DATA.type, IMU)
 
 
 def test_an_ordinary_log_of_mavros_has_its_heading_without_a_choice() -> None:
@@ -157,81 +180,38 @@ def test_two_of_one_rank_are_a_choice_whatever_ranks_lower(rank: int) -> None:
     assert f"; {other.name} (" in sentence
 
 
-def test_a_topic_used_elsewhere_leaves_the_role_to_the_next() -> None:
-    roles = choose_roles(LOG, [HDG, MAVROS_IMU], {"depth": HDG.name}, {})
-
-    assert taken(roles) == {"compass": MAVROS_IMU.name, "depth": HDG.name}
-    assert roles.findings == ()
+UNREAD = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")
 
 
-def test_latitudes_come_before_offsets_and_these_before_those_along_the_bow() -> None:
-    fields = ("x", "y", "target", "fix_status")
-    offset, bow = (topic(f"/{kind}", f"nmea/{kind}", fields) for kind in ("PEVOSSB_E", "PTSAX"))
-    degrees = topic("/PTSAG", "nmea/PTSAG", ("lat_deg", "lon_deg", "target", "fix_status"))
+@pytest.mark.parametrize(
+    ("topics", "options", "fault", "said"),
+    [
+        ([DVL, USBL], {"dvl": "/dvl/twits"}, LogError, "no topic /dvl/twits for the dvl; did you mean /dvl/twist? "
+         "(topics in this log: /dvl/twist, /usbl/point)"),
+        ([topic("/dvl/twist", DVL.type, TWIST, count=0)], {"dvl": "/dvl/twist"}, LogError,
+         "/dvl/twist, chosen as dvl, has no messages"),
+        ([GPS], {"dvl": "/gps/fix"}, UsageError,
+         "/gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot be used as dvl (only bottomtrack, dvl, "
+         "groundvelocity, linkquestdvl, nortekdf21, odometry, pd0_bottom_track, pd45_bottom_track, pd6_bi, pd6_bs, "
+         "teledyneexplorerdvl, transducerreportstamped, twiststamped, twistwithcovariancestamped, "
+         "vision_position_delta, viso, waterlinked_velocity, waterlinked_velocity_water, "
+         "or any type whose fields are named by columns under [dvl]; usbldr info --fields /gps/fix lists them)"),
+        ([UNREAD], {"gps": "/gps/fix"}, LogError,
+         "/gps/fix cannot be read as gps: encoding json is not supported"),
+    ],
+)  # fmt: skip
+def test_a_topic_that_is_named_and_cannot_be_used_is_an_error_that_lists_the_others(
+    topics: list[TopicInfo], options: dict[str, str], fault: type[Exception], said: str
+) -> None:
+    (found,) = choose_roles(LOG, topics, options, {}).unresolved.values()
 
-    assert taken(choose_roles(LOG, [bow, offset, degrees], {}, {})) == {"usbl": "/PTSAG"}
-    assert taken(choose_roles(LOG, [bow, offset], {}, {})) == {"usbl": "/PEVOSSB_E"}
-
-
-def test_the_imu_in_the_usbl_head_is_not_the_compass() -> None:
-    assert taken(choose_roles(LOG, [topic("/usbl/orientation", IMU_DATA.type, IMU)], {}, {})) == {}
-
-
-def test_options_beat_the_configuration_which_beats_recognition() -> None:
-    a, b = topic("/a", DVL.type, TWIST), topic("/b", DVL.type, TWIST)
-
-    assert taken(choose_roles(LOG, [DVL, a, b], {}, {"dvl": "/a"})) == {"dvl": "/a"}
-    roles = choose_roles(LOG, [DVL, a, b], {"dvl": "/b"}, {"dvl": "/a"})
-    assert taken(roles) == {"dvl": "/b"}
-    assert roles.chosen["dvl"].chosen_by == "option"
-
-
-@pytest.mark.parametrize(("options", "configured"), [({"gps": "none"}, {}), ({}, {"gps": "none"})])
-def test_none_switches_a_role_off(options: dict[str, str], configured: dict[str, str]) -> None:
-    assert taken(choose_roles(LOG, [GPS, DVL], options, configured)) == {"dvl": "/dvl/twist"}
-
-
-def test_an_option_brings_back_what_the_configuration_switched_off() -> None:
-    assert taken(choose_roles(LOG, [GPS], {"gps": "/gps/fix"}, {"gps": "none"})) == {"gps": "/gps/fix"}
+    assert isinstance(found, fault)
+    assert str(found) == f"dive.mcap: {said}"
 
 
-def test_an_absent_topic_is_an_error_with_the_nearest_and_all_names() -> None:
-    roles = choose_roles(LOG, [DVL, USBL], {"dvl": "/dvl/twits"}, {})
-
-    fault = roles.unresolved["dvl"]
-    assert isinstance(fault, LogError)
-    assert str(fault) == (
-        "dive.mcap: no topic /dvl/twits for the dvl; did you mean /dvl/twist? "
-        "(topics in this log: /dvl/twist, /usbl/point)"
-    )
-
-
-def test_a_topic_without_messages_is_an_error() -> None:
-    empty = topic("/dvl/twist", DVL.type, TWIST, count=0)
-
-    assert str(choose_roles(LOG, [empty], {"dvl": "/dvl/twist"}, {}).unresolved["dvl"]) == (
-        "dive.mcap: /dvl/twist, chosen as dvl, has no messages"
-    )
-    assert taken(choose_roles(LOG, [empty], {}, {})) == {}
-
-
-def test_a_topic_of_a_useless_type_is_an_error_that_lists_the_others() -> None:
-    fault = choose_roles(LOG, [GPS], {"dvl": "/gps/fix"}, {}).unresolved["dvl"]
-
-    assert isinstance(fault, UsageError)
-    assert str(fault) == (
-        "dive.mcap: /gps/fix is of type sensor_msgs/msg/NavSatFix, which cannot be used as dvl "
-        "(only bottomtrack, dvl, groundvelocity, linkquestdvl, nortekdf21, odometry, pd0_bottom_track, "
-        "pd45_bottom_track, pd6_bi, pd6_bs, teledyneexplorerdvl, transducerreportstamped, twiststamped, "
-        "twistwithcovariancestamped, vision_position_delta, viso, waterlinked_velocity, waterlinked_velocity_water, "
-        "or any type whose fields are named by columns under [dvl]; usbldr info --fields /gps/fix lists them)"
-    )
-
-
-def test_an_unreadable_topic_is_an_error_if_it_is_named_and_a_finding_if_it_is_missing() -> None:
-    json = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")
+def test_an_unreadable_topic_is_a_finding_if_it_is_missing() -> None:
     other = topic("/camera/info", "sensor_msgs/msg/CameraInfo", (), problem="encoding json is not supported")
-    without = choose_roles(LOG, [json, other, DVL], {}, {})
+    without = choose_roles(LOG, [UNREAD, other, DVL], {}, {})
 
     assert taken(without) == {"dvl": "/dvl/twist"}
     assert [(finding.code, finding.level, finding.text) for finding in without.findings] == [
@@ -242,11 +222,8 @@ def test_an_unreadable_topic_is_an_error_if_it_is_named_and_a_finding_if_it_is_m
             "--gps none leaves it out",
         )
     ]
-    assert not choose_roles(LOG, [json, GPS, DVL], {}, {}).findings
-    assert not choose_roles(LOG, [json, DVL], {"gps": "none"}, {}).findings
-    assert str(choose_roles(LOG, [json], {"gps": "/gps/fix"}, {}).unresolved["gps"]) == (
-        "dive.mcap: /gps/fix cannot be read as gps: encoding json is not supported"
-    )
+    assert not choose_roles(LOG, [UNREAD, GPS, DVL], {}, {}).findings
+    assert not choose_roles(LOG, [UNREAD, DVL], {"gps": "none"}, {}).findings
 
 
 def test_the_first_slash_of_a_topic_may_be_left_out() -> None:
@@ -261,10 +238,9 @@ def test_a_csv_file_is_found_by_the_last_part_of_its_topic() -> None:
 
 
 def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
-    gps = topic("/ship/gps", GPS.type, GPS.fields)
     gyro = topic("/vessel/imu", IMU_DATA.type, IMU)
 
-    roles = choose_roles(LOG, [DVL, gps, gyro, IMU_DATA], {}, {})
+    roles = choose_roles(LOG, [DVL, SHIP_GPS, gyro, IMU_DATA], {}, {})
 
     assert taken(roles) == {"dvl": DVL.name, "compass": "/imu/data"}
     assert [(finding.code, finding.topic) for finding in roles.findings] == [
@@ -277,13 +253,6 @@ def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
     )
 
 
-def test_a_ship_s_receiver_is_used_if_it_is_named() -> None:
-    gps = topic("/ship/gps", GPS.type, GPS.fields)
-
-    assert taken(choose_roles(LOG, [DVL, gps], {"gps": "/ship/gps"}, {})) == {"dvl": DVL.name, "gps": "/ship/gps"}
-    assert taken(choose_roles(LOG, [DVL, gps], {}, {"gps": "/ship/gps"})) == {"dvl": DVL.name, "gps": "/ship/gps"}
-
-
 def test_on_a_boat_with_its_own_dvl_the_word_distinguishes_nothing() -> None:
     names = ("/boat/dvl", "/boat/imu", "/boat/gps")
     kinds = (DVL.type, IMU_DATA.type, GPS.type)
@@ -293,12 +262,6 @@ def test_on_a_boat_with_its_own_dvl_the_word_distinguishes_nothing() -> None:
 
     assert taken(roles) == dict(zip(("dvl", "compass", "gps"), names, strict=True))
     assert roles.findings == ()
-
-
-def test_a_usbl_on_the_ship_is_the_vehicle_s_usbl() -> None:
-    usbl = topic("/ship/usbl", "geometry_msgs/msg/PointStamped", ("header.stamp", "point.x", "point.y", "point.z"))
-
-    assert taken(choose_roles(LOG, [DVL, usbl], {}, {})) == {"dvl": DVL.name, "usbl": "/ship/usbl"}
 
 
 @given(first=st.integers(1, 9), second=st.integers(1, 9), other=st.sampled_from(["TwistStamped", "String"]))
