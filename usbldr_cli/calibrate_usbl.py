@@ -208,9 +208,9 @@ def _print_plan(scenario: str, depth_m: float | None, depth_sd_m: float) -> None
     import numpy as np
 
     from usbldr.filters.simulation.usbl_survey import simulate_survey
-    from usbldr.filters.usbl_survey.calibration import expected_cov, known_of
-    from usbldr.filters.usbl_survey.verdict import effects_m
-    from usbldr.io.reports.usbl_calibration import plan_table
+    from usbldr.filters.usbl_survey.calibration import known_of
+    from usbldr.filters.usbl_survey.verdict import planned
+    from usbldr.io.reports.usbl_calibration import plan_table, states
     from usbldr.io.scenarios.survey_scenarios import find_survey, is_survey
     from usbldr_cli.tables.run_table import aligned
 
@@ -219,7 +219,7 @@ def _print_plan(scenario: str, depth_m: float | None, depth_sd_m: float) -> None
     chosen = find_survey(scenario)
     survey = simulate_survey(chosen, 0)
     noise = (chosen.range_sd_m, float(np.radians(chosen.angle_sd_deg)))
-    cov = expected_cov(survey, chosen.true_values, known_of(chosen.true_values, depth_m, depth_sd_m), noise)
+    rows = planned(survey, chosen.true_values, known_of(chosen.true_values, depth_m, depth_sd_m), noise)
     minutes = chosen.duration_s / 60
     click.echo(f"{chosen.name}: {len(survey)} fixes in {minutes:.0f} min, {chosen.about}\n")
-    click.echo(aligned(plan_table(chosen.true_values, np.sqrt(np.diag(cov)), effects_m(survey))))
+    click.echo("\n\n".join(part for part in (aligned(plan_table(rows)), "\n".join(states(rows))) if part))

@@ -12,7 +12,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from usbldr.filters.types import Array, Mask, Vector
-from usbldr.filters.usbl_survey.calibration import Installation, Known, assumed, calibrated, cost, halves
+from usbldr.filters.usbl_survey.calibration import (
+    Installation,
+    Known,
+    assumed,
+    calibrated,
+    cost,
+    expected_cov,
+    halves,
+)
 from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed
 
 SETTLED_SHARE = 0.25  # of the noise of one fix: an error this small adds 3 % to its scatter
@@ -121,16 +129,42 @@ def _with_latencies(
     """
     fit = calibrated(survey, stated, known)
     rows = described(survey, fit)
-    unsettled = [k for k in LATENCIES if rows[k].open]
+    unsettled = _unsettled(rows)
     if not unsettled:
         return fit, known, {}
-    values, sd, start = known.values.copy(), known.sd.copy(), fit.values.copy()
-    values[unsettled] = start[unsettled] = stated[unsettled]
-    sd[unsettled] = SYNCHRONISED_S
-    known = Known(values, sd)
+    known = _synchronised(known, stated, unsettled)
+    start = fit.values.copy()
+    start[unsettled] = stated[unsettled]
     fit = calibrated(survey, start, known, starts=False)
-    as_stated = {k: rows[k]._replace(value=float(stated[k]), sd=SYNCHRONISED_S, open=False) for k in unsettled}
-    return fit, known, {one.name: one._replace(assumed=True) for one in as_stated.values()}
+    return fit, known, {NAMES[k]: _assumed(rows[k], float(stated[k])) for k in unsettled}
+
+
+def planned(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> list[Parameter]:
+    """Return what `judged` will say of a survey with Student-t errors of these sigmas (metres, radians)."""
+
+    def expected(known: Known) -> list[Parameter]:
+        cov = expected_cov(survey, values, known, sd)
+        return described(survey, Installation(values, cov, known.sd, *sd, np.ones(len(survey), dtype=np.bool_)))
+
+    rows = expected(known)
+    unsettled = _unsettled(rows)
+    settled = expected(_synchronised(known, values, unsettled))
+    return [_assumed(rows[k], float(values[k])) if k in unsettled else one for k, one in enumerate(settled)]
+
+
+def _unsettled(rows: list[Parameter]) -> list[int]:
+    return [k for k in LATENCIES if rows[k].open]
+
+
+def _synchronised(known: Known, stated: Vector, unsettled: list[int]) -> Known:
+    """Return what is known if the latencies with these numbers are as stated."""
+    values, sd = known.values.copy(), known.sd.copy()
+    values[unsettled], sd[unsettled] = stated[unsettled], SYNCHRONISED_S
+    return Known(values, sd)
+
+
+def _assumed(one: Parameter, stated: float) -> Parameter:
+    return one._replace(value=stated, sd=SYNCHRONISED_S, open=False, assumed=True)
 
 
 def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:

@@ -9,7 +9,6 @@ import numpy as np
 import tomlkit
 from tomlkit.items import InlineTable
 
-from usbldr.filters.types import Vector
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
 from usbldr.filters.usbl_survey.verdict import Parameter, SurveyVerdict, Verdict
 from usbldr.io.findings import Finding
@@ -155,13 +154,17 @@ def summary(found: Calibration) -> str:
 
 def notes(found: Calibration) -> list[str]:
     """Return what is left open, and what else there is to say."""
-    states: dict[str, list[str]] = {}
-    for one in found.verdict.parameters:
-        if text := state_text(one):
-            states.setdefault(text, []).append(name_of(one.name))
-    lines = [f"{', '.join(names)}: {text}" for text, names in states.items()]
-    lines += found.remarks
+    lines = [*states(found.verdict.parameters), *found.remarks]
     return [*lines, *(f"{finding.code}: {finding.text}" for finding in found.findings)]
+
+
+def states(parameters: Sequence[Parameter]) -> list[str]:
+    """Return which parameters are open or taken as stated, and what would settle them."""
+    names: dict[str, list[str]] = {}
+    for one in parameters:
+        if text := state_text(one):
+            names.setdefault(text, []).append(name_of(one.name))
+    return [f"{', '.join(named)}: {text}" for text, named in names.items()]
 
 
 def page(found: Calibration, figures: Sequence[Block]) -> Page:
@@ -249,9 +252,11 @@ def _put(section: Any, key: str, one: Parameter, digits: int) -> None:
     section[key].comment(f"± {one.sd:.{digits}f}")
 
 
-def plan_table(values: Vector, sd: Vector, effects_m: Vector) -> Table:
+def plan_table(planned: Sequence[Parameter]) -> Table:
     """Return the sigmas that a planned survey will reach."""
     rows: list[tuple[str, str, str]] = []
-    for (label, unit, digits), error, effect in zip(LABELS.values(), sd, effects_m * sd, strict=True):
-        rows.append((label, f"{error:.{digits}f} {unit}".strip(), f"{effect:.3f} m"))
+    for one in planned:
+        _, unit, digits = LABELS[one.name]
+        sigma = "as stated" if one.assumed else f"{one.sd:.{digits}f} {unit}".strip()
+        rows.append((name_of(one.name), sigma, f"{one.effect_m:.3f} m"))
     return Table("installation", ("sigma", "moves a fix by"), tuple(rows))

@@ -57,14 +57,17 @@ def box_in(seed):
     mount = Rotation.from_euler("ZYX", list(MOUNT_DEG.values()), degrees=True)
     pinged = np.arange(40, len(t) - 40, 40)
     antenna = np.column_stack([north_east, np.zeros(len(t))])
-    seen = mount.inv().apply(ship[pinged].inv().apply(BEACON_NED_M - antenna[pinged]) - ARM_FRD_M)
+    seen = mount.inv().apply(
+        Rotation.from_quat(ship.as_quat()[pinged]).inv().apply(BEACON_NED_M - antenna[pinged]) - ARM_FRD_M
+    )
     reach = np.linalg.norm(seen, axis=1)
     sd_deg = np.where(rng.random(len(reach)) < 0.03, 10.0, 0.25)[:, None]
     # small rotations of the head's own axes, heavy-tailed
     wrong = Rotation.from_rotvec(sd_deg * rng.standard_t(4, (len(reach), 3)), degrees=True)
     measured = wrong.apply(seen / reach[:, None]) * (reach / 0.99 + 0.1 * rng.standard_t(4, len(reach)))[:, None]
     noise_m = rng.normal(0, 0.02, (2, len(t)))
-    lat, lon, _ = pymap3d.ned2geodetic(*(north_east.T + noise_m), 0.0, *ORIGIN)
+    north, east = north_east.T + noise_m
+    lat, lon, _ = pymap3d.ned2geodetic(north, east, 0.0, ORIGIN[0], ORIGIN[1], ORIGIN[2])
     noisy = ship * Rotation.from_euler("ZYX", rng.normal(0, 0.02, (len(t), 3)), degrees=True)
     return t, lat, lon, noisy, t[pinged], measured
 

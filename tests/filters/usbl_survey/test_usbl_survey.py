@@ -10,7 +10,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.usbl_survey import simulate_survey
 from usbldr.filters.usbl_survey.calibration import assumed, calibrated, expected_cov, halves, known_of
 from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, attitude_matrix, placed, residuals, seen_from_head
-from usbldr.filters.usbl_survey.verdict import judged, levelled
+from usbldr.filters.usbl_survey.verdict import judged, levelled, planned
 from usbldr.io.scenarios.survey_scenarios import find_survey
 
 BOX, CIRCLE, SPIN = (find_survey(f"survey-{pattern}") for pattern in ("box", "circle", "spin"))
@@ -62,8 +62,13 @@ def test_bearing_and_range_of_a_hand_made_fix():
     assert seen_from_head(replace(survey, ship=there), values)[0] == pytest.approx([0, 30, -40])
 
 
+GOALS = [0.078, 0.039, 0.026, 0.00039, 0.13]  # roll, pitch, heading, scale, starboard arm: of RMS errors
+
+
 def test_a_box_finds_the_errors_within_their_sigmas(fits):
-    z = np.array([(fit.values - BOX.true_values) / fit.sd for fit in fits])[:, ERRORS]
+    error = np.array([fit.values - BOX.true_values for fit in fits])[:, ERRORS]
+    assert (np.sqrt(np.mean(error**2, axis=0))[:5] < GOALS).all()
+    z = error / np.array([fit.sd[ERRORS] for fit in fits])
     assert 0.75 < np.sqrt(np.mean(z**2)) < 1.3  # 96 numbers, correlated in pairs
     assert np.abs(z).max() < 4.5
 
@@ -97,6 +102,11 @@ def test_a_pattern_that_leaves_errors_open_names_them_and_the_leg(scenario, pair
     assert found.result == "open"
     rivals = {(one.name, one.rival) for one in found.parameters if one.open}
     assert pairs <= rivals
+    noise = (scenario.range_sd_m, np.radians(scenario.angle_sd_deg))
+    plan = planned(simulate_survey(scenario, 0), scenario.true_values, KNOWN, noise)
+    assert pairs <= {(one.name, one.rival) for one in plan if one.open}
+    reached, expected = (np.array([one.sd for one in rows]) for rows in (found.parameters, plan))
+    assert reached / expected == pytest.approx(np.ones(11), abs=0.25)
     assert all(one.leg for one in found.parameters if one.open or one.assumed)
 
 
