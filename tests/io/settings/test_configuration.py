@@ -48,12 +48,12 @@ def written(tmp_path: Path, text: str) -> Path:
         ("[compass]\nconvention = 'NWU'", "[compass] convention: NWU is not allowed (allowed: ENU, NED, compass)"),
         ("[usbl]\nsd_m = 'messages'", "[usbl] sd_m: messages is not allowed (allowed: a number, message)"),
         ("[usbl]\nframe = 'body'", "[usbl]: the head's position is missing (head = { lat_deg = ..., lon_deg = ..., "
-         "depth_m = ... })"),
+         "depth_m = ... }, or on a ship { topic = ..., heading_topic = ... })"),
         ("[usbl]\nhead = { topic = '/ship', east_m = 1.0 }", "[usbl] head: state either the head's "
          "position or its topic"),
         ("[usbl]\nhead = { lat_deg = 1.0 }", "[usbl] head: state either lat_deg and lon_deg or east_m and north_m"),
         ("[usbl]\nrelative_to = 'head'", "[usbl]: the head's position is missing (head = { lat_deg = ..., lon_deg = "
-         "..., depth_m = ... })"),
+         "..., depth_m = ... }, or on a ship { topic = ..., heading_topic = ... })"),
         ("[usbl]\nsd_m = 1.0\nbearing_sd_deg = 1.0", "[usbl]: sd_m cannot be combined with range_sd_m, range_sd_rel "
          "or bearing_sd_deg"),
         ("[map]\norigin_lat_deg = 1.0", "[map]: the key origin_lon_deg is missing"),
