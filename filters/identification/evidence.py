@@ -13,6 +13,7 @@ numbers of the run; the other errors become states of the filter.
 """
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -109,14 +110,14 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
     # linear in both, half a turn is a scale of 2: they are the parts of one factor on dead reckoning
     factor = 1 - value["dvl_scale"] + 1j * value["heading_bias"]
     value |= {"dvl_scale": 1 / max(abs(factor), LEAST_FACTOR) - 1, "heading_bias": float(np.angle(factor))}
-    far = [key for key in FAR_KEYS if any(abs(value[s]) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
+    fit = fit_rotation(timeline, segment_numbers(timeline, timeline.fix_time_s), WIDE_LATENCIES_S)
+    scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
+    start = {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
+    far = [key for key in FAR_KEYS if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     if not far:
         return [usual]
-    fit = fit_rotation(timeline, segment_numbers(timeline, timeline.fix_time_s), WIDE_LATENCIES_S)
-    scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
-    start = {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
     errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in far})
     wide = _about(
         Member(replace(stated, errors=errors), usual.present), {s: start[s] for key in far for s in KEYS[key]}
@@ -185,15 +186,16 @@ def _present(score: Vector, subsets: Sequence[frozenset[str]]) -> tuple[frozense
     Turned or scaled fixes of a head that rests are a turned compass or a scaled DVL: these are present, too, unless the
     evidence against them is strong, also where the two hide each other: the track depends on their shares.
     """
-    best = subsets[int(np.argmax(score))]
+    scores = dict(zip(subsets, score.tolist(), strict=True))
+    best = max(subsets, key=scores.__getitem__)
     present = named = best
     if len(best & LEVER_OR_LATENCY) == 1:
-        other = subsets.index(best ^ LEVER_OR_LATENCY)
-        present |= LEVER_OR_LATENCY if score.max() - score[other] < -LOG_PRIOR_ODDS else best
+        other = scores.get(best ^ LEVER_OR_LATENCY, -math.inf)
+        present |= LEVER_OR_LATENCY if scores[best] - other < -LOG_PRIOR_ODDS else best
         named = present
     for head, vehicle in HEAD_OR_VEHICLE:
-        if head in subsets[-1] and np.isfinite(score[both := subsets.index(best | {head, vehicle})]):
-            gained = score[both] - score[subsets.index((best | {head}) - {vehicle})] - LOG_PRIOR_ODDS
+        if math.isfinite(both := scores.get(best | {head, vehicle}, -math.inf)):
+            gained = both - scores[(best | {head}) - {vehicle}] - LOG_PRIOR_ODDS
             present |= {head, vehicle} if gained > LOG_PRIOR_ODDS else {head}
     return present, named
 

@@ -8,11 +8,11 @@ import pytest
 
 from usbldr.filters.identification.conclusions import Choice, explanations
 from usbldr.filters.identification.evidence import _present, identify, subsets_of
-from usbldr.filters.identification.identification import Identification
+from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
-from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.filters.replay.run import run
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
@@ -168,6 +168,15 @@ def test_the_truth_has_no_part_and_the_same_log_gives_the_same() -> None:
     assert identify(line, ASSUMED) == identify(line, ASSUMED) == identify(other, ASSUMED)
 
 
+def test_an_error_that_is_stated_to_be_none_is_not_looked_for() -> None:
+    none = replace(ASSUMED, errors=SensorErrors(dvl_lever_m=0.0, dvl_clock_s=0.0))
+
+    found = identify(weaving_dive(Faults(usbl_latency_s=2.0), seconds=150), none)
+
+    assert set(found.estimates) == {"usbl_latency_s"}
+    assert not {error.key for error in found.evidence} & {LEVER, CLOCK}
+
+
 def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     score = np.full(len(SUBSETS), -50.0)
     for keys, value in (
@@ -195,19 +204,28 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     assert Identification(ASSUMED, explanations=(best,)).contested == set()
 
 
-def test_late_fixes_at_one_speed_are_a_latency_or_a_lever_arm_of_the_whole_size() -> None:
-    """At a constant speed of 1.2 m/s fixes that are 5 s late lie where a DVL 6 m ahead would put them."""
+def test_a_latency_far_beyond_the_usual_is_no_lever_arm_if_the_vehicle_turns() -> None:
+    """At a constant speed of 1.2 m/s fixes that are 5 s late lie where a DVL 6 m ahead would put them, but in turns."""
     log = simulated_log(find_scenario("square"), 3)
     line = timeline(log)
 
     found = identify(replace(line, fix_time_s=line.fix_time_s + 5.0), log.parameters)
 
-    value = {one.name: one for explanation in found.explanations for one in explanation.estimates}
-    late, ahead = value["usbl_latency_s"], value["dvl_lever_forward_m"]
-    assert late.value == pytest.approx(5.0, abs=4 * late.sd)
-    assert late.sd < 0.2  # of a latency alone; beside a lever arm it was 0.7 s, and wrong by 4.4 s
-    assert ahead.value == pytest.approx(6.0, abs=4 * ahead.sd)
-    assert found.contested == {LEVER, "latency"}
-    assert not {"usbl_latency_s", "dvl_lever_forward_m"} & set(found.estimates)
-    assert "more than is usual: at one speed" in found.lever_or_latency_text
+    assert set(found.estimates) == {"usbl_latency_s"}
+    assert found.estimates["usbl_latency_s"].value == pytest.approx(5.0, abs=4 * found.estimates["usbl_latency_s"].sd)
+    assert found.estimates["usbl_latency_s"].sd < 0.2
+
+
+@pytest.mark.parametrize(("late_s", "ahead_m", "unusual"), [(5.0, 6.0, True), (2.0, 2.4, False)])
+def test_a_lever_arm_or_a_latency_that_is_larger_than_usual_is_said_to_be(
+    late_s: float, ahead_m: float, unusual: bool
+) -> None:
+    late = Explanation(("latency",), 0.0, (ErrorEstimate("usbl_latency_s", late_s, 0.1),))
+    ahead = Explanation((LEVER,), -1.0, (ErrorEstimate("dvl_lever_forward_m", ahead_m, 0.1),))
+
+    found = Identification(ASSUMED, explanations=(late, ahead))
+
+    assert f"{late_s:.2f} ± 0.10 s late" in found.lever_or_latency_text
+    assert f"{ahead_m:.2f} ± 0.10 m further ahead" in found.lever_or_latency_text
+    assert ("more than is usual: at one speed" in found.lever_or_latency_text) == unusual
     assert found.lever_or_latency_text in "".join(found.warnings)
