@@ -158,16 +158,6 @@ def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
     assert str(fault.value) == f"{file}: [usbl] target: /usbl holds no fix of 7 (its targets: {targets})"
 
 
-def test_a_stonefish_beacon_is_seen_from_the_bow(tmp_path: Path) -> None:
-    """Forward, starboard, down; the head is turned to the east."""
-    values = {"relative_position.x": 30.0, "relative_position.y": 4.0, "relative_position.z": 12.0}
-    toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
-
-    assert places(logged(tmp_path, [row("stonefish_ros2/msg/BeaconInfo", values)], toml))[0] == pytest.approx(
-        [130, 196]
-    )
-
-
 HOLOOCEAN = "holoocean_interfaces/msg/AcousticBeaconSensor"
 ABEAM: Mapping[str, Any] = {  # to port, 30 deg below the horizon, 50 m away
     "timestamp": T0,
@@ -179,33 +169,53 @@ ABEAM: Mapping[str, Any] = {  # to port, 30 deg below the horizon, 50 m away
 }
 
 
-def test_a_holoocean_beacon_is_seen_from_the_bow_counter_clockwise(tmp_path: Path) -> None:
-    """The bow points to the east, so that port is north."""
-    toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
-
-    log = logged(tmp_path, [row(HOLOOCEAN, ABEAM, 0.25)], toml)
-
-    assert places(log)[0] == pytest.approx([100, 200 + 50 * math.cos(math.radians(30))], abs=1e-4)
-    assert log.start_ns == T0
-    assert Convention("time", "timestamp", "type") in log.provenance["usbl"].conventions
+EASTWARD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
+BEACON = "[usbl]\nbeacon = { east_m = 100.0, north_m = 200.0 }"
+STONEFISH = {"relative_position.x": 30.0, "relative_position.y": 4.0, "relative_position.z": 12.0}
+NORTHWARD = {"includes_position": True, "position_easting": 0, "position_northing": 1000}
+LEVEL_M, TURN = 50 * math.cos(math.radians(30)), math.radians(10)
+OF_RANGER = {"position.latitude": 45.0009, "position.longitude": 7.0, "position.altitude": -30.0}
 
 
-def test_a_holoocean_vehicle_may_carry_the_usbl_head(tmp_path: Path) -> None:
-    """It heads east and has the beacon to port, so it is south of it."""
-    toml = "[usbl]\nbeacon = { east_m = 100.0, north_m = 200.0 }"
-    east = [yaw(T0 + k * SECOND, 0.0) for k in range(-1, 2)]
+def cola2(lat: float, lon: float, k: int) -> Row:
+    return row(POSE_COVARIANCE, {"pose.pose.position.x": lat, "pose.pose.position.y": lon}, k)
 
-    log = logged(tmp_path, [*east, row(HOLOOCEAN, ABEAM)], toml)
 
-    assert places(log)[0] == pytest.approx([100, 200 - 50 * math.cos(math.radians(30))], abs=1e-4)
+@pytest.mark.parametrize(
+    ("rows", "toml", "east_north_m"),
+    [
+        # forward, starboard, down of a head whose bow points to the east
+        ([row("stonefish_ros2/msg/BeaconInfo", STONEFISH)], EASTWARD, [130, 196]),
+        # counter-clockwise from that bow: port is north
+        ([row(HOLOOCEAN, ABEAM, 0.25)], EASTWARD, [100, 200 + LEVEL_M]),
+        # the vehicle carries the head, heads east and has the beacon to port, so it is south of it
+        ([*(yaw(T0 + k * SECOND, 0.0) for k in range(-1, 2)), row(HOLOOCEAN, ABEAM)], BEACON, [100, 200 - LEVEL_M]),
+        # Sonardyne's points are known by their topic
+        ([row("geographic_msgs/msg/GeoPointStamped", OF_RANGER, topic="/ranger/positions/AUV")], MAP,
+         [0, 0.0009 * 111132]),
+        # 10 deg east of true north: a point 100 m along magnetic north is 17.4 m east
+        ([row(SEATRAC_RAW, NORTHWARD)], HEAD + "mount_deg = 10.0",
+         [100 + 100 * math.sin(TURN), 200 + 100 * math.cos(TURN)]),
+        # metres far from the degrees of the origin stay metres
+        ([cola2(5.0 + 1e-3 * k, 3.0, k) for k in range(4)], MAP, [5, 3]),
+    ],
+)  # fmt: skip
+def test_a_fix_lies_along_the_axes_of_its_own_system(
+    tmp_path: Path, rows: list[Row], toml: str, east_north_m: list[float]
+) -> None:
+    log = logged(tmp_path, rows, toml)
+
+    assert places(log)[0] == pytest.approx(east_north_m, abs=0.1 if toml == MAP else 1e-4)
+    if rows[0][2] == HOLOOCEAN:
+        assert log.start_ns == T0
+        assert Convention("time", "timestamp", "type") in log.provenance["usbl"].conventions
 
 
 @pytest.mark.parametrize("kind", ["OWAY", "OWAYU", "MSG_REQ", "MSG_RESP", "MSG_REQU", "MSG_REQX", ""])
 def test_only_replies_with_a_range_are_fixes(tmp_path: Path, kind: str) -> None:
-    toml = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0, heading_deg = 90.0 }"
     messages = [{**ABEAM, "timestamp": T0 + k * SECOND, "msg_type": m} for k, m in enumerate(["MSG_RESPX", kind])]
 
-    log = logged(tmp_path, [row(HOLOOCEAN, values, k) for k, values in enumerate(messages)], toml)
+    log = logged(tmp_path, [row(HOLOOCEAN, values, k) for k, values in enumerate(messages)], EASTWARD)
 
     assert len(places(log)) == 1
     assert "1 of range or angle alone" in codes(log)["USBL-INVALID"]
@@ -274,13 +284,6 @@ def test_an_unknown_layout_is_refused_by_its_name(tmp_path: Path) -> None:
         logged(tmp_path, [row("collaborative/msg/USBL", {})], '[usbl]\ntopic = "/usbl"')
 
 
-def test_sonardynes_points_are_known_by_their_topic(tmp_path: Path) -> None:
-    values = {"position.latitude": 45.0009, "position.longitude": 7.0, "position.altitude": -30.0}
-    point = row("geographic_msgs/msg/GeoPointStamped", values, topic="/ranger/positions/AUV")
-
-    assert places(logged(tmp_path, [point], MAP))[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
-
-
 def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
     """Water Linked's UGPS is polled at 5 Hz; each fix comes with new stamps until there is another."""
     rows = [
@@ -291,10 +294,6 @@ def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
 
     assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 1, 2])
     assert codes(log)["USBL-REPEATED"].startswith("/waterlinked/fix: 12 of 15 fixes repeat the previous one")
-
-
-def cola2(lat: float, lon: float, k: int) -> Row:
-    return row(POSE_COVARIANCE, {"pose.pose.position.x": lat, "pose.pose.position.y": lon}, k)
 
 
 def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
@@ -340,19 +339,3 @@ def test_a_statement_of_metres_is_followed(tmp_path: Path, stated: str) -> None:
     log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)], f"{MAP}[usbl]\n{stated}")
 
     assert sorted(places(log)[0]) == pytest.approx([7, 45])
-
-
-def test_metres_far_from_the_origins_degrees_stay_metres(tmp_path: Path) -> None:
-    log = logged(tmp_path, [cola2(5.0 + 1e-3 * k, 3.0, k) for k in range(4)], MAP)
-
-    assert places(log)[0] == pytest.approx([5, 3])
-
-
-def test_a_magnetic_north_is_turned_by_its_declination(tmp_path: Path) -> None:
-    """10 deg east: a point 100 m along magnetic north is 17.4 m east of true north."""
-    fix = {"includes_position": True, "position_easting": 0, "position_northing": 1000}
-
-    log = logged(tmp_path, [row(SEATRAC_RAW, fix)], HEAD + "mount_deg = 10.0")
-
-    angle = math.radians(10)
-    assert places(log)[0] == pytest.approx([100 + 100 * math.sin(angle), 200 + 100 * math.cos(angle)])

@@ -38,7 +38,7 @@ def interpreted(file: Path) -> tuple[Any, ...]:
     return list(table.lines), dict(table.left_out), table.cut_line, texts, values
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     table=st.lists(columns, min_size=2, max_size=3),
     end=st.sampled_from(["\n", "\n", "\r\n", ""]),
