@@ -10,10 +10,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from click import ClickException
 from click.testing import CliRunner, Result
 
 from usbldr.filters.errors import UsbldrError
-from usbldr_cli.main import cli
+from usbldr_cli.main import cli, one_line
 
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 
@@ -28,6 +29,16 @@ def run(*arguments: object) -> Result:
         raise AssertionError(f"usbldr {' '.join(words)}: {done.exception!r}") from done.exception
     assert "\n" not in str(done.exception or "")
     return done
+
+
+def finished(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a command as `run` does; return its exit code and output as a shell has them."""
+    done = run(*arguments)
+    code, fault = done.return_value or 0, ""
+    if isinstance(done.exception, UsbldrError | ClickException):
+        text = one_line(done.exception) if isinstance(done.exception, ClickException) else done.exception
+        code, fault = done.exception.exit_code, f"usbldr: {text}\n"
+    return subprocess.CompletedProcess([str(one) for one in arguments], code, done.stdout, done.stderr + fault)
 
 
 def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:

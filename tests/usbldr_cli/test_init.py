@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import scipy.io
 
-from commands import findings, run
+from commands import findings, output_of, run
 from curved import curved_dive, in_radians
 from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
@@ -27,38 +27,41 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_mcap(tmp_path_factory.mktemp("init") / "dive.mcap", curved_dive(**MIRRORED, mount_deg=-50.0, gps=True))
 
 
-def test_the_file_says_how_the_log_was_made(log: Path, tmp_path: Path) -> None:
+def initialised(log: Path, target: Path) -> tuple[str, dict[str, Any]]:
+    """Return the text that init writes, and what it states."""
+    output_of("init", log, "--output", target, "--force")
+    text = target.read_text(encoding="utf-8")
+    return text, tomllib.loads(text)
+
+
+def accepted(log: Path, target: Path) -> None:
+    """Check that replay takes the configuration."""
+    output_of("replay", log, "--config", target, "--filter", "dr", "--output", target.with_name("run"))
+
+
+def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log: Path, tmp_path: Path) -> None:
     target = tmp_path / "found.toml"
 
-    done = run("init", str(log), "--output", str(target))
+    done = run("init", log, "--output", target)
 
-    assert done.exception is None, done.exception
     assert done.output.startswith(f"{target}: written; check the 2 lines marked CHECK\n")
-    found = tomllib.loads(target.read_text(encoding="utf-8"))
+    text = target.read_text(encoding="utf-8")
+    found = tomllib.loads(text)
     assert found["dvl"]["topic"] == "/dvl"
     assert found["dvl"]["axes"] == "FRD"
     assert found["dvl"]["mount_deg"] == pytest.approx(-50.0, abs=1.0)
     assert found["compass"]["convention"] == "NED"
     assert found["usbl"]["frame"] == "NED"
     assert found["depth"]["topic"] == "none"
-
-
-def test_every_key_says_where_its_value_comes_from(log: Path, tmp_path: Path) -> None:
-    target = tmp_path / "found.toml"
-    run("init", str(log), "--output", str(target))
-
-    lines = target.read_text(encoding="utf-8").splitlines()
-
-    keys = [line for line in lines if " = " in line and not line.startswith(("#", "schema"))]
+    keys = [line for line in text.splitlines() if " = " in line and not line.startswith(("#", "schema"))]
     assert len(keys) > 15
-    for line in keys:
-        assert "  # " in line, line
+    assert [line for line in keys if "  # " not in line] == []
 
 
 @pytest.mark.long
 def test_replay_accepts_the_file_and_the_doctor_finds_the_log_cured(log: Path, tmp_path: Path) -> None:
     target = tmp_path / "found.toml"
-    run("init", str(log), "--output", str(target))
+    run("init", log, "--output", str(target))
 
     done = run("replay", str(log), "--config", str(target), "--filter", "ekf", "--output", str(tmp_path / "run"))
 
@@ -74,10 +77,10 @@ def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tm
     copy.write_bytes(log.read_bytes())
     place = tmp_path / "dive.usbldr.toml"
 
-    first = run("init", str(copy))
+    first = run("init", copy)
     place.write_text("schema = 1\n# mine\n", encoding="utf-8")
-    refused, untouched = run("init", str(copy)), place.read_text(encoding="utf-8")
-    forced = run("init", str(copy), "--force")
+    refused, untouched = run("init", copy), place.read_text(encoding="utf-8")
+    forced = run("init", copy, "--force")
 
     assert first.exception is None
     assert isinstance(refused.exception, UsageError)
@@ -92,7 +95,7 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
     rows = [row for row in curved_dive(gps=True) if row[1] != "/gps/fix" or row[0] % (60 * SECOND) < 3 * SECOND]
     log = write_mcap(tmp_path / "dive.mcap", rows)
 
-    done = run("init", str(log))
+    done = run("init", log)
 
     assert "state origin_lat_deg and origin_lon_deg under [map], or head under [usbl]" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
@@ -107,7 +110,7 @@ def test_an_unknown_map_is_said_and_the_place_where_fixes_meet_gps_is_proposed_o
 def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", in_radians(curved_dive(gps=True)))
 
-    run("init", str(log))
+    run("init", log)
 
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
     assert re.search(r'^unit = "rad" +# by the fixes, instead of deg \(default\)$', text, re.MULTILINE)
@@ -122,7 +125,7 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
     raw = [point(T0 + k * SECOND, 0.0, 0.0, topic="/usbl/raw") for k in range(5)]
     undecided = write_mcap(tmp_path / "dive.mcap", sorted([*curved_dive(), *raw], key=lambda row: row[0]))
 
-    done = run("init", str(undecided))
+    done = run("init", undecided)
 
     assert "check the 2 lines marked CHECK" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
@@ -133,7 +136,7 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 def test_a_log_that_no_configuration_can_mend_gets_none(tmp_path: Path) -> None:
     compass = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] == "/imu"])
 
-    done = run("init", str(compass))
+    done = run("init", compass)
 
     assert isinstance(done.exception, LogError)
     assert "no dvl data (sensors in this log: compass)" in str(done.exception)
@@ -166,13 +169,8 @@ def of_unknown_types(rows: list[Row]) -> list[Row]:
 
 def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", of_unknown_types(in_radians(curved_dive(dvl="FRD"))))
-    target = tmp_path / "found.toml"
+    text, found = initialised(log, tmp_path / "found.toml")
 
-    done = run("init", str(log), "--output", str(target))
-
-    assert done.exception is None, done.output
-    text = target.read_text(encoding="utf-8")
-    found = tomllib.loads(text)
     assert found["dvl"]["topic"] == "/acme/lock"
     assert found["dvl"]["columns"] == {
         "time_unix_s": "stamp_s",
@@ -182,8 +180,7 @@ def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_pa
     assert found["compass"]["columns"] == {"heading": "heading_rad"}
     assert found["dvl"]["axes"] == "FRD"
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
-    done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
-    assert done.return_value == 0, done.output
+    accepted(log, tmp_path / "found.toml")
 
 
 def test_the_depth_of_a_transponder_is_no_depth_sensor(tmp_path: Path) -> None:
@@ -195,10 +192,8 @@ def test_the_depth_of_a_transponder_is_no_depth_sensor(tmp_path: Path) -> None:
     ]
     log = write_mcap(tmp_path / "dive.mcap", sorted([*(r for r in rows if "point.x" not in r[3]), *acoustic]))
 
-    done = run("init", str(log), "--output", str(tmp_path / "found.toml"))
+    _, found = initialised(log, tmp_path / "found.toml")
 
-    assert done.exception is None, done.output
-    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     assert found["usbl"]["columns"] == {"x": "east_m", "y": "north_m"}
     assert found["depth"]["topic"] == "none"
 
@@ -218,21 +213,17 @@ def without_units(folder: Path) -> Path:
 
 
 def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None:
-    log, target = without_units(tmp_path / "dive"), tmp_path / "found.toml"
+    log = without_units(tmp_path / "dive")
 
-    done = run("init", str(log), "--output", str(target))
+    text, found = initialised(log, tmp_path / "found.toml")
 
-    assert done.exception is None, done.output
-    text = target.read_text(encoding="utf-8")
-    found = tomllib.loads(text)
     assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
     assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
     assert found["dvl"]["axes"] == "FRD"
     assert found["compass"]["unit"] == "deg"
     assert text.count("# by the names of its columns") == 2
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
-    done = run("replay", str(log), "--config", str(target), "--filter", "dr", "--output", str(tmp_path / "run"))
-    assert done.return_value == 0, done.output
+    accepted(log, tmp_path / "found.toml")
 
 
 def parquet_folder(folder: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
@@ -264,24 +255,19 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
 ) -> None:
     csv = without_units(tmp_path / "csv")
     log = write(tmp_path / "dive", {file.stem: pd.read_csv(file) for file in csv.glob("*.csv")})
-    found: list[dict[str, object]] = []
-    for path in (csv, log):
-        done = run("init", str(path), "--output", str(tmp_path / "found.toml"), "--force")
-        assert done.exception is None, done.output
-        found.append(tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8")))
 
-    assert found[0]["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}  # type: ignore[index]
-    assert found[1] == found[0]
+    (_, of_csv), (_, of_log) = (initialised(path, tmp_path / "found.toml") for path in (csv, log))
+
+    assert of_csv["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert of_log == of_csv
 
 
 def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
     tables = {file.stem: pd.read_csv(file) for file in without_units(tmp_path / "csv").glob("*.csv")}
     tables["dvl"]["time"] = tables["dvl"]["time"] / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
 
-    done = run("init", str(mat_file(tmp_path / "dive", tables)), "--output", str(tmp_path / "found.toml"))
+    _, found = initialised(mat_file(tmp_path / "dive", tables), tmp_path / "found.toml")
 
-    assert done.exception is None, done.output
-    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     assert found["dvl"]["columns"] == {"time_datenum": "time", "x": "vx", "y": "vy", "z": "vz"}
     assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
 
@@ -290,30 +276,27 @@ def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
     log = without_units(tmp_path / "dive")
     (log / "gps.csv").write_text(f"t,east,north,lat,lon\n{T0 // SECOND},1,2,45,7\n")
 
-    done = run("init", str(log), "--output", str(tmp_path / "found.toml"))
+    _, found = initialised(log, tmp_path / "found.toml")
 
-    assert done.exception is None, done.output
-    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat", "lon_deg": "lon"}
     assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
 
 
 def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
-    log, target = without_units(tmp_path / "dive"), tmp_path / "found.toml"
+    log = without_units(tmp_path / "dive")
     sheet = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()
     again = [f"{line},{line.split(',')[1]}" for line in sheet]
     (log / "ahrs.csv").write_text("\n".join(["stamp,heading,gps_heading", *again[1:], ""]), encoding="utf-8")
 
-    run("init", str(log), "--output", str(target))
+    _, found = initialised(log, tmp_path / "found.toml")
 
-    assert tomllib.loads(target.read_text(encoding="utf-8"))["compass"] == {"topic": "none"}
+    assert found["compass"] == {"topic": "none"}
 
 
 def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
     odd = [(ns, "/dvl_heading", GYRO, {"heading_rate": 1.0, "heading_rad": 2.0}) if topic == "/dvl" else
            (ns, topic, kind, values) for ns, topic, kind, values in short_dive()]  # fmt: skip
-    target = tmp_path / "found.toml"
 
-    run("init", str(write_mcap(tmp_path / "dive.mcap", odd)), "--output", str(target))
+    _, found = initialised(write_mcap(tmp_path / "dive.mcap", odd), tmp_path / "found.toml")
 
-    assert tomllib.loads(target.read_text(encoding="utf-8"))["dvl"] == {"topic": "none"}
+    assert found["dvl"] == {"topic": "none"}

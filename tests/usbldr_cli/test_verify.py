@@ -2,14 +2,16 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import Result
 
-from checkout import SAMPLES
 from commands import run
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.runs.repeat_run import Difference, Verification
 
 
@@ -17,8 +19,7 @@ from usbldr_cli.runs.repeat_run import Difference, Verification
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a log and the run directory of its first minute."""
     folder = tmp_path_factory.mktemp("verify")
-    for file in SAMPLES.glob("paper.*"):
-        shutil.copy(file, folder)
+    write_scenario(replace(find_scenario("paper"), duration_s=100.0), 0, folder / "paper.mcap")
     options = ("-f", "ekf", "--gate", "0.99", "--end", "60", "--noise", "usbl=student-t:4", "--plots", "none")
     done = run("replay", folder / "paper.mcap", *options, "-o", folder / "run")
     assert done.exit_code == 0
