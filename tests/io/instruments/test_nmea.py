@@ -350,7 +350,7 @@ def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> 
     assert codes(log)["NMEA-OTHER"] == "noisy.txt: 1 lines hold no NMEA sentence"
 
 
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", range(40))
 def test_flipped_bytes_end_in_a_log_or_in_a_sentence(tmp_path: Path, seed: int) -> None:
     rng = random.Random(seed)
     lines = [RECORDED_GGA, NORTH_UP, RANGER, GAPS, sentence("HEHDT,12.5,T"), "$GPRMC,122640.00,A,,,,,,,130920,,"]
