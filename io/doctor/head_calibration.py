@@ -101,7 +101,7 @@ def _identified(log: Log, line: Timeline, known: bool) -> Identification:
 
 def _with_head_of(found: Identification, other: Identification) -> Identification:
     """Return what was found with the head of another, for a part of the fixes."""
-    head = {name: other.parameters.settled[name] for name in (HEADING, SCALE)}
+    head = {name: other.parameters.settled.get(name, 0.0) for name in (HEADING, SCALE)}  # none if it is as stated
     settled = {**found.parameters.settled, **head}
     return replace(found, parameters=replace(found.parameters, settled=settled, false_fixes=()))
 
