@@ -68,22 +68,19 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     line = timeline(log)
     if line.fix_away_m is None:
         raise LogError("the position of the USBL's head is unknown; state head under [usbl]", path=log.path)
-    whole, as_stated = _identified(log, line, known=False), _identified(log, line, known=True)
+    whole = _identified(log, line)
     track = _tracked(log, line, whole)
     fixes = UpdateTable.of(track.updates).of_sensor("usbl")
     good = np.zeros(len(line.fix_time_s), dtype=np.bool_)
     good[fixes.row] = fixes.outcome == "used"
     sides = halves(len(good))
     parts = [line.with_fixes(side) for side in sides]
-    found = [_identified(log, part, known=False) for part in parts]
+    found = [_identified(log, part) for part in parts]
     apart = _value(found[0]) - _value(found[1])
     disagreement = float(np.sum(apart**2 / (_sd(found[0]) ** 2 + _sd(found[1]) ** 2)))
     slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(depth_below_head_m(log, line.fix_time_s)))
-    by_halves = [_with_head_of(whole, one) for one in found]
-    before, after = (
-        scatter(_judged(log, line, sides, fits), slant_m, good)
-        for fits in ([_with_head_of(as_stated, as_stated)] * 2, by_halves)
-    )
+    off_m = _judged(log, line, sides, [_with_head_of(whole, one) for one in found])
+    before, after = (scatter(each, slant_m, good) for each in off_m)
     median_m = float(np.median(slant_m))
     parameters = _parameters(log, whole, vertical_of(log), median_m, after.drms_m)
     false_share = 1.0 - float(good.mean())
@@ -92,16 +89,15 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     return DiveCalibration(verdict, whole, line, track, median_m)
 
 
-def _identified(log: Log, line: Timeline, known: bool) -> Identification:
-    """Return what the fixes of a timeline say; ``known``: the head is as stated."""
-    heading_rad, scale = (0.0, 0.0) if known else (math.radians(ANGLE_SD_DEG), RANGE_SD)
-    errors = replace(log.parameters.errors, usbl_heading_rad=heading_rad, usbl_range=scale)
+def _identified(log: Log, line: Timeline) -> Identification:
+    """Return what the fixes of a timeline say, those of a head that may be mounted otherwise than stated."""
+    errors = replace(log.parameters.errors, usbl_heading_rad=math.radians(ANGLE_SD_DEG), usbl_range=RANGE_SD)
     return identify(line, replace(log.parameters, calibrate=(AUTO,), errors=errors))
 
 
 def _with_head_of(found: Identification, other: Identification) -> Identification:
     """Return what was found with the head of another, for a part of the fixes."""
-    head = {name: other.parameters.settled.get(name, 0.0) for name in (HEADING, SCALE)}  # none if it is as stated
+    head = {name: other.parameters.settled[name] for name in (HEADING, SCALE)}
     settled = {**found.parameters.settled, **head}
     return replace(found, parameters=replace(found.parameters, settled=settled, false_fixes=()))
 
@@ -121,13 +117,16 @@ def _sd(found: Identification) -> Vector:
     return np.array([found.parameters.settled_sd[name] for name in (HEADING, SCALE)])
 
 
-def _judged(log: Log, line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> Array:
-    """Return fixes less the track of the other half of them, by the head that it found, (F, 2)."""
-    off_m = np.empty(line.fix_m.shape)
+def _judged(log: Log, line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> tuple[Array, Array]:
+    """Return fixes less the track of their other half: by the head as stated, and by that which it found, (F, 2)."""
+    before_m, after_m = np.empty(line.fix_m.shape), np.empty(line.fix_m.shape)
     for side, other, one in zip(sides, sides[::-1], found[::-1], strict=True):
-        track, free = _tracked(log, line.with_fixes(other), one), freed(line, one.parameters.settled)
-        off_m[side] = (free.fix_m - columns_at(free.fix_time_s, track.time_s, track.position_m))[side]
-    return off_m
+        track, settled = _tracked(log, line.with_fixes(other), one), one.parameters.settled
+        as_stated = {name: value for name, value in settled.items() if name not in (HEADING, SCALE)}
+        for off_m, errors in ((before_m, as_stated), (after_m, settled)):
+            free = freed(line, errors)
+            off_m[side] = (free.fix_m - columns_at(free.fix_time_s, track.time_s, track.position_m))[side]
+    return before_m, after_m
 
 
 def _parameters(
