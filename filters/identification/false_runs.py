@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.identification.clusters import OFFSET_SD_M
 from usbldr.filters.identification.drift import drift_variances_m2
-from usbldr.filters.identification.identification import CONTRADICTED
+from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
     OFFSET_STATES,
@@ -28,14 +29,12 @@ from usbldr.filters.models.noise import Noise, robust_sd
 from usbldr.filters.models.parameters import FalseStart, Parameters, Start
 from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
-OFFSET_SD_M = 30.0  # each axis, by judgement: echoes lie metres to tens of metres away
 OFFSET_WALK_M = 0.3  # [m/√s] by judgement: an echo moves with the geometry, slowly
 DURATIONS_S = ((60.0, 3600.0), (20.0, 120.0), (30.0, 60.0))
 """Mean duration of a run and mean time between runs; the likeliest pair is taken."""
 HISTORIES = 10  # of each pair
 RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
 UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
-STRONG_ODDS = 20.0  # strong evidence by Kass and Raftery, see evidence.py
 CORRECT, BEGINS, CONTINUES = range(3)
 
 

@@ -85,13 +85,30 @@ def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     np.testing.assert_allclose(rejected_m, [40.0, -30.0], atol=1.0)
 
 
+def test_many_echoes_are_no_drift_of_dead_reckoning() -> None:
+    """A walk of dead reckoning that follows them is less likely than that they are false."""
+    rng, false, z = np.random.default_rng(5), np.zeros(len(T), dtype=np.bool_), DIVE.fix_m.copy()
+    for start in range(20, 380, 45):  # runs of 20, each with an offset of its own
+        false[start : start + 20] = True
+        angle = rng.uniform(0, 2 * np.pi)
+        z[start : start + 20] += 6.0 * np.array([np.cos(angle), np.sin(angle)])
+    line = replace(DIVE, fix_m=z)
+
+    found = identify(line, ASSUMED).parameters
+
+    left_out = np.isin(np.arange(len(T)), found.false_fixes)
+    assert (left_out != false).mean() < 0.05
+    assert found.process.position_m < 2 * ASSUMED.process.position_m
+    assert mean_error_m(line) < 0.3
+
+
+@pytest.mark.parametrize("off_m", [(40.0, -30.0), (400.0, -300.0)])
 @pytest.mark.long
-def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false() -> None:
-    """They outweigh the first ones when they have lasted for as long."""
+def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false(off_m: tuple[float, float]) -> None:
+    """They outweigh the first ones when they have lasted for as long, however far apart both are."""
     dive = weaving_dive(Faults(), seconds=120)
     t, false_s = dive.fix_time_s, 20.0
-    off_m = np.where((t < false_s) | ((t > 80) & (t < 90)), 1.0, 0.0)[:, None] * (40.0, -30.0)
-    line = replace(dive, fix_m=dive.fix_m + off_m)
+    line = replace(dive, fix_m=dive.fix_m + ((t < false_s) | ((t > 80) & (t < 90)))[:, None] * off_m)
     found = identify(line, ASSUMED).parameters
 
     track, without, clean = (
