@@ -64,20 +64,16 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> Mask:
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
     with the stated correlated error and the sigma that neighbouring fixes show, too, and the likelier noise decides.
-    None is false if it is likelier that dead reckoning is at fault, or if half of the fixes would be: nothing says then
-    which half.
+    None is false if half of them would be: nothing says then which half.
     """
     fitted, none = member.parameters, np.zeros(len(timeline.fix_time_s), np.bool_)
+    found, errors = false_runs(timeline, member), stated.errors
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
-    found = false_runs(timeline, member)
-    if at_fault or found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
-        errors = replace(fitted.errors, usbl_bias_m=stated.errors.usbl_bias_m, usbl_bias_s=stated.errors.usbl_bias_s)
+    if at_fault or found.false.any() or fitted.errors.usbl_bias_m > errors.usbl_bias_m:
+        errors = replace(fitted.errors, usbl_bias_m=errors.usbl_bias_m, usbl_bias_s=errors.usbl_bias_s)
         robust = replace(stated, errors=errors, usbl_sd_scale=_sd_scale(timeline, member))
         other = false_runs(timeline, member._replace(parameters=robust))
-        if other.log_likelihood > found.log_likelihood:
-            found, at_fault = other, False
-    if at_fault:
-        return none
+        found = max(found, other, key=lambda runs: runs.log_likelihood)
     if found.false.mean() >= 0.5:
         return none
     return np.append(found.false, none[len(found.false) :])

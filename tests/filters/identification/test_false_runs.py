@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.false_runs import false_fixes, false_starts
+from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import Parameters, ProcessNoise
+from usbldr.filters.models.parameters import FalseStart, Parameters, ProcessNoise
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Mask, Timeline
@@ -85,21 +87,43 @@ def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     np.testing.assert_allclose(rejected_m, [40.0, -30.0], atol=1.0)
 
 
-def test_many_echoes_are_no_drift_of_dead_reckoning() -> None:
-    """A walk of dead reckoning that follows them is less likely than that they are false."""
-    rng, false, z = np.random.default_rng(5), np.zeros(len(T), dtype=np.bool_), DIVE.fix_m.copy()
-    for start in range(20, 380, 45):  # runs of 20, each with an offset of its own
-        false[start : start + 20] = True
-        angle = rng.uniform(0, 2 * np.pi)
-        z[start : start + 20] += 6.0 * np.array([np.cos(angle), np.sin(angle)])
-    line = replace(DIVE, fix_m=z)
+def test_a_walk_of_dead_reckoning_that_has_grown_is_tried_against_false_runs_and_the_likelier_stays() -> None:
+    grown = replace(ASSUMED, process=replace(ASSUMED.process, position_m=0.5))
+    member, steps_m = Member(grown, frozenset()), np.random.default_rng(3).normal(0.0, 0.5, DIVE.fix_m.shape)
+    drifting = replace(DIVE, fix_m=DIVE.fix_m + np.cumsum(steps_m, axis=0))
 
-    found = identify(line, ASSUMED).parameters
+    np.testing.assert_array_equal(
+        false_fixes(moved(RUNS["several"], np.array([4.0, -3.0])), member, ASSUMED), RUNS["several"]
+    )
+    assert not false_fixes(drifting, member, ASSUMED).any()
 
-    left_out = np.isin(np.arange(len(T)), found.false_fixes)
-    assert (left_out != false).mean() < 0.05
-    assert found.process.position_m < 2 * ASSUMED.process.position_m
-    assert mean_error_m(line) < 0.3
+
+def test_when_a_false_start_is_known_does_not_depend_on_its_distance() -> None:
+    dive, first_s = weaving_dive(Faults(), seconds=70), 20
+    away = (dive.fix_time_s > first_s)[:, None]
+
+    near, far = (
+        false_starts(replace(dive, fix_m=dive.fix_m + away * off_m), Member(ASSUMED, frozenset()))
+        for off_m in ((40.0, -30.0), (400.0, -300.0))
+    )
+
+    assert near == far
+    assert [(one.fixes, first_s < one.known_s <= 2 * first_s) for one in near] == [(first_s, True)]
+
+
+@pytest.mark.long
+def test_by_arrival_a_fix_that_became_false_before_it_was_settled_is_reported_once() -> None:
+    dive = weaving_dive(Faults(), seconds=60)
+    first = dive.fix_time_s < 4
+    found = replace(ASSUMED, false_starts=(FalseStart(8.0, int(first.sum())),))
+
+    track = run(
+        "ekf", replace(dive, fix_m=dive.fix_m + first[:, None] * (40.0, -30.0)), found, FilterSettings(order="arrival")
+    )
+
+    fixes = UpdateTable.of(track.updates).of_sensor("usbl")
+    assert sorted(fixes.row) == list(range(len(first)))
+    assert set(fixes.row[fixes.outcome == "rejected"]) >= set(np.flatnonzero(first))
 
 
 @pytest.mark.parametrize("off_m", [(40.0, -30.0), (400.0, -300.0)])
