@@ -16,6 +16,7 @@ from usbldr.filters.evaluation.influence import LeaveOneOut
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
+from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
@@ -66,7 +67,7 @@ class Run:
     @cached_property
     def fix_statistics(self) -> FixStatistics | None:
         """What the fixes of a filter's run were like; None for another track, or without fixes."""
-        line, track = self.timeline, self.scored.trajectory
+        line, track = self.as_used, self.scored.trajectory
         outcomes = fix_outcomes(line, track)
         if not len(outcomes) or not (outcomes != "").any():
             return None
@@ -82,9 +83,15 @@ class Run:
         return left_out_residuals(*self._fixes, self.scored.trajectory, self._fix_cov_m2)
 
     @cached_property
+    def as_used(self) -> Timeline:
+        """The timeline with its fixes as the run used them: without the errors of their head that it has settled."""
+        parameters = self.identification.parameters
+        return freed(self.timeline, {name: parameters.settled[name] for name in parameters.settled_sd})
+
+    @cached_property
     def _fixes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """When fixes were valid (F,), and where they place the point of the vehicle that the track is of, (F, 2)."""
-        line, track = self.timeline, self.scored.trajectory
+        line, track = self.as_used, self.scored.trajectory
         parameters = self.identification.parameters
         latency, yaw_rad = track.state("usbl_latency"), track.state("psi")
         latency_s = parameters.settled.get("usbl_latency", 0.0) if latency is None else latency[-1]

@@ -61,7 +61,7 @@ def fix_figure(run: Run) -> Figure | None:
 
 def _axes(run: Run, residual_m: Array) -> tuple[dict[str, Vector], dict[str, Vector]]:
     """Return the residuals by their label, and what they are drawn against."""
-    line, track = run.timeline, run.scored.trajectory
+    line, track = run.as_used, run.scored.trajectory
     yaw = track.state("psi")
     against: dict[str, Vector] = {}
     if yaw is not None:

@@ -1,11 +1,13 @@
 """A USBL's head by a dive, against the turn, tilt and scale that rotations of SciPy put into the fixes."""
 
 import json
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from tests.support.ship_dive import write_dive
 
+from commands import run
 from usbldr_cli.main import cli
 
 
@@ -49,6 +51,15 @@ def test_a_ship_that_rests_without_depths_leaves_the_head_open_and_says_what_wou
     assert heading["rival"] == "heading of the compass"
     assert "drive the ship around" in heading["leg"]
     assert found["mount_roll_deg"]["open"]
+
+
+def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its_errors(tmp_path):
+    drms_m = []
+    for name, errors in (("right", {}), ("turned", {"heading_deg": 2.0, "scale": 0.985})):
+        dive, out = write_dive(tmp_path / name, 1, seconds=400, **errors), str(tmp_path / f"{name}-run")
+        run("replay", str(dive), "--filter", "adf", "--smooth", "--plots", "none", "--output", out)
+        drms_m.append(json.loads((Path(out) / "report.json").read_text())["fix_statistics"]["scatter"]["drms_m"])
+    assert drms_m[1] == pytest.approx(drms_m[0], rel=0.05)
 
 
 def test_a_head_at_an_unknown_place_is_asked_for(tmp_path):
