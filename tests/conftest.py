@@ -11,6 +11,8 @@ from hypothesis import settings
 
 import usbldr_cli.figures.run_figures
 from checkout import ROOT
+from usbldr.filters.plugins import VARIABLE as PLUGINS
+from usbldr.filters.replay.methods import METHODS
 from usbldr_cli.runs import jobs
 from usbldr_cli.runs.executors import LocalProcesses
 
@@ -52,6 +54,16 @@ def field_logs() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no field logs at {folder} (set USBLDR_FIELD_LOGS)")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def _plugins_end_with_their_test(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Forget what --plugin added in this process: it would be part of the provenance of every later run."""
+    monkeypatch.setenv(PLUGINS, "")
+    known = set(METHODS)
+    yield
+    for name in set(METHODS) - known:
+        del METHODS[name]
 
 
 @pytest.fixture(autouse=True)

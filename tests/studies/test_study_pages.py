@@ -17,7 +17,6 @@ from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
-from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Truth
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
@@ -30,7 +29,6 @@ COMMANDS = sorted({line for page in PAGES for line in re.findall(r"^\$ (.*)$", p
 
 @pytest.mark.parametrize("line", COMMANDS)
 def test_every_command_of_a_study_is_understood_and_its_files_are_there(line: str) -> None:
-    builtin = set(METHODS)
     program, *words = shlex.split(line)
     files = [word.split(":")[0] for word in words if word.startswith("benchmarks/")]
     assert all((ROOT / file).is_file() for file in files)
@@ -38,8 +36,6 @@ def test_every_command_of_a_study_is_understood_and_its_files_are_there(line: st
         command = cli.get_command(None, words[0])  # type: ignore[arg-type]
         assert command is not None
         command.make_context(words[0], words[1:])
-    for name in set(METHODS) - builtin:  # of a --plugin
-        del METHODS[name]
 
 
 @pytest.fixture(scope="module")
