@@ -180,7 +180,11 @@ def whole_by_usbldr(file: Path) -> Callable[[], int]:
 def by_pandas(folder: Path) -> Callable[[], int]:
     import pandas as pd
 
-    return lambda: sum(len(pd.read_csv(file)) for file in folder.glob("*.csv"))
+    def read() -> int:
+        return sum(len(pd.read_csv(file)) for file in folder.glob("*.csv"))
+
+    read()  # as by_usbldr
+    return read
 
 
 def by_pyarrow(folder: Path) -> Callable[[], int]:

@@ -42,6 +42,8 @@ class FileView:
         """Return the next byte that is not zero, else the end."""
         at = self._data_from(at)
         while at < self._size:
+            if self[at : at + 1] != b"\0":
+                return at
             block = self[at : at + BLOCK_BYTES]
             if block != ZEROS[: len(block)]:
                 return at + len(block) - len(block.lstrip(b"\0"))

@@ -25,6 +25,7 @@ MARKS = {
 HIGH_BYTES = {"123": "utf-32-le", "012": "utf-32-be", "13": "utf-16-le", "02": "utf-16-be"}  # fixed: which of four
 WIDE, NARROW = 0.4, 0.1  # [share] of zeros among the high bytes, at least, and among the low ones, at most
 CONTROL = re.compile(r"[\0-\x08\x0e-\x1b]")  # characters that are in no line of a text
+CONTROL_BYTES = bytes(k for k in range(0x1C) if CONTROL.match(chr(k)))  # in UTF-8: no others hold them
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
 ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
@@ -75,7 +76,9 @@ def is_damaged(line: str) -> bool:
 def head_lines(head: bytes) -> list[str]:
     """Return the lines of a text's first bytes, without zeros, which damage leaves; none if it is no text."""
     text = head[:HEAD_BYTES].decode(encoding_of(head[:HEAD_BYTES]), errors="replace").replace("\0", "")
-    return text.splitlines() if len(CONTROL.findall(text)) <= CONTROLS * len(text) else []
+    as_bytes = text.encode()
+    controls = len(as_bytes) - len(as_bytes.translate(None, CONTROL_BYTES))  # much faster than to search for them
+    return text.splitlines() if controls <= CONTROLS * len(text) else []
 
 
 def text_lines(path: Path) -> Iterator[str]:
@@ -84,7 +87,7 @@ def text_lines(path: Path) -> Iterator[str]:
     A line may hold zeros in place of what was lost; those at the end of the file are left out. Raises LogError for a
     line beyond the limit and for a compressed file, too.
     """
-    most = limit(LINE_CHARACTERS)
+    most, most_zeros = limit(LINE_CHARACTERS), limit(ZEROS)
     head, place = begin_of(path, HEAD_BYTES)
     if compression := compression_of(head):
         raise LogError(f"is compressed with {compression}; decompress it first", path=path)
@@ -93,7 +96,7 @@ def text_lines(path: Path) -> Iterator[str]:
             file.seek(place)
             lines = TextIOWrapper(file, encoding_of(head), errors="replace")
             number, zeros = 1, 0
-            while (line := lines.readline(most + 1)) and zeros < limit(ZEROS):
+            while (line := lines.readline(most + 1)) and zeros < most_zeros:
                 if not line.strip("\0"):
                     zeros += len(line)
                     continue

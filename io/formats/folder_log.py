@@ -95,9 +95,9 @@ def _together(path: Path, open_file: Callable[[Path], Reader]) -> tuple[list[Rea
     texts, packed, tables = list(text_files(path)), compressed_texts(path), list(parquet_files(path))
     readers: list[Reader] = []
     if packed:
-        readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, copies=copies)))
+        readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
     elif texts:
-        readers.append(CsvLog(path))
+        readers.append(CsvLog(path, files=texts))
     if tables:
         readers.append(TableLog(path, NAME, [parquet_table(file) for file in tables]))
     copied = {file.with_name(file.name + ending) for file in (*texts, *tables) for ending in ENDINGS}

@@ -32,11 +32,10 @@ def form_of(head: bytes) -> re.Pattern[str] | None:
     Lines that begin with a word hold a number beside it; a header holds words alone.
     """
     lines = [line for line in head_lines(head) if line.strip()]
-    words = [(found := WORD_LINE.search(line)) and NUMBER.search(found[2]) for line in lines]
-    for form, holds in ((SENTENCE, [SENTENCE.search(line) for line in lines]), (WORD_LINE, words)):
-        if sum(map(bool, holds)) > len(lines) / 2 and (form is SENTENCE or words[0]):
-            return form
-    return None
+    if sum(SENTENCE.search(line) is not None for line in lines) > len(lines) / 2:
+        return SENTENCE
+    words = ((found := WORD_LINE.search(line)) and NUMBER.search(found[2]) for line in lines)
+    return WORD_LINE if next(words, None) and 1 + sum(map(bool, words)) > len(lines) / 2 else None
 
 
 class NmeaFile:

@@ -6,7 +6,7 @@ sensor, which is the topic. csv_sheets lists the columns that are understood.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,7 +23,6 @@ from usbldr.io.tables.csv_text import (
     header_and_row,
     nanoseconds,
     numbers,
-    raw_header,
     read_texts,
     text_files,
     times,
@@ -55,11 +54,12 @@ class CsvSource:
 class CsvLog:
     """A folder of CSV files, or one such file."""
 
-    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = (), copies: Sequence[Path] = ()) -> None:
-        """Take a file or a folder, and the decompressed copies of the folder's compressed files."""
-        self.path, self._copies = path, copies
+    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = (), files: Sequence[Path] = ()) -> None:
+        """Take a file or a folder, and which files of the folder to read if the caller knows them."""
+        self.path, self._given = path, files
         self._configured = tuple(configured)
         self._read: dict[Path, TextTable] = {}
+        self._begin = cache(header_and_row)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
 
     @property
@@ -69,7 +69,7 @@ class CsvLog:
 
     def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "CsvLog":
         """Return this log with the columns that the configuration states."""
-        return CsvLog(self.path, configured, self._copies)
+        return CsvLog(self.path, configured, self._given)
 
     @cached_property
     def _sources(self) -> Mapping[str, CsvSource]:
@@ -95,7 +95,7 @@ class CsvLog:
 
     def _row(self, file: Path) -> Sequence[str]:
         """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
-        cells = header_and_row(file)[1]
+        cells = self._begin(file)[1]
         if not (self._formats or any(map(foreign_time, cells))) or not len(self._table(file).lines):
             return cells
         return [next(iter(column)) for column in self._table(file).columns.values()]
@@ -103,7 +103,7 @@ class CsvLog:
     @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
         found: dict[str, CsvSource] = {}
-        for file in (*text_files(self.path), *self._copies) if self.path.is_dir() else [self.path]:
+        for file in self._given or (text_files(self.path) if self.path.is_dir() else [self.path]):
             for topic, source in self._topics_of(file).items():
                 if topic in found:
                     raise LogError(
@@ -114,7 +114,7 @@ class CsvLog:
         return found
 
     def _topics_of(self, file: Path) -> Mapping[str, CsvSource]:
-        header = tuple(raw_header(file))
+        header = tuple(self._begin(file)[0])
         if "sensor" not in map(plain, header):
             return {"/" + name_of(file.stem.replace("__", "/")): CsvSource(file, header)}
         sensors = dict.fromkeys(self._table(file).columns["sensor"])

@@ -116,11 +116,6 @@ def _with_point(cell: str) -> str:
     return cell.replace(",", ".") if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
 
 
-def raw_header(file: Path) -> list[str]:
-    """Return a file's column names as written."""
-    return header_and_row(file)[0]
-
-
 def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
     first, lines, *_ = _begun(file)
