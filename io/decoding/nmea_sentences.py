@@ -40,6 +40,8 @@ SUBTYPE = re.compile(r"[A-Z_]{2,}")
 TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
 SAMPLE = 20  # [sentences] from which the fields of a kind are taken
 CRC8_POLYNOMIAL = 0x07  # fixed: of Water Linked's serial protocol
+SATELLITES = frozenset(("GP", "GN", "GL", "GA", "GB", "BD", "GQ", "GI"))
+"""Talkers by which a receiver says whose satellites it used: fixed by NMEA 0183."""
 PREFERRED = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
 """Sentences that repeat the position of another, which is used if both are present."""
 
@@ -162,6 +164,7 @@ def find_sentences(
     findings = _counted(source, topic, rows, wrong + len(found) - len(rows), without)
     if not rows:
         return SentenceSet({}, tuple(findings))
+    rows, joined = _of_one_receiver(source, topic, rows)
     time, midnight = _receiver_times(rows)
     received, more = _received(source, np.array([row.logged for row in rows]), time, midnight)
     own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
@@ -173,7 +176,27 @@ def find_sentences(
         if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
             stamps = np.where(time[indices] == NO_TIME, logged if stamps is None else stamps, own[indices])
         by_name[name] = Sentences(kind, [rows[i].content for i in indices], logged, stamps)
-    return SentenceSet(by_name, (*findings, *more))
+    return SentenceSet(by_name, (*findings, *joined, *more))
+
+
+def _of_one_receiver(
+    source: str, topic: str, rows: Sequence[_FoundSentence]
+) -> tuple[Sequence[_FoundSentence], list[Finding]]:
+    """Give one talker to a receiver whose talker changes with its satellites: none of its times is stated twice."""
+    epochs: dict[str, set[tuple[str, int]]] = {}
+    for row in rows:
+        if (talker := row.name.removesuffix(row.kind)) in SATELLITES and row.time_of_day != NO_TIME:
+            epochs.setdefault(talker, set()).add((row.kind, row.time_of_day))
+    kinds = [kind for stated in epochs.values() for kind in {kind for kind, _ in stated}]
+    several = len(kinds) > len(set(kinds))
+    if not several or len(set[tuple[str, int]]().union(*epochs.values())) < sum(map(len, epochs.values())):
+        return rows, []
+    first = next(iter(epochs))
+    text = f"{source}: {', '.join(epochs)} are taken for one receiver, which is called {first}: their times all differ"
+    renamed = [
+        row._replace(name=first + row.kind) if row.name.removesuffix(row.kind) in epochs else row for row in rows
+    ]
+    return renamed, [Finding("NMEA-TALKERS", text, topic)]
 
 
 def _scan_lines(

@@ -1,6 +1,6 @@
 """The format of a log, recognised by its first bytes, never by its name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from usbldr.filters import plugins
@@ -172,12 +172,12 @@ does not define to its reader, which is imported only then; to None if it is of 
 other packages come last."""
 
 
-def _reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
+def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]) -> Reader | None:
     """Return the reader that fits, None if none does; one of several recordings if the file holds them."""
     if path.is_dir():
         from usbldr.io.formats.folder_log import folder_log
 
-        return folder_log(path, lambda file: open_log(file, known))
+        return folder_log(path, lambda file: open_log(file, known), apart)
 
     def matching() -> Reader | None:
         return next((reader for of in FORMATS.values() if (reader := of(path, head, known)) is not None), None)
@@ -191,8 +191,11 @@ def _reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return concatenated_log(path, lambda copy: open_log(copy, known)) or matching()
 
 
-def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
-    """Return the reader that fits; raise LogError for a missing, empty or unknown file."""
+def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] = ()) -> Reader:
+    """Return the reader that fits; raise LogError for a missing, empty or unknown file.
+
+    ``apart``: resolved paths of files that a folder leaves out, because they are read in their own right.
+    """
     head, place = b"", 0
     try:
         if not path.exists():
@@ -203,7 +206,7 @@ def open_log(path: Path, known: Definitions = SHIPPED) -> Reader:
             from usbldr.io.formats.compressed_log import compressed_log
 
             return compressed_log(path, {path: compression}, lambda copies: open_log(copies[0], known))
-        reader = _reader(path, head, known)
+        reader = _reader(path, head, known, apart)
         if reader is not None:
             return reader
     except OSError as err:

@@ -1,6 +1,6 @@
 """A folder as a log: a rosbag2 recording, tables (CSV, Parquet), or files of instruments; what is not read is named."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -58,15 +58,22 @@ RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
 """Formats of which a file is a log by itself: several in a folder are several dives, unless the user joins them."""
 
 
-def folder_log(path: Path, open_file: Callable[[Path], Reader]) -> Reader | None:
-    """Return the log of a folder, None if it holds none; ``open_file`` opens one of its files."""
-    files = sorted(file for file in path.iterdir() if not file.name.startswith(".") and not _is_other_folder(file))
+def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collection[Path] = ()) -> Reader | None:
+    """Return the log of a folder, None if it holds none; ``open_file`` opens one of its files.
+
+    ``apart``: resolved paths of files that are read in their own right, although they lie in the folder.
+    """
+    files = [file for file in sorted(path.iterdir()) if not (file.name.startswith(".") or _is_other_folder(file))]
+    files = [file for file in files if file.resolve() not in apart] if apart else files
     if len(files) > limit(FILES):
         raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
-    readers, used = _together(path, open_file)
+    readers, used = _together(path, open_file, apart)
     others = [file for file in files if file not in used]
     if not readers:
         parts, unread = _alone(path, others, open_file)
+        if not parts and (folders := [file.name for file in others if file.is_dir()]):
+            text = f"holds folders with files like those of a log ({', '.join(folders[:SHOWN])}); name one of them"
+            raise LogError(text, path=path)
         if not parts and (lost := next((finding for finding in unread if finding.lost_data), None)):
             raise LogError(f"holds nothing that can be read: {lost.text}", path=path)
         return JoinedLog(path, _formats(parts), parts, tuple(unread)) if parts else None
@@ -88,11 +95,15 @@ def _formats(parts: Sequence[LogPart]) -> str:
     return " + ".join(dict.fromkeys(part.reader.format for part in parts))
 
 
-def _together(path: Path, open_file: Callable[[Path], Reader]) -> tuple[list[Reader], set[Path]]:
+def _together(
+    path: Path, open_file: Callable[[Path], Reader], apart: Collection[Path]
+) -> tuple[list[Reader], set[Path]]:
     """Return the readers of the files that are one log by their format, and these files."""
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
-    texts, packed, tables = list(text_files(path)), compressed_texts(path), list(parquet_files(path))
+    texts = [file for file in text_files(path) if file.resolve() not in apart]
+    packed = {file: kind for file, kind in compressed_texts(path).items() if file.resolve() not in apart}
+    tables = [file for file in parquet_files(path) if file.resolve() not in apart]
     readers: list[Reader] = []
     if packed:
         readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
@@ -101,7 +112,11 @@ def _together(path: Path, open_file: Callable[[Path], Reader]) -> tuple[list[Rea
     if tables:
         readers.append(TableLog(path, NAME, [parquet_table(file) for file in tables]))
     copied = {file.with_name(file.name + ending) for file in (*texts, *tables) for ending in ENDINGS}
-    damaged = [file for file in path.glob("*.parquet") if file not in tables and file.stat().st_size]
+    damaged = [
+        file
+        for file in path.glob("*.parquet")
+        if file not in tables and file.resolve() not in apart and file.stat().st_size
+    ]
     more, unread = _readable(damaged, open_file)
     return [*readers, *more], {*texts, *packed, *tables, *copied, *(set(damaged) - unread)}
 
@@ -154,15 +169,20 @@ def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> lis
 
 
 def _named_like_a_sensor(file: Path) -> bool:
+    """Return whether a file, a folder or a file of that folder is named like a sensor."""
     stem = file.name.partition(".")[0]
-    return bool(suggested_sensors(stem)) or stem.lower().split("__")[-1] == "truth"
+    if suggested_sensors(stem) or stem.lower().split("__")[-1] == "truth":
+        return True
+    return file.is_dir() and any(
+        _is_of_logs(one) and _named_like_a_sensor(one) for one in islice(file.iterdir(), FILES)
+    )
 
 
 def _why(file: Path, open_file: Callable[[Path], Reader]) -> str:
     if file.is_symlink() and not file.exists():
         return "it is a link to a file that is not there"
     if file.is_dir():
-        return f"it is a folder; --with {file.name} adds its log"
+        return f"it is a folder of files like those of a log; --with {file.name} adds them"
     if file.is_file() and not file.stat().st_size:
         return "the file is empty"
     try:

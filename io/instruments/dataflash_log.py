@@ -75,12 +75,14 @@ class DataflashLog:
         """Return the formats, and the places of messages by type: by pymavlink's index, behind damage one by one."""
         try:
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # a line for each damaged byte
-                log = self._library.DFReader_binary(str(self.path))
-                places = {number: list(map(int, log.offsets[number])) for number in log.formats}
-                log.offset = max((at + log.formats[number].len for number, found in places.items() for at in found))
-                while (message := log.recv_msg()) is not None:
-                    places.setdefault(message.fmt.type, []).append(log.offset - message.fmt.len)
-                return log.formats, places
+                reader = self._library.DFReader_binary
+                with reader.__new__(reader) as log:  # closed if the first pass over the file fails, too
+                    log.__init__(str(self.path))
+                    places = {number: list(map(int, log.offsets[number])) for number in log.formats}
+                    log.offset = max((at + log.formats[number].len for number, found in places.items() for at in found))
+                    while (message := log.recv_msg()) is not None:
+                        places.setdefault(message.fmt.type, []).append(log.offset - message.fmt.len)
+                    return log.formats, places
         except Exception as err:  # it raises whatever damaged layouts lead to
             why = " ".join(str(err).split())[:80]
             raise LogError(f"cannot be read as an onboard log: damaged ({why})", path=self.path) from err

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -112,7 +112,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     sections = {(folder / f.path).resolve(): f for f in configuration.file}
     paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
     paths |= {Path(name).resolve(): Path(name) for name in request.joined}
-    parts = [_part(_opened(paths[real], configuration, request), sections.get(real)) for real in paths]
+    parts = [_part(_opened(paths[real], configuration, request, paths), sections.get(real)) for real in paths]
     (first, *others) = parts
     reader = first.reader
     if others or first.offset_ns or first.dated:
@@ -146,9 +146,9 @@ def _first_ns(part: LogPart) -> int:
     return min((t.first_ns for t in part.reader.topics() if t.first_ns is not None), default=0) - part.offset_ns
 
 
-def _opened(path: Path, configuration: Configuration, request: Request) -> Reader:
+def _opened(path: Path, configuration: Configuration, request: Request, joined: Collection[Path]) -> Reader:
     """Open one file; name the columns of its tables as the configuration does, find the sentences in topics of text."""
-    reader = open_log(path, with_folders(request.msg_path))
+    reader = open_log(path, with_folders(request.msg_path), joined)
     stated = configured_columns(configuration, request.topics)
     return with_sentences(reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else reader)
 

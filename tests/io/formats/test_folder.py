@@ -13,11 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
 
+import table_recordings
 from commands import run
 from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
+from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.messages.roles import choose_roles
+from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.read import read_log
 
 COUNT = 300  # [rows]
@@ -115,7 +118,10 @@ def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Calla
         (lambda file: file.symlink_to(file.name), "a link to a file that is not there"),
         (os.mkfifo, "neither a file nor a folder"),
         (lambda file: file.write_bytes(bytes(9000)), "nothing but zeros"),
-        (lambda file: write_csv(file, gps=GPS), "it is a folder; --with gps.csv adds its log"),
+        (
+            lambda file: write_csv(file, gps=GPS),
+            "it is a folder of files like those of a log; --with gps.csv adds them",
+        ),
     ],
 )
 def test_what_is_no_file_of_a_log_and_named_like_a_sensor_is_named(
@@ -185,3 +191,32 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
 
     assert lost.text == "gps.csv is not read: it is CSV file; --with gps.csv adds it"
     assert run("info", folder).return_value == 3
+    added = run("info", folder, "--with", folder / "gps.csv")
+    assert added.return_value == 0
+    assert "gps.csv is not read" not in added.output
+
+
+def test_folders_within_a_folder_are_named_and_are_a_loss_if_a_file_of_them_is_named_like_a_sensor(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "a").mkdir()
+    for number in (1, 2):
+        dive(tmp_path / "a" / f"dive{number}")
+    with pytest.raises(
+        LogError, match=r"holds folders with files like those of a log \(dive1, dive2\); name one of them"
+    ):
+        open_log(tmp_path / "a")
+    found = open_log(dive(tmp_path / "a")).findings()
+    assert [(one.text[:5], one.lost_data) for one in found] == [("dive1", True), ("dive2", True)]
+
+
+@pytest.mark.parametrize("writer", [as_csv, as_parquet], ids=["CSV", "Parquet"])
+def test_a_file_of_the_folder_that_is_added_is_read_once(
+    tmp_path: Path, writer: Callable[[Path, Tables], Path]
+) -> None:
+    folder = writer(tmp_path, table_recordings.dive(COUNT))
+    (file,) = folder.glob("gps.*")
+
+    reader = open_configured(folder, Request(joined=(str(file),))).reader
+
+    assert {topic.name: topic.count for topic in reader.topics()} == dict.fromkeys(("/dvl", "/compass", "/gps"), COUNT)

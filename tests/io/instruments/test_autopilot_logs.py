@@ -1,5 +1,6 @@
 """Telemetry logs and onboard logs of autopilots, against pymavlink's own readers."""
 
+import gc
 import random
 import struct
 import sys
@@ -36,6 +37,7 @@ def test_a_telemetry_log_has_the_values_of_pymavlink(tmp_path: Path, version_1: 
     while (message := connection.recv_match()) is not None:
         sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
         oracle.setdefault(f"mavlink/{sender}/{message.get_type()}", []).append(message)
+    connection.close()
 
     assert {topic.name: topic.count for topic in log.topics()} == {name: len(found) for name, found in oracle.items()}
     for topic in log.topics():
@@ -122,6 +124,7 @@ def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:
         name = message.get_type()
         instance = f"[{message.I}]" if name in ("GPS", "BARO") else ""
         oracle.setdefault(name.partition("[")[0] + instance, []).append(message)
+    reader.close()
     topics = {topic.name: topic for topic in log.topics() if topic.name != "FMTU"}
 
     assert {name: topic.count for name, topic in topics.items()} == {name: len(found) for name, found in oracle.items()}
@@ -178,6 +181,16 @@ def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.BIN").write_bytes(onboard()[0])
     with pytest.raises(LogError, match="holds no messages"):
         read_log(tmp_path / "a.BIN")
+
+
+@pytest.mark.filterwarnings("error")  # of a file that is left open
+def test_a_damaged_layout_is_one_sentence_and_the_file_is_closed(tmp_path: Path) -> None:
+    spoilt = b"".join(onboard()).replace(b"QccffC", b"Qcc?fC")
+    file = write_bin(tmp_path / "a.BIN", [spoilt])
+
+    with pytest.raises(LogError, match=r"cannot be read as an onboard log: damaged \(Unsupported format char"):
+        open_log(file).topics()
+    gc.collect()
 
 
 def test_the_readers_are_found_by_the_first_bytes(tmp_path: Path) -> None:

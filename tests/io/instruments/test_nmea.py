@@ -364,3 +364,22 @@ def test_flipped_bytes_end_in_a_log_or_in_a_sentence(tmp_path: Path, seed: int) 
     for usbl in ("/PSONLLD", "/PTSAG", "/PSIMSSB_C_N", "none"):
         with contextlib.suppress(UsbldrError):
             read_log(tmp_path / "noisy.txt", Request(topics={"usbl": usbl}))
+
+
+@settings(max_examples=25, deadline=None)
+@given(talkers=st.lists(st.sampled_from(["GP", "GN", "GL", "GA"]), min_size=4, max_size=12), twice=st.booleans())
+def test_a_receiver_whose_talker_changes_is_one_topic_and_two_receivers_are_two(
+    talkers: Sequence[str], twice: bool
+) -> None:
+    bodies = [f"{one}GGA,1200{k:02d}.00,4500.0,N,00700.0,E,1,9,0.6,0,M,20,M,," for k, one in enumerate(talkers)]
+    if twice:  # a second receiver states a time of the first one
+        bodies.append(bodies[0].replace(talkers[0], "GQ", 1))
+    with TemporaryDirectory() as folder:
+        (file := Path(folder) / "a.nmea").write_text("".join(f"{sentence(body)}\n" for body in bodies), "ascii")
+        log = open_log(file)
+        counts = {topic.name: topic.count for topic in log.topics()}
+
+    if twice:
+        assert counts == {f"/{one}GGA": [*talkers, "GQ"].count(one) for one in {*talkers, "GQ"}}
+    else:
+        assert counts == {f"/{talkers[0]}GGA": len(talkers)}
