@@ -3,7 +3,9 @@
 The series is a sum of the shapes, of a first-order Gauss-Markov process (the slow part) and of white noise. The shapes
 are projected out, so that the likelihood is that of what is left (restricted maximum likelihood: H. Patterson and
 R. Thompson, Biometrika 58(3), 1971, doi:10.2307/2334389). The posterior is summed over a grid of the ratio of both
-parts and of the time constant: a short dive leaves both uncertain, and a maximum alone would hide that.
+parts and of the time constant: a short dive leaves both uncertain, and a maximum alone would hide that. Of the slow
+part the median is taken: its posterior has a long tail of large and very slow errors, and its mean is 5 to 30 % too
+large.
 """
 
 from typing import NamedTuple
@@ -56,9 +58,11 @@ def slow_noise(time_s: Vector, values: Vector, shapes: Array) -> SlowNoise:
     weight /= weight.sum()
     white = np.sqrt(left_over / free)
     constant = float(np.exp(np.average(np.log(constant_s), weights=weight * ratio + 1e-12)))
-    slow = _mean(ratio * white, weight, free)
-    slow = slow._replace(sd_of_sd=float(np.hypot(slow.sd_of_sd, STEP * slow.sd)))
-    return SlowNoise(_mean(white, weight, free), slow, constant)
+    slow = _median(ratio * white, weight)
+    steps = STEP * slow
+    return SlowNoise(
+        _part(float(weight @ white), white, weight, free), _part(slow, ratio * white, weight, free, steps), constant
+    )
 
 
 def _prior() -> Vector:
@@ -67,10 +71,15 @@ def _prior() -> Vector:
     return np.diff(np.arctan(edges))
 
 
-def _mean(sd: Vector, weight: Vector, free: int) -> NoisePart:
-    mean = float(weight @ sd)
-    own = float(weight @ (sd - mean) ** 2 + weight @ sd**2 / (2 * free))
-    return NoisePart(mean, float(np.sqrt(own)))
+def _median(sd: Vector, weight: Vector) -> float:
+    order = np.argsort(sd)
+    below = np.cumsum(weight[order]) - weight[order] / 2
+    return float(np.interp(0.5, below, sd[order]))
+
+
+def _part(estimate: float, sd: Vector, weight: Vector, free: int, step: float = 0.0) -> NoisePart:
+    own = float(weight @ (sd - estimate) ** 2 + weight @ sd**2 / (2 * free))
+    return NoisePart(estimate, float(np.hypot(np.sqrt(own), step)))
 
 
 def _whitened(step_s: Vector, data: Array, variance: Vector, constant_s: Vector) -> tuple[Array, Vector]:

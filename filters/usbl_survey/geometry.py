@@ -147,23 +147,21 @@ def placed(survey: UsblSurvey, values: Vector) -> Array:
 def residuals(survey: UsblSurvey, values: Vector) -> Array:
     """Return what each fix differs from the model by, (n, 3): range in metres, bearing and elevation in radians.
 
-    Bearing and elevation are angles across the line of sight, as large as the displacement over the range. They are NaN
-    if the fix has no elevation and no bearing, and if the ship has no record at its time.
+    Bearing and elevation are angles across the line of sight, as large as the displacement over the range, along axes
+    of the measured line: those of the model's would spin with the parameters if the transponder lies below the head.
+    They are NaN if the fix has no elevation and no bearing, and if the ship has no record at its time.
     """
     seen = seen_from_head(survey, values)
     length = np.linalg.norm(seen, axis=1)
     line = seen / length[:, None]
-    flat = np.hypot(line[:, 0], line[:, 1])
-    bearing = np.arctan2(line[:, 0], line[:, 1])
-    sin_b, cos_b = np.sin(bearing), np.cos(bearing)
-    clockwise = np.column_stack([cos_b, -sin_b, np.zeros_like(flat)])
-    upward = np.column_stack([-line[:, 2] * sin_b, -line[:, 2] * cos_b, flat])
-    across = np.sum(survey.direction * clockwise, axis=1)
-    by_bearing = wrapped(survey.bearing_rad - bearing) * flat
+    sin_b, cos_b = np.sin(survey.bearing_rad), np.cos(survey.bearing_rad)
+    flat, up = np.hypot(survey.direction[:, 0], survey.direction[:, 1]), survey.direction[:, 2]
+    upward = np.column_stack([-up * sin_b, -up * cos_b, flat])
+    by_bearing = wrapped(survey.bearing_rad - np.arctan2(line[:, 0], line[:, 1])) * np.hypot(line[:, 0], line[:, 1])
     found = np.empty((len(survey), 3))
     found[:, 0] = survey.range_m - length
-    found[:, 1] = np.where(np.isfinite(across), across, by_bearing)
-    found[:, 2] = np.sum(survey.direction * upward, axis=1)
+    found[:, 1] = np.where(np.isfinite(flat), line[:, 1] * sin_b - line[:, 0] * cos_b, by_bearing)
+    found[:, 2] = -np.sum(line * upward, axis=1)
     return found
 
 

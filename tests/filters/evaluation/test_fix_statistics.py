@@ -54,7 +54,7 @@ def dive(seed, range_sd_m=0.4, bearing_sd_deg=0.8, count=150, slow=(0.0, 0.0)):
 @pytest.mark.parametrize("slow", [(0.6, 1.0), (0.0, 0.0)])
 def test_white_and_slow_noise_are_what_was_put_in(slow):
     """50 dives with dead reckoning whose heading is wrong by 2 degrees, and whose speed by 2 %."""
-    z, ratios = [], []
+    z, ratios, lasting = [], [], []
     for seed in range(50):
         time_s, place, away = dive(seed, slow=slow)
         track = circling()
@@ -64,6 +64,7 @@ def test_white_and_slow_noise_are_what_was_put_in(slow):
         parts = (there(found.range_m), there(found.bearing_deg))
         white = [part.white for part in parts]
         ratios += [part.sd / sd for part, sd in zip(white, (0.4, 0.8), strict=True)]
+        lasting.append([part.slow.sd for part in parts])
         pairs = [*zip(white, (0.4, 0.8), strict=True), *zip([part.slow for part in parts], slow, strict=True)]
         z.append([(part.sd - sd) / part.sd_of_sd for part, sd in pairs])
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
@@ -71,6 +72,7 @@ def test_white_and_slow_noise_are_what_was_put_in(slow):
     assert 0.8 < np.sqrt(np.mean(z[:, :2] ** 2)) < 1.25
     assert np.mean(np.abs(z) < 2.5) > 0.98  # normal errors: 98.8 %
     assert (np.abs(z[:, 2:].mean(axis=0)) < (0.5 if any(slow) else 1.5)).all()  # a slow part cannot be below 0
+    assert not any(slow) or np.mean(lasting, axis=0) / slow == pytest.approx(np.ones(2), abs=0.1)
 
 
 def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
