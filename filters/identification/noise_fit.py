@@ -61,7 +61,8 @@ USBL = (
     TunableParameter("usbl_outlier_sd_m", ("usbl", "sd"), starts=(1.0, 5.0)),
     TunableParameter("usbl_outlier_variance_ratio", ("usbl", "variance_ratio"), lower_bound=1.0),
     TunableParameter("usbl_dof", ("usbl", "dof"), lower_bound=2.0),
-    TunableParameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), starts=(0.3, 2.0)),
+    # heads differ by an order of magnitude, and one that was calibrated has no such error
+    TunableParameter("usbl_bias_sd_m", ("errors", "usbl_bias_m"), prior_factor=10.0, starts=(0.3, 2.0)),
     TunableParameter("usbl_bias_time_s", ("errors", "usbl_bias_s"), prior_factor=2.0),
     TunableParameter("position_walk_m", ("process", "position_m"), prior_factor=10.0, starts=(1.0, 10.0, 100.0)),
 )

@@ -44,12 +44,12 @@ def read_smoothed_run(folder: Path) -> SmoothedRun:
     """Read a run directory; raise LogError if it is none, UsageError with the command to repeat an unsmoothed one."""
     try:
         report: Any = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-        options, start_ns = report["request"]["options"], int(report["time_base"]["start_ns"])
+        smoothed, start_ns = report["track"]["smoothed"], int(report["time_base"]["start_ns"])
         (track,) = folder.glob("track_*hz.csv")
-        log = Path(report["request"]["log"])
+        log = Path(report["request"].get("log", report["log"]["name"]))  # a run in Python has no request
     except (OSError, ValueError, KeyError, TypeError) as err:
         raise LogError(f"{folder} is not a run directory of a filter: usbldr replay LOG --smooth -o {folder}") from err
-    if not options.get("smooth"):
+    if not smoothed:
         words = [word for word in report["provenance"]["command"] if word != "--force"]
         given = words or ["usbldr", "replay", str(log)]
         again = shlex.join([*given, "--smooth", "--force"])
@@ -62,7 +62,7 @@ def read_smoothed_run(folder: Path) -> SmoothedRun:
     used = fixes.loc[fixes["outcome"] == "used", "time_s"]
     place = report["origin"]
     origin = None
-    if place is not None and not report["place_unknown"]:
+    if place is not None and not report.get("place_unknown"):  # only a run with a truth says it
         origin = Origin(place["lat_deg"], place["lon_deg"], OriginKind.MAP)
     return SmoothedRun(
         folder,

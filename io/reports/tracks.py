@@ -84,11 +84,16 @@ def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
 
 
 def track_content(trajectory: Trajectory) -> dict[str, Any]:
-    """Return what report.json says of a track: epochs, states, and the digest of times, means and covariances."""
+    """Return what report.json says of a track: epochs, states, whether it is smoothed, a digest."""
     digest = hashlib.sha256()
     for part in (trajectory.time_s, trajectory.mean, trajectory.cov):
         digest.update(b"" if part is None else np.ascontiguousarray(part, dtype="<f8").ravel().data)
-    return {"epochs": len(trajectory.time_s), "states": trajectory.names, "sha256": digest.hexdigest()}
+    return {
+        "epochs": len(trajectory.time_s),
+        "states": trajectory.names,
+        "smoothed": trajectory.smoothed,
+        "sha256": digest.hexdigest(),
+    }
 
 
 def write_tum(

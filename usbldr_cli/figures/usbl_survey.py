@@ -39,6 +39,7 @@ def survey_pictures(found: FittedSurvey) -> list[Picture]:
             partial(survey_figure, found),
         ),
         Picture("residuals", "What fixes differ from the fitted installation by", partial(residual_figure, found)),
+        Picture("polar", "The same around the head, by their bearing", partial(polar_figure, found)),
     ]
 
 
@@ -123,5 +124,30 @@ def residual_figure(found: FittedSurvey) -> Figure:
                 axes.set_ylabel(name)
             if row == len(RESIDUALS) - 1:
                 axes.set_xlabel(label)
-    legend_below(figure, list(panels[-1]))
+    legend_below(figure, list(panels[0]))
+    return figure
+
+
+def polar_figure(found: FittedSurvey) -> Figure:
+    """Draw the residuals as the distance from a circle, at the bearing of each fix from the head."""
+    survey, fit = found.survey, found.verdict.installation
+    sigmas = residuals(survey, fit.values) / [fit.range_sd_m, fit.angle_sd_rad, fit.angle_sd_rad]
+    detail = (
+        "Outside of the full circle: more than fitted. Dashed: one sigma. Around another circle: an error that stays."
+    )
+    figure = titled_figure(f"Residuals by bearing: {found.report.path.name}", detail, 12, 4.9)
+    panels = figure.subplots(1, 3)
+    around, widest = np.radians(np.linspace(0, 360, 181)), 2.1 * SHOWN_SIGMAS
+    for axes, name, off in zip(panels, RESIDUALS, sigmas.T, strict=True):
+        for radius, style in ((SHOWN_SIGMAS, "-"), (SHOWN_SIGMAS - 1, "--"), (SHOWN_SIGMAS + 1, "--")):
+            axes.plot(radius * np.sin(around), radius * np.cos(around), style, color=TRACK_COLOUR, lw=0.8)
+        away = SHOWN_SIGMAS + np.clip(off, -SHOWN_SIGMAS, SHOWN_SIGMAS)
+        for chosen, colour, label in ((fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")):
+            if chosen.any():
+                at = away * np.sin(survey.bearing_rad), away * np.cos(survey.bearing_rad)
+                axes.plot(at[0][chosen], at[1][chosen], ".", color=colour, ms=2.5, label=label)
+        axes.set(xlim=(-widest, widest), ylim=(-widest, widest), aspect="equal", title=name.split(" [")[0])
+        axes.set_xlabel("starboard [sigma]")
+    panels[0].set_ylabel("forward [sigma]")
+    legend_below(figure, list(panels))
     return figure

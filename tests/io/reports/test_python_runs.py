@@ -8,6 +8,8 @@ import pytest
 import usbldr
 from checkout import SAMPLES
 from commands import output_of
+from usbldr.io.reports.locate import read_smoothed_run
+from usbldr.io.reports.run import ScoredTrack
 
 
 def test_tables_and_run_directories_are_those_of_the_command_line(tmp_path: Path) -> None:
@@ -30,6 +32,11 @@ def test_tables_and_run_directories_are_those_of_the_command_line(tmp_path: Path
     assert "ekf" in output_of("compare", here, tmp_path / "there")
     with pytest.raises(usbldr.UsageError):
         usbldr.write_run(here, log, timeline, scored)
+    with pytest.raises(usbldr.UsageError, match="is not smoothed"):
+        read_smoothed_run(here)
+    smoothed = usbldr.replay(log, timeline, "ekf", usbldr.RunSettings(smooth=True), found)
+    run = read_smoothed_run(usbldr.write_run(tmp_path / "smoothed", log, timeline, ScoredTrack(smoothed, None)))
+    assert run.start_ns == log.start_ns
 
 
 def test_the_names_of_the_package_are_shown() -> None:
