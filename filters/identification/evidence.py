@@ -17,9 +17,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.identification.changes import changes
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
@@ -35,6 +37,7 @@ from usbldr.filters.identification.false_runs import false_fixes, false_starts
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     LEVER_OR_LATENCY,
+    STRONG_ODDS,
     FalseRun,
     Identification,
 )
@@ -48,7 +51,8 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.parameters import Parameters, SensorChange
+from usbldr.filters.replay.dead_reckoning import without_changes
 from usbldr.filters.replay.position_fixes import with_gps_fixes
 from usbldr.filters.types import Mask, Timeline, Vector
 
@@ -82,20 +86,41 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     errors = stated.errors
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
-    false = gross(timeline)
-    members = _with_every_error(timeline.with_fixes(~false), stated)
-    likeliest = int(np.argmax(fix_likelihoods(timeline.with_fixes(~false), members).log_likelihood))
-    false[~false] = false_fixes(timeline.with_fixes(~false), members[likeliest], stated)
-    kept = timeline
-    if false.any():
-        kept = timeline.with_fixes(~false)
-        members = _with_every_error(kept, stated)
-    choice = max((_choice(kept, member, stated) for member in members), key=lambda one: float(one.score.max()))
+    outliers = gross(timeline)
+    best = _explanation(timeline, stated, outliers, ())
+    if changed := changes(timeline.with_fixes(~outliers), stated):
+        best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
+    false, kept = best.false, best.timeline.with_fixes(~best.false)
+    choice = max((_choice(kept, member, stated) for member in best.members), key=lambda one: float(one.score.max()))
     found = concluded(kept, given, stated, choice)
     rows = tuple(np.flatnonzero(false).tolist())
-    starts = false_starts(timeline, choice.member) if false[0] else ()
-    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
+    starts = false_starts(best.timeline, choice.member) if false[0] else ()
+    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts, changes=best.changes)
     return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
+
+
+class _Explanation(NamedTuple):
+    """Changes of compass and DVL, and what the log says with them."""
+
+    changes: tuple[SensorChange, ...]
+    timeline: Timeline  # without them
+    false: Mask  # (F,) fixes
+    members: list[Member]  # with all errors and the noise that fits the other fixes
+    log_evidence: float  # of the fixes that are no gross outliers, less what changes cost
+
+
+def _explanation(
+    timeline: Timeline, stated: Parameters, outliers: Mask, changed: tuple[SensorChange, ...]
+) -> _Explanation:
+    line, false = without_changes(timeline, changed), outliers.copy()
+    near = line.with_fixes(~outliers)
+    members = _with_every_error(near, stated)
+    likeliest = int(np.argmax(fix_likelihoods(near, members).log_likelihood))
+    false[~outliers], log_likelihood = false_fixes(near, members[likeliest], stated)
+    if false.any():
+        members = _with_every_error(line.with_fixes(~false), stated)
+    cost = len(changed) * math.log(len(false) * STRONG_ODDS**2)  # each may begin at any fix, in heading and scale
+    return _Explanation(changed, line, false, members, log_likelihood - cost)
 
 
 def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:

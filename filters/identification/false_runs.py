@@ -59,8 +59,8 @@ class _Histories(NamedTuple):
     octave: Indices  # (N,) of the fix with which a run began, counted from 1; 0: none
 
 
-def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> Mask:
-    """Return which fixes are false, (F,): of those after MAX_FIXES none is known to be.
+def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple[Mask, float]:
+    """Return which fixes are false, (F,), and the log likelihood of all; of those after MAX_FIXES none is known to be.
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
     with the stated correlated error and the sigma that neighbouring fixes show, too, and the likelier noise decides.
@@ -75,8 +75,8 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> Mask:
         other = false_runs(timeline, member._replace(parameters=robust))
         found = max(found, other, key=lambda runs: runs.log_likelihood)
     if found.false.mean() >= 0.5:
-        return none
-    return np.append(found.false, none[len(found.false) :])
+        return none, found.log_likelihood
+    return np.append(found.false, none[len(found.false) :]), found.log_likelihood
 
 
 def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:

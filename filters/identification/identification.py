@@ -1,10 +1,11 @@
 """What a log itself says of a run: the parameters to run with, and the reasons for them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.parameters import Parameters, SensorChange
 
 LEVER_OR_LATENCY = frozenset(("dvl-lever", "latency"))  # keys of usbl_likelihood.KEYS
 UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more than is usual
@@ -104,6 +105,7 @@ class Identification:
         """Return which fixes were left out, rivals, and what to check if the fixes contradict dead reckoning."""
         return (
             *self._false_runs_text,
+            *self._changes_texts,
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
             *([f"LEVER-OR-LATENCY: {text}"] if (text := self.lever_or_latency_text) else []),
             *(
@@ -130,6 +132,20 @@ class Identification:
             f"or a part of each{'' if usual else ', which are more than is usual'}: at one speed the log shows only "
             "their sum, and the track is that of the likeliest parts; another speed or a measured lever arm decides"
         )
+
+    @property
+    def _changes_texts(self) -> tuple[str, ...]:
+        before, texts = SensorChange(0.0, 0.0, 0.0), list[str]()
+        for one in self.parameters.changes:
+            turned_deg = math.degrees(math.remainder(before.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
+            scale = (1 + one.dvl_scale) / (1 + before.dvl_scale) - 1
+            texts.append(
+                f"from {one.start_s:.0f} s on headings read {turned_deg:+.1f}° and speeds {scale:+.1%} compared with "
+                "before; this was taken off, and later fixes decided it, too: check the compass and the DVL "
+                "(mounting, sound speed, bottom lock) at this time"
+            )
+            before = one
+        return tuple(texts)
 
     @property
     def _false_runs_text(self) -> tuple[str, ...]:

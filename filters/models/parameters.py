@@ -154,6 +154,14 @@ class FalseStart(NamedTuple):
     fixes: int
 
 
+class SensorChange(NamedTuple):
+    """What compass and DVL read wrong from some time on, beyond what they did before the first change."""
+
+    start_s: float
+    heading_bias_rad: float  # anticlockwise, as the state
+    dvl_scale: float  # [-] of its readings
+
+
 @dataclass(frozen=True, slots=True)
 class Parameters:
     """The model side of a run, the same for every filter."""
@@ -177,6 +185,7 @@ class Parameters:
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
     false_starts: tuple[FalseStart, ...] = ()  # the same of the first ones alone, as far as it is known in mid-dive
+    changes: tuple[SensorChange, ...] = ()  # that are taken off the readings before a run
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
     settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])

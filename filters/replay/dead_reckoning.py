@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
+from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.models.usual_velocity import VelocityHistory
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
@@ -157,6 +158,20 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
         yaws.append(yaw)
     mps = {"dvl_mps": line.dvl_mps / (1 + scale), "dr_mps": line.dr_mps / (1 + scale)}
     return replace(line, yaw_rad=yaws[0], dr_yaw_rad=yaws[1], **mps)
+
+
+def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:
+    """Return the timeline with compass and DVL read as before the first change."""
+    since = np.searchsorted([one.start_s for one in changed], timeline.time_s, side="right")
+    turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]
+    scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
+    return replace(
+        timeline,
+        yaw_rad=timeline.yaw_rad - turned,
+        dr_yaw_rad=timeline.dr_yaw_rad - turned,
+        dvl_mps=timeline.dvl_mps / (1 + scale),
+        dr_mps=timeline.dr_mps / (1 + scale),
+    )
 
 
 def head_covariance_m2(timeline: Timeline, position_m: Array, sd: Mapping[str, float]) -> Array:

@@ -26,7 +26,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, velocity_history
+from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, velocity_history, without_changes
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
 from usbldr.filters.replay.methods import (
     FilterSettings,
@@ -79,7 +79,7 @@ def _run(
     progress: Callable[[int, int], None],
 ) -> Trajectory:
     layout = layout_for(parameters.calibrate)
-    timeline = freed(timeline, parameters.settled)
+    timeline = freed(without_changes(timeline, parameters.changes), parameters.settled)
     motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline))
     name, estimator = method.name, make_estimator(method, motion, settings, parameters)
     began = time.perf_counter()

@@ -77,8 +77,8 @@ def topics_of(encoding: str, fields: Mapping[str, Sequence[str]], tables: Mappin
             f"{encoding}/{encoding}_{name[1:]}",
             encoding,
             len(records.received_ns),
-            int(records.received_ns[0]),
-            int(records.received_ns[-1]),
+            int(records.received_ns.min()),
+            int(records.received_ns.max()),
             tuple(fields[name]),
         )
         for name, records in tables.items()

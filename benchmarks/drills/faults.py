@@ -1,0 +1,135 @@
+"""Errors of the fixes, of the start and of clocks that `usbldr drill` cannot put into a log: print what they cost.
+
+    python benchmarks/drills/faults.py --seeds 8
+
+Each seed is a dive of its own (dive.toml, read without a configuration), scored as a whole, the faults included.
+docs/studies/faults.md has the table.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import usbldr
+from usbldr.filters.types import Array, Vector
+from usbldr.io.drills.drill import Drill, damaged
+from usbldr.io.drills.fault_text import fault_of
+from usbldr.io.log import Log
+
+DIVE = Path(__file__).parent / "dive.toml"
+FIRST_SEED = 4100  # no other study uses these dives
+HEAD_M = np.array([60.0, 90.0])  # of dive.toml
+ELSEWHERE_M = np.array([-300.0, 200.0])  # where positions lie that were written before the first reply
+BACK_M = 1.5  # a track further off has not come back
+Change = Callable[[Vector, Array, np.random.Generator], Array]  # times (F,) and fixes (F, 2) to fixes
+Damage = Callable[[Log, int], Log]
+
+
+def drill(text: str) -> Damage:
+    """Return the damage by a fault as `usbldr drill` writes it, such as "cluster usbl:20m@0:40"."""
+    return lambda log, seed: damaged(log, Drill(text, (fault_of(*text.split(" ")),)), seed)
+
+
+def fixes(change: Change) -> Damage:
+    """Return the damage that a change does to the fixes."""
+
+    def put_in(log: Log, seed: int) -> Log:
+        table = log.tables["usbl"]
+        z = change(table["time_s"].to_numpy(), table[["east_m", "north_m"]].to_numpy(), np.random.default_rng(seed))
+        return replace(log, tables={**log.tables, "usbl": table.assign(east_m=z[:, 0], north_m=z[:, 1])})
+
+    return put_in
+
+
+def at_one_place(place_m: Array, until_s: float) -> Damage:
+    """Return the damage of first fixes that all lie at a place."""
+    return fixes(lambda t, z, rng: np.where((t < until_s)[:, None], place_m, z))
+
+
+def echoes(share: float, offset_m: float, length: int) -> Damage:
+    """Return the damage of runs of fixes with an offset of their own each."""
+
+    def change(t: Vector, z: Array, rng: np.random.Generator) -> Array:
+        z, f = z.copy(), 0
+        while f < len(t):
+            f += rng.geometric(share / (1 - share) / length)
+            angle, count = rng.uniform(0, 2 * np.pi), rng.geometric(1 / length)
+            z[f : f + count] += offset_m * np.array([np.cos(angle), np.sin(angle)])
+            f += count
+        return z
+
+    return fixes(change)
+
+
+def roll(t: Vector, z: Array, rng: np.random.Generator) -> Array:
+    """Return fixes of a head that rolls with its ship by 3 m at the transponder, every 9.3 s, to a random side."""
+    angle, phase = rng.uniform(0, 2 * np.pi, 2)
+    return z + 3.0 * np.sin(2 * np.pi * t / 9.3 + phase)[:, None] * [np.cos(angle), np.sin(angle)]
+
+
+def late(log: Log, seed: int) -> Log:
+    """Return a log whose fixes are stamped 5 ± 2 s late."""
+    table = log.tables["usbl"]
+    stamped = table["time_s"] + np.random.default_rng(seed).normal(5.0, 2.0, len(table)).clip(0.0)
+    table = table.assign(time_s=stamped, received_s=stamped).sort_values("time_s", ignore_index=True)
+    return replace(log, tables={**log.tables, "usbl": table})
+
+
+FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes are false
+    "none": (lambda log, seed: log, 0.0),
+    **{f"first {s} s of fixes 60 m off": (drill(f"cluster usbl:60m@0:{s}"), float(s)) for s in (5, 10, 40, 100)},
+    "five first fixes at one place far away": (at_one_place(ELSEWHERE_M, 5.0), 5.0),
+    "first 20 s of fixes at the head": (at_one_place(HEAD_M, 20.0), 20.0),
+    "echoes: 25 %, 8 m, runs of 10": (echoes(0.25, 8.0, 10), 0.0),
+    "echoes: 40 %, 5 m, runs of 30": (echoes(0.4, 5.0, 30), 0.0),
+    "the ship rolls: 3 m, 9.3 s": (fixes(roll), 0.0),
+    "fixes stamped 5 ± 2 s late": (late, 0.0),
+    "fixes stamped 5 s late": (drill("latency usbl:5s"), 0.0),
+    "DVL scale 20 %": (drill("scale dvl:1.2"), 0.0),
+    "compass bias 10°": (drill("bias compass:10deg"), 0.0),
+    "compass mounted at 170°": (drill("bias compass:170deg"), 0.0),
+    "compass off by 40° for 60 s": (drill("bias compass:40deg@300:360"), 0.0),
+    "heading jumps by 8° in the middle": (drill("bias compass:8deg@50%:"), 0.0),
+    "DVL scale 5 % from the middle on": (drill("scale dvl:1.05@50%:"), 0.0),
+}
+
+
+def errors_m(log: Log, method: str, settings: usbldr.RunSettings) -> tuple[Vector, Vector]:
+    """Return times and horizontal errors of a run, (K,) each."""
+    line = usbldr.timeline(log)
+    track = usbldr.replay(log, line, method, settings, usbldr.resolve(log, line, method, settings))
+    report = usbldr.evaluate(log, line, track, settings)
+    return report.time_s, np.hypot(*report.error_m.T)
+
+
+def main() -> None:
+    """Print a row for each fault."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=8, help="dives")
+    parser.add_argument("--arrival", type=int, default=2, help="of them also in the order of arrival, by adf")
+    options = parser.parse_args()
+    print("| fault | mean of the dives, m | of each | over the dive without | by arrival, back after |")
+    print("| --- | ---: | --- | ---: | --- |")
+    clean = np.ones(options.seeds)
+    for name, (damage, false_s) in FAULTS.items():
+        means, back = [], []
+        for seed in range(FIRST_SEED, FIRST_SEED + options.seeds):
+            log = damage(usbldr.open_log(str(DIVE), usbldr.Request(configuration="none"), seed), seed)
+            means.append(errors_m(log, "cpf", usbldr.RunSettings())[1].mean())
+            if false_s and seed < FIRST_SEED + options.arrival:
+                t, e_m = errors_m(log, "adf", usbldr.RunSettings(order="arrival"))
+                back.append(t[(t < false_s) | (e_m > BACK_M)].max())
+        clean = np.array(means) if name == "none" else clean
+        each = " ".join(f"{mean:.2f}" for mean in means)
+        times = f"{np.mean(np.array(means) / clean):.2f}"
+        print(
+            f"| {name} | {np.mean(means):.2f} | {each} | {times} | {', '.join(f'{s:.0f} s' for s in back)} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""Find when dead reckoning changes within a log: a compass that turns, a DVL whose scale jumps, for good or a while.
+
+From a change on, the displacement of dead reckoning is that of the vehicle times another complex factor. Fixes minus
+dead reckoning, as medians of blocks, are Gaussian with a covariance of their noise, of the walk of dead reckoning, and
+of every error that lasts for the whole log, all by their priors; a change adds two columns. Changes are added one at a
+time, the likeliest first, as long as the evidence for one more is strong in spite of the times at which it could be:
+C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the covariance does not explain
+what they leave, dead reckoning is wrong in another way, and there is none.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
+from usbldr.filters.identification.identification import STRONG_ODDS
+from usbldr.filters.identification.linearisation import (
+    BIAS_STATES,
+    CURRENT_STATES,
+    KEYS,
+    NO_ERROR,
+    PASS_STATES,
+    keys_of,
+    linearised,
+    prior_sds,
+)
+from usbldr.filters.models.noise import robust_sd
+from usbldr.filters.models.parameters import Parameters, SensorChange
+from usbldr.filters.types import Array, Indices, Timeline, Vector
+
+BLOCK = 5  # [fixes] at least: a median of five ignores two outliers
+MAX_BLOCKS = 300  # of a log: solving takes their number cubed
+LEAST_BLOCKS = 10  # in fewer, noise and changes are not told apart
+MEDIAN = math.pi / 2  # fixed: variance of a median by that of a mean
+CHANGE_SD = 0.5  # [-] prior of either part of the factor: 30 degrees, 50 %
+FREE_SD = 3.0  # [-] of the factor of the whole log, any way round: other hypotheses find it
+FREE_START_M = 1e3  # 1-sigma of each axis: says nothing of where the vehicle starts
+FREE_LATENCY_S = 10.0  # 1-sigma of what stamps of a slow export are late by
+SHARES = (0.25, 1.0)  # [-] of the stated correlated error of the fixes: the likelier is taken
+MAX_CHANGES = 4  # a log of more is not described by them
+REFINEMENTS = 5  # of the times in turn, each by two blocks at most
+MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
+LOST_MPS = 1.0  # 1-sigma of a velocity that is not measured
+FACTOR = [PASS_STATES.index(name) for name in ("heading_bias", "dvl_scale")]
+
+
+class _Blocks(NamedTuple):
+    """B blocks of fixes minus dead reckoning."""
+
+    first: Indices  # (B,) fix of each
+    residual_m: Vector  # (2 B,) east and north of each in turn
+    cov_m2: Array  # (2 B, 2 B)
+    moved_m: Array  # (F, 2, 2) of every fix: how the parts of the factor have moved it since the start
+    mean_moved_m: Array  # (B, 2, 2)
+
+
+def changes(timeline: Timeline, given: Parameters) -> tuple[SensorChange, ...]:
+    """Return the changes for which there is strong evidence, ascending; none if they do not describe the log."""
+    if len(timeline.fix_time_s) < BLOCK * LEAST_BLOCKS:
+        return ()
+    best = max((_found(_blocks(timeline, given, share)) for share in SHARES), key=lambda one: one.log_evidence)
+    return _as_errors(timeline, best) if 0 < len(best.fixes) <= MAX_CHANGES and best.nis <= MAX_NIS else ()
+
+
+class _Found(NamedTuple):
+    """Changes found under one noise of the fixes."""
+
+    blocks: _Blocks
+    fixes: list[int]  # before which a change is, ascending
+    explained: Vector  # (2 B,) residuals by their covariance
+    nis: float  # per number
+    log_evidence: float  # less what the changes cost
+
+
+def _found(blocks: _Blocks) -> _Found:
+    found: list[int] = []
+    least = math.log(len(blocks.first) * STRONG_ODDS**2)  # it may begin at any time, in heading and scale
+    for _ in range(2 * MAX_CHANGES):  # one that is added may make an earlier one needless
+        gain, added = _likeliest(blocks, found, blocks.first[1:])
+        if gain < least or added in found or len(found) > MAX_CHANGES:
+            break
+        found = _refined(blocks, [*found, added], least)
+    cov, z = _with(blocks, found), blocks.residual_m
+    explained = np.linalg.solve(cov, z)
+    log_evidence = -0.5 * (z @ explained + np.linalg.slogdet(cov)[1]) - len(found) * least
+    return _Found(blocks, sorted(found), explained, float(z @ explained) / len(z), float(log_evidence))
+
+
+def _blocks(timeline: Timeline, given: Parameters, share: float) -> _Blocks:
+    time_s, count = timeline.fix_time_s, len(timeline.fix_time_s)
+    log = linearised(timeline, given, count, NO_ERROR)
+    size = max(BLOCK, math.ceil(count / MAX_BLOCKS))
+    first = np.arange(0, count - size + 1, size)
+    rows = first[:, None] + np.arange(size)
+    residual_m = np.median(log.residual_m[rows], axis=1)
+    t = time_s[rows].mean(axis=1)
+    H = log.measurement_matrix[rows].mean(axis=1)
+
+    steps = np.linalg.solve(np.linalg.cholesky(timeline.fix_cov_m2[1:]), np.diff(log.residual_m, axis=0)[..., None])
+    white_m2 = timeline.fix_cov_m2[rows].mean(axis=1) * (robust_sd(steps.ravel()) ** 2 * MEDIAN / size)
+    errors = given.errors
+    lost_s = np.where(has_dead_reckoning(timeline, t), 0.0, np.diff(t, prepend=0.0))
+    walked_m2 = np.cumsum(drift_variances_m2(timeline, t, [given], [True])[:, 0] + (LOST_MPS * lost_s) ** 2)
+    shared_m2 = (share * errors.usbl_bias_m) ** 2 * np.exp(-np.abs(t[:, None] - t) / errors.usbl_bias_s)
+    cov = np.einsum("ij,ab->iajb", np.minimum(walked_m2[:, None], walked_m2) + shared_m2, np.eye(2))
+    blocks = np.arange(len(t))
+    cov[blocks, :, blocks] += white_m2
+    cov = cov.reshape(2 * len(t), -1)
+
+    known, sd = prior_sds(given), dict.fromkeys(PASS_STATES, 0.0)
+    always = CURRENT_STATES if given.water_track else ()
+    sd |= {name: known[name] for key in keys_of(timeline, given) for name in (*KEYS[key], *always)}
+    sd |= {"x": FREE_START_M, "y": FREE_START_M, "usbl_latency": FREE_LATENCY_S}
+    sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR} | dict.fromkeys(BIAS_STATES, 0.0)
+    columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
+    moved_m = log.measurement_matrix[:, :, FACTOR]
+    found = _Blocks(first, residual_m.ravel(), cov + columns @ columns.T, moved_m, moved_m[rows].mean(axis=1))
+    heading = _columns(found, first[1:])[:, :, 0]
+    dt_s = np.diff(t)
+    return found._replace(cov_m2=found.cov_m2 + (heading * dt_s) @ heading.T * errors.heading_walk_rad**2)
+
+
+def _columns(blocks: _Blocks, fixes: Indices) -> Array:
+    """Return how a change before each of N fixes moves the blocks, per part of the factor, (2 B, N, 2)."""
+    size, moved_m = int(blocks.first[1]), blocks.moved_m
+    own, count = fixes // size, len(blocks.first)
+    later = (np.arange(count)[:, None] > own)[..., None, None]
+    since = np.where(later, blocks.mean_moved_m[:, None] - moved_m[fixes], 0.0)
+    for n in np.flatnonzero(own < count):
+        fix, end = fixes[n], (own[n] + 1) * size
+        since[own[n], n] = np.sum(moved_m[fix:end] - moved_m[fix], axis=0) / size
+    return since.transpose(0, 2, 1, 3).reshape(2 * count, len(fixes), 2)
+
+
+def _with(blocks: _Blocks, found: Sequence[int]) -> Array:
+    """Return the covariance of the blocks with changes before these fixes."""
+    columns = _columns(blocks, np.array(found, np.intp)).reshape(len(blocks.residual_m), -1)
+    return blocks.cov_m2 + CHANGE_SD**2 * columns @ columns.T
+
+
+def _refined(blocks: _Blocks, found: list[int], least: float) -> list[int]:
+    """Return the changes at the likeliest times near them, but for those that the others make needless."""
+    size = int(blocks.first[1])
+    for _ in range(REFINEMENTS):
+        before = sorted(found)
+        for fix in before:
+            others = [one for one in found if one != fix]
+            near = np.arange(max(1, fix - 2 * size), min(len(blocks.moved_m), fix + 2 * size + 1))
+            gain, moved = _likeliest(blocks, others, near)
+            found = [*others, moved] if gain >= least and moved not in others else others
+        if sorted(found) == before:
+            break
+    return found
+
+
+def _likeliest(blocks: _Blocks, found: Sequence[int], fixes: Indices) -> tuple[float, int]:
+    """Return the gain in log evidence by one more change, the likeliest before one of the fixes, and that fix."""
+    cov = _with(blocks, found)
+    columns = _columns(blocks, fixes).reshape(len(cov), -1) * CHANGE_SD
+    white = np.linalg.solve(np.linalg.cholesky(cov), np.column_stack([blocks.residual_m, columns]))
+    z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), 2)
+    precision = np.einsum("bna,bnc->nac", columns, columns) + np.eye(2)
+    pull = np.einsum("bna,b->na", columns, z)
+    gain = np.einsum("na,na->n", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
+    gain = 0.5 * (gain - np.linalg.slogdet(precision)[1])
+    row = int(np.argmax(gain))
+    return float(gain[row]), int(fixes[row])
+
+
+def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
+    """Return the changes as errors of compass and DVL beyond those before the first, from posterior means."""
+    blocks = found.blocks
+    columns = [blocks.mean_moved_m.reshape(-1, 2) * FREE_SD**2]
+    columns += list(_columns(blocks, np.array(found.fixes)).swapaxes(0, 1) * CHANGE_SD**2)
+    heading, scale = np.cumsum([each.T @ found.explained for each in columns], axis=0).T
+    factor = 1 - scale - 1j * heading  # on dead reckoning
+    return tuple(
+        SensorChange(float(timeline.fix_time_s[fix]), -float(np.angle(q)), float(1 / abs(q)) - 1)
+        for fix, q in zip(found.fixes, factor[1:] / factor[0], strict=True)
+    )

@@ -1,0 +1,115 @@
+"""Compass and DVL that change within a log: found with time and size, told from false fixes, taken off."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from usbldr.filters.identification.changes import CHANGE_SD, _blocks, _likeliest, _with, changes
+from usbldr.filters.identification.evidence import identify
+from usbldr.filters.models.noise import Contamination
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
+from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Timeline
+from weaving import Faults, weaving_dive
+
+ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
+DIVE = weaving_dive(Faults())
+
+
+def wrong(from_s: float, to_s: float, turned_rad: float = 0.0, scale: float = 0.0, dive: Timeline = DIVE) -> Timeline:
+    """Return a dive with an error of compass and DVL for a while."""
+    there = (dive.time_s >= from_s) & (dive.time_s < to_s)
+    turned, factor = there * turned_rad, 1 + (there * scale)[:, None]
+    return replace(
+        dive,
+        yaw_rad=dive.yaw_rad + turned,
+        dr_yaw_rad=dive.dr_yaw_rad + turned,
+        dvl_mps=dive.dvl_mps * factor,
+        dr_mps=dive.dr_mps * factor,
+    )
+
+
+def logarithm_of_density(z: np.ndarray, cov: np.ndarray) -> float:
+    return float(-0.5 * (z @ np.linalg.solve(cov, z) + np.linalg.slogdet(2 * np.pi * cov)[1]))
+
+
+def test_the_gain_is_the_ratio_of_two_densities() -> None:
+    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, 1.0)
+    for fix in (60, 200, 300):
+        gain, _ = _likeliest(blocks, [150], np.array([fix]))
+        with_it, without = (
+            logarithm_of_density(blocks.residual_m, _with(blocks, found)) for found in ([150, fix], [150])
+        )
+        assert gain == pytest.approx(with_it - without, abs=1e-6)
+    assert np.allclose(_with(blocks, [60]) - _with(blocks, []), _with(blocks, [60, 90]) - _with(blocks, [90]))
+    assert CHANGE_SD > 0
+
+
+@pytest.mark.parametrize(
+    ("line", "want"),
+    [
+        (wrong(200.0, 1e9, 0.14), [(200.0, 0.14, 0.0)]),
+        (wrong(200.0, 1e9, -0.14), [(200.0, -0.14, 0.0)]),
+        (wrong(150.0, 1e9, 0.0, 0.2), [(150.0, 0.0, 0.2)]),
+        (wrong(150.0, 210.0, 0.7), [(150.0, 0.7, 0.0), (210.0, 0.0, 0.0)]),
+        (wrong(0.0, 1e9, 2.9, 0.0, wrong(200.0, 1e9, 0.14)), [(200.0, 0.14, 0.0)]),  # however the compass is mounted
+    ],
+    ids=["heading", "the other way", "scale", "a minute", "on top of a mounting"],
+)
+def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tuple[float, float, float]]) -> None:
+    found = changes(line, ASSUMED)
+
+    assert len(found) == len(want)
+    for one, (start_s, turned_rad, scale) in zip(found, want, strict=True):
+        assert one.start_s == pytest.approx(start_s, abs=12.0)
+        assert one.heading_bias_rad == pytest.approx(turned_rad, abs=0.03)
+        assert one.dvl_scale == pytest.approx(scale, abs=0.03)
+
+
+def test_what_is_taken_off_is_what_was_put_on() -> None:
+    line = wrong(150.0, 210.0, 0.7, 0.1)
+    (one, back) = (replace_start(one, t) for one, t in zip(changes(line, ASSUMED), (150.0, 210.0), strict=True))
+    exact = one._replace(heading_bias_rad=0.7, dvl_scale=0.1), back._replace(heading_bias_rad=0.0, dvl_scale=0.0)
+
+    restored = without_changes(line, exact)
+
+    for name in ("yaw_rad", "dr_yaw_rad", "dvl_mps", "dr_mps"):
+        np.testing.assert_allclose(getattr(restored, name), getattr(DIVE, name), atol=1e-12)
+
+
+def replace_start(one, start_s: float):
+    return one._replace(start_s=start_s)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_dive_without_a_change_has_none(seed: int) -> None:
+    assert changes(weaving_dive(Faults(), seed), ASSUMED) == ()
+
+
+@pytest.mark.long
+def test_a_track_is_what_it_is_without_the_change_and_a_warning_says_when() -> None:
+    line = wrong(200.0, 1e9, 0.14)
+    found = identify(line, ASSUMED)
+    clean = run("adf", DIVE, identify(DIVE, ASSUMED).parameters)
+    constant = replace(found.parameters, changes=())
+
+    off_m, before_m = (
+        float(np.hypot(*(run("adf", line, p).position_m - clean.position_m).T).mean())
+        for p in (found.parameters, constant)
+    )
+
+    assert off_m < 0.25
+    assert before_m > 3 * off_m
+    (warning,) = (text for text in found.warnings if "headings read" in text)
+    assert "headings read -8." in warning  # clockwise
+
+
+@pytest.mark.long
+def test_false_fixes_are_no_change() -> None:
+    T = DIVE.fix_time_s
+    for rows in (T < 60, (T > 150) & (T < 240)):
+        line = replace(DIVE, fix_m=np.where(rows[:, None], DIVE.fix_m + np.array([40.0, -30.0]), DIVE.fix_m))
+        found = identify(line, ASSUMED).parameters
+        assert (found.changes, found.false_fixes) == ((), tuple(np.flatnonzero(rows).tolist()))
