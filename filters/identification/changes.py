@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, segment_numbers
 from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
 from usbldr.filters.identification.identification import STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
@@ -22,8 +23,10 @@ from usbldr.filters.identification.linearisation import (
     KEYS,
     NO_ERROR,
     PASS_STATES,
+    Point,
     keys_of,
     linearised,
+    near,
     prior_sds,
 )
 from usbldr.filters.models.noise import robust_sd
@@ -60,7 +63,11 @@ def changes(timeline: Timeline, given: Parameters) -> tuple[SensorChange, ...]:
     """Return the changes for which there is strong evidence, ascending; none if they do not describe the log."""
     if len(timeline.fix_time_s) < BLOCK * LEAST_BLOCKS:
         return ()
-    best = max((_found(_blocks(timeline, given, share)) for share in SHARES), key=lambda one: one.log_evidence)
+    group = segment_numbers(timeline, timeline.fix_time_s)
+    late_s = fit_rotation(timeline, group, WIDE_LATENCIES_S).latency_s if np.any(group >= 0) else 0.0
+    points = {NO_ERROR, near({"usbl_latency": late_s})}  # far from its own, a latency is not linear in turns
+    every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
+    best = max(every, key=lambda one: one.log_evidence)
     return _as_errors(timeline, best) if 0 < len(best.fixes) <= MAX_CHANGES and best.nis <= MAX_NIS else ()
 
 
@@ -88,9 +95,9 @@ def _found(blocks: _Blocks) -> _Found:
     return _Found(blocks, sorted(found), explained, float(z @ explained) / len(z), float(log_evidence))
 
 
-def _blocks(timeline: Timeline, given: Parameters, share: float) -> _Blocks:
+def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -> _Blocks:
     time_s, count = timeline.fix_time_s, len(timeline.fix_time_s)
-    log = linearised(timeline, given, count, NO_ERROR)
+    log = linearised(timeline, given, count, about)
     size = max(BLOCK, math.ceil(count / MAX_BLOCKS))
     first = np.arange(0, count - size + 1, size)
     rows = first[:, None] + np.arange(size)

@@ -23,6 +23,7 @@ from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
 
 SEGMENT_S = 120.0  # drift within a segment is small against the motion
+WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
 JACKKNIFE_BLOCKS = 8  # of the log, left out one by one
 TRIED_LATENCIES_S = tuple(float(s) for s in range(-4, 5))  # delays of fixes are seconds; the fit refines the best
 GROSS = 100.0  # [-] of the median residual, at least 100 m: such a fix is of another place, not of another noise

@@ -32,7 +32,7 @@ from usbldr.filters.identification.conclusions import (
     concluded,
     noise_changes,
 )
-from usbldr.filters.identification.dr_usbl_fit import fit_rotation, gross, segment_numbers
+from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
 from usbldr.filters.identification.false_runs import false_fixes, false_starts
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
@@ -63,7 +63,6 @@ LEAST_FACTOR = 1e-3  # fixed: on dead reckoning; a smaller one is as far outside
 MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
-WIDE_LATENCIES_S = tuple(float(s) for s in range(-20, 21))  # tried for the start of the search
 LINEARISATIONS = 2  # about the estimates of each subset
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from usbldr.filters.identification.changes import CHANGE_SD, _blocks, _likeliest, _with, changes
 from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.replay.dead_reckoning import without_changes
@@ -36,7 +37,7 @@ def logarithm_of_density(z: np.ndarray, cov: np.ndarray) -> float:
 
 
 def test_the_gain_is_the_ratio_of_two_densities() -> None:
-    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, 1.0)
+    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
     for fix in (60, 200, 300):
         gain, _ = _likeliest(blocks, [150], np.array([fix]))
         with_it, without = (
