@@ -90,7 +90,7 @@ def _found(blocks: _Blocks) -> _Found:
             break
         found = _refined(blocks, [*found, added], least)
     cov, z = _with(blocks, found), blocks.residual_m
-    explained = np.linalg.solve(cov, z)
+    explained: Vector = np.linalg.solve(cov, z).astype(np.float64)
     log_evidence = -0.5 * (z @ explained + np.linalg.slogdet(cov)[1]) - len(found) * least
     return _Found(blocks, sorted(found), explained, float(z @ explained) / len(z), float(log_evidence))
 
@@ -105,8 +105,9 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     t = time_s[rows].mean(axis=1)
     H = log.measurement_matrix[rows].mean(axis=1)
 
-    steps = np.linalg.solve(np.linalg.cholesky(timeline.fix_cov_m2[1:]), np.diff(log.residual_m, axis=0)[..., None])
-    white_m2 = timeline.fix_cov_m2[rows].mean(axis=1) * (robust_sd(steps.ravel()) ** 2 * MEDIAN / size)
+    sigma_m, step_m = np.linalg.cholesky(timeline.fix_cov_m2[1:]), np.diff(log.residual_m, axis=0)[..., None]
+    steps: Vector = np.linalg.solve(sigma_m, step_m).ravel().astype(np.float64)
+    white_m2 = timeline.fix_cov_m2[rows].mean(axis=1) * (robust_sd(steps) ** 2 * MEDIAN / size)
     errors = given.errors
     lost_s = np.where(has_dead_reckoning(timeline, t), 0.0, np.diff(t, prepend=0.0))
     walked_m2 = np.cumsum(drift_variances_m2(timeline, t, [given], [True])[:, 0] + (LOST_MPS * lost_s) ** 2)
@@ -166,12 +167,13 @@ def _likeliest(blocks: _Blocks, found: Sequence[int], fixes: Indices) -> tuple[f
     """Return the gain in log evidence by one more change, the likeliest before one of the fixes, and that fix."""
     cov = _with(blocks, found)
     columns = _columns(blocks, fixes).reshape(len(cov), -1) * CHANGE_SD
-    white = np.linalg.solve(np.linalg.cholesky(cov), np.column_stack([blocks.residual_m, columns]))
+    both = np.column_stack([blocks.residual_m, columns])
+    white: Array = np.linalg.solve(np.linalg.cholesky(cov), both).astype(np.float64)
     z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), 2)
-    precision = np.einsum("bna,bnc->nac", columns, columns) + np.eye(2)
-    pull = np.einsum("bna,b->na", columns, z)
-    gain = np.einsum("na,na->n", pull, np.linalg.solve(precision, pull[..., None])[..., 0])
-    gain = 0.5 * (gain - np.linalg.slogdet(precision)[1])
+    precision: Array = np.einsum("bna,bnc->nac", columns, columns) + np.eye(2)
+    pull: Array = np.einsum("bna,b->na", columns, z)
+    solved: Array = np.linalg.solve(precision, pull[..., None]).astype(np.float64)[..., 0]
+    gain = 0.5 * ((pull * solved).sum(axis=1) - np.linalg.slogdet(precision)[1])
     row = int(np.argmax(gain))
     return float(gain[row]), int(fixes[row])
 
