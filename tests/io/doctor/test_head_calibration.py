@@ -55,8 +55,9 @@ def test_a_ship_that_rests_without_depths_leaves_the_head_open_and_says_what_wou
 
 def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its_errors(tmp_path):
     drms_m = []
-    for name, errors in (("right", {}), ("turned", {"heading_deg": 2.0, "scale": 0.985})):
-        dive, out = write_dive(tmp_path / name, 1, seconds=400, **errors), str(tmp_path / f"{name}-run")
+    for name, heading_deg, scale in (("right", 0.0, 1.0), ("turned", 2.0, 0.985)):
+        dive = write_dive(tmp_path / name, 1, seconds=400, heading_deg=heading_deg, scale=scale)
+        out = str(tmp_path / f"{name}-run")
         run("replay", str(dive), "--filter", "adf", "--smooth", "--plots", "none", "--output", out)
         drms_m.append(json.loads((Path(out) / "report.json").read_text())["fix_statistics"]["scatter"]["drms_m"])
     assert drms_m[1] == pytest.approx(drms_m[0], rel=0.05)
