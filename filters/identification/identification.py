@@ -105,7 +105,10 @@ class Identification:
         """Return which fixes were left out, rivals, and what to check if the fixes contradict dead reckoning."""
         return (
             *self._false_runs_text,
-            *self._changes_texts,
+            *(
+                f"SENSOR-CHANGE: {text}; this was taken off, and later fixes decided it, too"
+                for text in self.change_texts
+            ),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
             *([f"LEVER-OR-LATENCY: {text}"] if (text := self.lever_or_latency_text) else []),
             *(
@@ -134,15 +137,15 @@ class Identification:
         )
 
     @property
-    def _changes_texts(self) -> tuple[str, ...]:
+    def change_texts(self) -> tuple[str, ...]:
+        """Return what each of the parameters' changes is, and what to check."""
         before, texts = SensorChange(0.0, 0.0, 0.0), list[str]()
         for one in self.parameters.changes:
             turned_deg = math.degrees(math.remainder(before.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
             scale = (1 + one.dvl_scale) / (1 + before.dvl_scale) - 1
             texts.append(
                 f"from {one.start_s:.0f} s on headings read {turned_deg:+.1f}° and speeds {scale:+.1%} compared with "
-                "before; this was taken off, and later fixes decided it, too: check the compass and the DVL "
-                "(mounting, sound speed, bottom lock) at this time"
+                "before (check compass and DVL at this time: mounting, sound speed, bottom lock)"
             )
             before = one
         return tuple(texts)

@@ -11,6 +11,8 @@ import numpy as np
 
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, LEVER, RANGE
+from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
+from usbldr.filters.types import Timeline
 from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -32,6 +34,18 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
         texts = "; or ".join(explanation_text(one) for one in found.explanations)
         findings.append(Finding(code, f"explanations that the log does not decide between: {texts}"))
     return findings
+
+
+def change_findings(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
+    """Report when compass or DVL changed; worst: what all changes do to dead reckoning at the fixes, RMS."""
+    changes = found.parameters.changes
+    moved_m = displacement_m(timeline) - displacement_m(without_changes(timeline, changes))
+    effect_m = float(np.hypot(*interpolate(timeline, moved_m, timeline.fix_time_s).std(axis=0)))
+    ending = f"; the changes move dead reckoning by {effect_m:.2g} m RMS, and replay takes them off"
+    return [
+        Finding("SENSOR-CHANGE", text + ending, topic_of(log, "compass"), one.start_s, effect_m, "m")
+        for one, text in zip(changes, found.change_texts, strict=True)
+    ]
 
 
 def explanation_text(one: Explanation) -> str:

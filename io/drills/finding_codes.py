@@ -14,9 +14,9 @@ FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
 }
 NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "sd": {"usbl": ("USBL-NOISE",)},
-    "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT")},
-    "bias": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP"), "usbl": FALSE_FIXES},
-    "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS")},
+    "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT", "SENSOR-CHANGE")},
+    "bias": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
+    "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "SENSOR-CHANGE")},
     "lever": {"dvl": ("DVL-LEVER", "LEVER-OR-LATENCY"), "usbl": ("DVL-LEVER", "LEVER-OR-LATENCY")},
     "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES)},
     "spike": FALSE_RECORDS,

@@ -1,4 +1,4 @@
-"""Compass and DVL that change within a log: found with time and size, told from false fixes, taken off."""
+"""Compass and DVL that change within a log: time and size are found, and false fixes are not taken for changes."""
 
 from dataclasses import replace
 
@@ -104,6 +104,7 @@ def test_a_track_is_what_it_is_without_the_change_and_a_warning_says_when() -> N
     assert off_m < 0.25
     assert before_m > 3 * off_m
     (warning,) = (text for text in found.warnings if "headings read" in text)
+    assert warning.startswith("SENSOR-CHANGE: from ")
     assert "headings read -8." in warning  # clockwise
 
 

@@ -52,6 +52,26 @@ def test_a_convention_is_named_if_the_log_decides_it_and_no_other(
         assert (found[code]["level"] == "error") == (code in FLIPPED)
 
 
+def test_a_scale_that_changes_within_the_log_is_named_with_its_time_and_its_metres(tmp_path: Path) -> None:
+    rows = curved_dive(gps=True)
+    later = [row[1] == "/dvl" and row[0] >= T0 + 150 * SECOND for row in rows]
+    wrong = [
+        (*row[:3], {name: 1.3 * value if "linear" in name else value for name, value in row[3].items()}) if hit else row
+        for row, hit in zip(rows, later, strict=True)
+    ]
+
+    found = findings(written(tmp_path, wrong))["SENSOR-CHANGE"]
+
+    assert found["time_s"] == pytest.approx(150.0, abs=12.0)
+    scale = re.search(r"speeds ([+-][\d.]+)% compared with before", found["text"])
+    assert scale is not None
+    assert float(scale[1]) == pytest.approx(30.0, abs=2.0)
+    t = np.arange(10.0, 290.0, 0.1)  # of the fixes
+    heading, forward, starboard = 0.02 * t + 0.9 * np.sin(t / 31), 1 + 0.3 * np.sin(t / 17), 0.4 * np.sin(t / 41) + 0.2
+    velocity = (forward - 1j * starboard) * np.exp(-1j * heading) * 0.3 * (t >= 150.0)
+    assert found["worst"] == pytest.approx(np.std(np.cumsum(velocity) * 0.1), rel=0.1)
+
+
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
     done = run("doctor", written(tmp_path, gps=True))
 
