@@ -14,17 +14,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.identification.conclusions import FAR_SD
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, segment_numbers
 from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
 from usbldr.filters.identification.identification import STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
     CURRENT_STATES,
-    KEYS,
     NO_ERROR,
     PASS_STATES,
     Point,
-    keys_of,
     linearised,
     near,
     prior_sds,
@@ -35,12 +34,11 @@ from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 BLOCK = 5  # [fixes] at least: a median of five ignores two outliers
 MAX_BLOCKS = 300  # of a log: solving takes their number cubed
-LEAST_BLOCKS = 10  # in fewer, noise and changes are not told apart
+LEAST_BLOCKS = 10  # fewer do not distinguish a change from noise
 MEDIAN = math.pi / 2  # fixed: variance of a median by that of a mean
 CHANGE_SD = 0.5  # [-] prior of either part of the factor: 30 degrees, 50 %
 FREE_SD = 3.0  # [-] of the factor of the whole log, any way round: other hypotheses find it
 FREE_START_M = 1e3  # 1-sigma of each axis: says nothing of where the vehicle starts
-FREE_LATENCY_S = 10.0  # 1-sigma of what stamps of a slow export are late by
 SHARES = (0.25, 1.0)  # [-] of the stated correlated error of the fixes: the likelier is taken
 MAX_CHANGES = 4  # a log of more is not described by them
 REFINEMENTS = 5  # of the times in turn, each by two blocks at most
@@ -117,11 +115,10 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     cov[blocks, :, blocks] += white_m2
     cov = cov.reshape(2 * len(t), -1)
 
-    known, sd = prior_sds(given), dict.fromkeys(PASS_STATES, 0.0)
-    always = CURRENT_STATES if given.water_track else ()
-    sd |= {name: known[name] for key in keys_of(timeline, given) for name in (*KEYS[key], *always)}
-    sd |= {"x": FREE_START_M, "y": FREE_START_M, "usbl_latency": FREE_LATENCY_S}
-    sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR} | dict.fromkeys(BIAS_STATES, 0.0)
+    sd = {**dict.fromkeys(PASS_STATES, 0.0), **prior_sds(given)}
+    sd |= {"x": FREE_START_M, "y": FREE_START_M, "usbl_latency": FAR_SD["latency_s"]}
+    sd |= dict.fromkeys([*BIAS_STATES, *(() if given.water_track else CURRENT_STATES)], 0.0)
+    sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
     moved_m = log.measurement_matrix[:, :, FACTOR]
     found = _Blocks(first, residual_m.ravel(), cov + columns @ columns.T, moved_m, moved_m[rows].mean(axis=1))

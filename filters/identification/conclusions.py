@@ -37,9 +37,7 @@ from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Timeline, Vector
 
-LOG_PRIOR_ODDS = -math.log(
-    STRONG_ODDS
-)  # of an error that exists against one that does not: strong evidence is required
+LOG_PRIOR_ODDS = -math.log(STRONG_ODDS)  # of an error that exists against one that does not
 FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "latency_s": 10.0}
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
 compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""

@@ -186,6 +186,6 @@ def _why(file: Path, open_file: Callable[[Path], Reader]) -> str:
     if file.is_file() and not file.stat().st_size:
         return "the file is empty"
     try:
-        return f"it is {open_file(file).format}; --with {file.name} adds it"
+        return f"it is a log of its own ({open_file(file).format}); --with {file.name} adds it"
     except (LogError, UsageError) as fault:
         return fault.text

@@ -189,7 +189,7 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
 
     (lost,) = (finding for finding in open_log(folder).findings() if finding.lost_data)
 
-    assert lost.text == "gps.csv is not read: it is CSV file; --with gps.csv adds it"
+    assert lost.text == "gps.csv is not read: it is a log of its own (CSV file); --with gps.csv adds it"
     assert run("info", folder).return_value == 3
     added = run("info", folder, "--with", folder / "gps.csv")
     assert added.return_value == 0
