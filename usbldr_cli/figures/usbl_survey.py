@@ -132,9 +132,7 @@ def polar_figure(found: FittedSurvey) -> Figure:
     """Draw the residuals as the distance from a circle, at the bearing of each fix from the head."""
     survey, fit = found.survey, found.verdict.installation
     sigmas = residuals(survey, fit.values) / [fit.range_sd_m, fit.angle_sd_rad, fit.angle_sd_rad]
-    detail = (
-        "Outside of the full circle: more than fitted. Dashed: one sigma. Around another circle: an error that stays."
-    )
+    detail = "Outside the full circle: more than fitted; dashed: one sigma. Around another circle: a constant error."
     figure = titled_figure(f"Residuals by bearing: {found.report.path.name}", detail, 12, 4.9)
     panels = figure.subplots(1, 3)
     around, widest = np.radians(np.linspace(0, 360, 181)), 2.1 * SHOWN_SIGMAS
@@ -147,7 +145,7 @@ def polar_figure(found: FittedSurvey) -> Figure:
                 at = away * np.sin(survey.bearing_rad), away * np.cos(survey.bearing_rad)
                 axes.plot(at[0][chosen], at[1][chosen], ".", color=colour, ms=2.5, label=label)
         axes.set(xlim=(-widest, widest), ylim=(-widest, widest), aspect="equal", title=name.split(" [")[0])
-        axes.set_xlabel("starboard [sigma]")
-    panels[0].set_ylabel("forward [sigma]")
+        axes.set(xticks=[], yticks=[], xlabel="starboard")
+    panels[0].set_ylabel("forward")
     legend_below(figure, list(panels))
     return figure
