@@ -25,7 +25,6 @@ test-all: $(VENV)/installed-dev .pyright/usbldr
 # damaged files of every format by the thousand: the table in docs/broken_files.md
 fuzz: $(VENV)/installed-dev
 	$(BIN)/pytest -q -n auto --dist worksteal -m slow
-	USBLDR_FUZZ=1 $(BIN)/pytest -q -n auto $$(grep -rl '^@given' tests)
 	PYTHONPATH=tests/support:benchmarks $(BIN)/python tests/support/damage.py --write docs/broken_files.md
 
 # the tests of the kernel with checks of every access and of every operation without a defined result

@@ -1,9 +1,9 @@
 """Find when dead reckoning changes within a log: a compass that turns, a DVL whose scale jumps, for good or a while.
 
 From a change on, the displacement of dead reckoning is that of the vehicle times another complex factor. Fixes minus
-dead reckoning, as medians of blocks, are Gaussian with a covariance of their noise, of the walk of dead reckoning, and
-of every error that lasts for the whole log, all by their priors; a change adds two columns. Changes are added one at a
-time, the likeliest first, as long as the evidence for one more is strong in spite of the times at which it could be:
+dead reckoning, as means of blocks without outliers, are Gaussian with a covariance of their noise, of the walk of dead
+reckoning, and of every error that lasts for the whole log, all by their priors; a change adds two columns. Changes are
+added one at a time, the likeliest first, while the evidence for one more is strong in spite of the many possible times:
 C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the covariance does not explain
 what they leave, dead reckoning is wrong in another way, and there is none.
 """
@@ -13,10 +13,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from usbldr.filters.identification.conclusions import FAR_SD
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, segment_numbers
-from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
+from usbldr.filters.identification.drift import drift_variances_m2
 from usbldr.filters.identification.identification import STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
@@ -30,26 +31,28 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.models.noise import robust_sd
 from usbldr.filters.models.parameters import Parameters, SensorChange
-from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
-BLOCK = 5  # [fixes] at least: a median of five ignores two outliers
+NEIGHBOURS = 7  # [fixes] before and after one: their median ignores a third of false ones
+OUTLIER_SIGMAS = 4.0  # [-] beyond: a tail that is no longer Gaussian
+BLOCK = 5  # [fixes] of a mean, at least: finer times say no more
 MAX_BLOCKS = 300  # of a log: solving takes their number cubed
 LEAST_BLOCKS = 10  # fewer do not distinguish a change from noise
-MEDIAN = math.pi / 2  # fixed: variance of a median by that of a mean
 CHANGE_SD = 0.5  # [-] prior of either part of the factor: 30 degrees, 50 %
 FREE_SD = 3.0  # [-] of the factor of the whole log, any way round: other hypotheses find it
 FREE_START_M = 1e3  # 1-sigma of each axis: says nothing of where the vehicle starts
 SHARES = (0.25, 1.0)  # [-] of the stated correlated error of the fixes: the likelier is taken
+LASTING_S = 20.0  # a shorter error is a jump of the position, which false fixes explain as well
 MAX_CHANGES = 4  # a log of more is not described by them
 REFINEMENTS = 5  # of the times in turn, each by two blocks at most
 MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
-LOST_MPS = 1.0  # 1-sigma of a velocity that is not measured
 FACTOR = [PASS_STATES.index(name) for name in ("heading_bias", "dvl_scale")]
 
 
 class _Blocks(NamedTuple):
     """B blocks of fixes minus dead reckoning."""
 
+    time_s: Vector  # (F,) of every fix
     first: Indices  # (B,) fix of each
     residual_m: Vector  # (2 B,) east and north of each in turn
     cov_m2: Array  # (2 B, 2 B)
@@ -57,16 +60,34 @@ class _Blocks(NamedTuple):
     mean_moved_m: Array  # (B, 2, 2)
 
 
-def changes(timeline: Timeline, given: Parameters) -> tuple[SensorChange, ...]:
-    """Return the changes for which there is strong evidence, ascending; none if they do not describe the log."""
+class FoundChanges(NamedTuple):
+    """Changes, and what of a likelihood with them is owed to their freedom."""
+
+    changes: tuple[SensorChange, ...] = ()  # ascending
+    cost: float = 0.0  # log odds
+
+
+def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
+    """Return the changes for which there is strong evidence; none if they do not describe the log."""
     if len(timeline.fix_time_s) < BLOCK * LEAST_BLOCKS:
-        return ()
+        return FoundChanges()
+    timeline = timeline.with_fixes(_among_neighbours(timeline, given))
     group = segment_numbers(timeline, timeline.fix_time_s)
     late_s = fit_rotation(timeline, group, WIDE_LATENCIES_S).latency_s if np.any(group >= 0) else 0.0
     points = {NO_ERROR, near({"usbl_latency": late_s})}  # far from its own, a latency is not linear in turns
     every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
     best = max(every, key=lambda one: one.log_evidence)
-    return _as_errors(timeline, best) if 0 < len(best.fixes) <= MAX_CHANGES and best.nis <= MAX_NIS else ()
+    if not 0 < len(best.fixes) <= MAX_CHANGES or best.nis > MAX_NIS:
+        return FoundChanges()
+    return FoundChanges(_as_errors(timeline, best), best.cost)
+
+
+def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
+    """Return which fixes lie where their neighbours do, (F,): without outliers, noise is Gaussian."""
+    off_m = linearised(timeline, given, len(timeline.fix_time_s), NO_ERROR).residual_m
+    around_m = np.pad(off_m, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
+    off_m = np.abs(off_m - np.median(sliding_window_view(around_m, 2 * NEIGHBOURS + 1, axis=0), axis=2))
+    return np.all(off_m <= OUTLIER_SIGMAS * 1.4826 * np.median(off_m, axis=0), axis=1)
 
 
 class _Found(NamedTuple):
@@ -76,7 +97,8 @@ class _Found(NamedTuple):
     fixes: list[int]  # before which a change is, ascending
     explained: Vector  # (2 B,) residuals by their covariance
     nis: float  # per number
-    log_evidence: float  # less what the changes cost
+    log_evidence: float  # of the residuals, less the prior odds of the changes
+    cost: float  # prior odds, and evidence that is less than the likelihood of the best sizes
 
 
 def _found(blocks: _Blocks) -> _Found:
@@ -84,13 +106,16 @@ def _found(blocks: _Blocks) -> _Found:
     least = math.log(len(blocks.first) * STRONG_ODDS**2)  # it may begin at any time, in heading and scale
     for _ in range(2 * MAX_CHANGES):  # one that is added may make an earlier one needless
         gain, added = _likeliest(blocks, found, blocks.first[1:])
-        if gain < least or added in found or len(found) > MAX_CHANGES:
+        if gain < least:
             break
         found = _refined(blocks, [*found, added], least)
     cov, z = _with(blocks, found), blocks.residual_m
     explained: Vector = np.linalg.solve(cov, z).astype(np.float64)
-    log_evidence = -0.5 * (z @ explained + np.linalg.slogdet(cov)[1]) - len(found) * least
-    return _Found(blocks, sorted(found), explained, float(z @ explained) / len(z), float(log_evidence))
+    evidence = -0.5 * float(z @ explained + np.linalg.slogdet(cov)[1])
+    left_m = z - (cov - blocks.cov_m2) @ explained  # without the changes of their posterior means
+    likelihood = -0.5 * float(left_m @ np.linalg.solve(blocks.cov_m2, left_m) + np.linalg.slogdet(blocks.cov_m2)[1])
+    odds, nis = len(found) * least, float(z @ explained) / len(z)
+    return _Found(blocks, sorted(found), explained, nis, evidence - odds, likelihood - evidence + odds)
 
 
 def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -> _Blocks:
@@ -99,16 +124,15 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     size = max(BLOCK, math.ceil(count / MAX_BLOCKS))
     first = np.arange(0, count - size + 1, size)
     rows = first[:, None] + np.arange(size)
-    residual_m = np.median(log.residual_m[rows], axis=1)
+    residual_m = log.residual_m[rows].mean(axis=1)
     t = time_s[rows].mean(axis=1)
     H = log.measurement_matrix[rows].mean(axis=1)
 
     sigma_m, step_m = np.linalg.cholesky(timeline.fix_cov_m2[1:]), np.diff(log.residual_m, axis=0)[..., None]
     steps: Vector = np.linalg.solve(sigma_m, step_m).ravel().astype(np.float64)
-    white_m2 = timeline.fix_cov_m2[rows].mean(axis=1) * (robust_sd(steps) ** 2 * MEDIAN / size)
+    white_m2 = timeline.fix_cov_m2[rows].mean(axis=1) * (robust_sd(steps) ** 2 / size)
     errors = given.errors
-    lost_s = np.where(has_dead_reckoning(timeline, t), 0.0, np.diff(t, prepend=0.0))
-    walked_m2 = np.cumsum(drift_variances_m2(timeline, t, [given], [True])[:, 0] + (LOST_MPS * lost_s) ** 2)
+    walked_m2 = np.cumsum(drift_variances_m2(timeline, t, [given], [True])[:, 0])
     shared_m2 = (share * errors.usbl_bias_m) ** 2 * np.exp(-np.abs(t[:, None] - t) / errors.usbl_bias_s)
     cov = np.einsum("ij,ab->iajb", np.minimum(walked_m2[:, None], walked_m2) + shared_m2, np.eye(2))
     blocks = np.arange(len(t))
@@ -121,7 +145,7 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
     moved_m = log.measurement_matrix[:, :, FACTOR]
-    found = _Blocks(first, residual_m.ravel(), cov + columns @ columns.T, moved_m, moved_m[rows].mean(axis=1))
+    found = _Blocks(time_s, first, residual_m.ravel(), cov + columns @ columns.T, moved_m, moved_m[rows].mean(axis=1))
     heading = _columns(found, first[1:])[:, :, 0]
     dt_s = np.diff(t)
     return found._replace(cov_m2=found.cov_m2 + (heading * dt_s) @ heading.T * errors.heading_walk_rad**2)
@@ -154,7 +178,7 @@ def _refined(blocks: _Blocks, found: list[int], least: float) -> list[int]:
             others = [one for one in found if one != fix]
             near = np.arange(max(1, fix - 2 * size), min(len(blocks.moved_m), fix + 2 * size + 1))
             gain, moved = _likeliest(blocks, others, near)
-            found = [*others, moved] if gain >= least and moved not in others else others
+            found = [*others, moved] if gain >= least else others
         if sorted(found) == before:
             break
     return found
@@ -162,6 +186,10 @@ def _refined(blocks: _Blocks, found: list[int], least: float) -> list[int]:
 
 def _likeliest(blocks: _Blocks, found: Sequence[int], fixes: Indices) -> tuple[float, int]:
     """Return the gain in log evidence by one more change, the likeliest before one of the fixes, and that fix."""
+    apart_s = np.abs(blocks.time_s[fixes, None] - blocks.time_s[np.array(found, np.intp)])
+    fixes = fixes[np.all(apart_s >= LASTING_S, axis=1)]
+    if not len(fixes):
+        return -math.inf, 0
     cov = _with(blocks, found)
     columns = _columns(blocks, fixes).reshape(len(cov), -1) * CHANGE_SD
     both = np.column_stack([blocks.residual_m, columns])

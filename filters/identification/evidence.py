@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.changes import changes
+from usbldr.filters.identification.changes import FoundChanges, changes
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
@@ -37,7 +37,6 @@ from usbldr.filters.identification.false_runs import false_fixes, false_starts
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     LEVER_OR_LATENCY,
-    STRONG_ODDS,
     FalseRun,
     Identification,
 )
@@ -86,8 +85,9 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
     outliers = gross(timeline)
-    best = _explanation(timeline, stated, outliers, ())
-    if changed := changes(timeline.with_fixes(~outliers), stated):
+    best = _explanation(timeline, stated, outliers, FoundChanges())
+    changed = changes(timeline.with_fixes(~outliers), stated)
+    if changed.changes:
         best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = max((_choice(kept, member, stated) for member in best.members), key=lambda one: float(one.score.max()))
@@ -108,18 +108,15 @@ class _Explanation(NamedTuple):
     log_evidence: float  # of the fixes that are no gross outliers, less what changes cost
 
 
-def _explanation(
-    timeline: Timeline, stated: Parameters, outliers: Mask, changed: tuple[SensorChange, ...]
-) -> _Explanation:
-    line, false = without_changes(timeline, changed), outliers.copy()
+def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed: FoundChanges) -> _Explanation:
+    line, false = without_changes(timeline, changed.changes), outliers.copy()
     near = line.with_fixes(~outliers)
     members = _with_every_error(near, stated)
     likeliest = int(np.argmax(fix_likelihoods(near, members).log_likelihood))
     false[~outliers], log_likelihood = false_fixes(near, members[likeliest], stated)
     if false.any():
         members = _with_every_error(line.with_fixes(~false), stated)
-    cost = len(changed) * math.log(len(false) * STRONG_ODDS**2)  # each may begin at any fix, in heading and scale
-    return _Explanation(changed, line, false, members, log_likelihood - cost)
+    return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
 
 
 def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:

@@ -202,7 +202,9 @@ def _updated(
     log_weight[: 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / offset_m2)
     recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
     octave = np.select([decision == BEGINS, decision == CONTINUES], [(f + 1).bit_length(), now.octave[parent]], 0)
-    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave)
+    in_run = decision != CORRECT
+    first = now.first[parent] + (in_run & (now.first[parent] == f))
+    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave, np.where(in_run, 0, first))
     decision, parent, cross = decision[kept], parent[kept], cross[kept]
     mean, cov = now.mean[parent], now.cov[parent]
     ended = decision != CONTINUES
@@ -214,9 +216,7 @@ def _updated(
     g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
     mean += (cross @ g[:, :, None])[:, :, 0]
     cov += cross @ G @ cross.transpose(0, 2, 1)
-    in_run = decision != CORRECT
-    first = now.first[parent] + (in_run & (now.first[parent] == f))
-    after = _Histories(log_weight, mean, cov, in_run, now.pair[parent], recent[kept], first, octave[kept])
+    after = _Histories(log_weight, mean, cov, in_run[kept], now.pair[parent], recent[kept], first[kept], octave[kept])
     return after, parent, decision
 
 
@@ -230,10 +230,14 @@ def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
     return log_prior
 
 
-def _chosen(log_weight: Vector, pair: Indices, recent: Indices, octave: Indices) -> tuple[Indices, Vector]:
+def _chosen(
+    log_weight: Vector, pair: Indices, recent: Indices, octave: Indices, start: Indices
+) -> tuple[Indices, Vector]:
     """Return rows and weights of the likeliest HISTORIES of each pair, and of the likeliest long run of each octave.
 
-    Of those that agree in the recent fixes, or in the octave of a long run, the likeliest stands for all.
+    So is the likeliest false start that has ended, of each octave of its ``start`` fixes: as many correct ones have to
+    follow until it is the likeliest of all. Of those that agree in the recent fixes, or in the octave of a long run,
+    the likeliest stands for all.
     """
     order = np.argsort(-log_weight, kind="stable")
     order = order[np.isfinite(log_weight[order])]
@@ -247,7 +251,11 @@ def _chosen(log_weight: Vector, pair: Indices, recent: Indices, octave: Indices)
     for p in range(len(DURATIONS_S)):
         mine = np.flatnonzero((pair[kept] == p) & ~long[first])
         rows.append(mine[np.argsort(-total[mine])[:HISTORIES]])
-    each = np.concatenate(rows)
+    ended = np.frexp(start[kept])[1]  # octaves
+    for length in set(ended[ended > 0].tolist()):
+        mine = np.flatnonzero(ended == length)
+        rows.append(mine[[np.argmax(total[mine])]])
+    each = np.unique(np.concatenate(rows))
     return kept[each], total[each]
 
 

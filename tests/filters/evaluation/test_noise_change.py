@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from usbldr.filters.evaluation.noise_change import noise_change
 
 SECONDS = np.arange(1000.0)
+DRAWN = settings(derandomize=True)  # an estimate is off by four sigma once in 10,000 draws
 
 
-@settings(max_examples=30)
+@settings(DRAWN, max_examples=30)
 @given(seed=st.integers(0, 10_000), at=st.integers(200, 800), factor=st.sampled_from([0.4, 2.5]))
 def test_a_change_is_found_near_its_time_with_its_factor(seed: int, at: int, factor: float) -> None:
     scores = np.random.default_rng(seed).normal(size=1000) * np.where(at > SECONDS, 1.0, factor) / max(factor, 1.0)
@@ -22,7 +23,7 @@ def test_a_change_is_found_near_its_time_with_its_factor(seed: int, at: int, fac
     assert found.factor == pytest.approx(factor, rel=0.35)
 
 
-@settings(max_examples=60)
+@settings(DRAWN, max_examples=60)
 @given(seed=st.integers(0, 10_000), tails=st.sampled_from([4, 1000]), correlated=st.sampled_from([1, 5]))
 def test_constant_noise_has_no_change_with_heavy_tails_or_correlated(seed: int, tails: int, correlated: int) -> None:
     drawn = np.random.default_rng(seed).standard_t(tails, size=1000)

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rosbags.rosbag2 import StoragePlugin
@@ -172,6 +172,7 @@ def headings(log: Log) -> list[int]:
     cut=st.integers(10, COUNT - 10),
     back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND),
 )
+@example(cut=COUNT // 2, back_ns=100 * SECOND)  # the last record is neither the first nor the last in time
 def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_ns: int) -> None:
     times = T0 + np.arange(COUNT) * STEP
     times[cut:] -= back_ns if container not in UNDATED else min(back_ns, 10 * HOUR)
