@@ -60,7 +60,7 @@ def test_the_gain_is_the_ratio_of_two_densities() -> None:
     ids=["heading", "the other way", "scale", "a minute", "on top of a mounting"],
 )
 def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tuple[float, float, float]]) -> None:
-    found = changes(line, ASSUMED)
+    found = changes(line, ASSUMED).changes
 
     assert len(found) == len(want)
     for one, (start_s, turned_rad, scale) in zip(found, want, strict=True):
@@ -71,7 +71,7 @@ def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tup
 
 def test_what_is_taken_off_is_what_was_put_on() -> None:
     line = wrong(150.0, 210.0, 0.7, 0.1)
-    (one, back) = (replace_start(one, t) for one, t in zip(changes(line, ASSUMED), (150.0, 210.0), strict=True))
+    (one, back) = (replace_start(one, t) for one, t in zip(changes(line, ASSUMED).changes, (150.0, 210.0), strict=True))
     exact = one._replace(heading_bias_rad=0.7, dvl_scale=0.1), back._replace(heading_bias_rad=0.0, dvl_scale=0.0)
 
     restored = without_changes(line, exact)
@@ -86,7 +86,41 @@ def replace_start(one, start_s: float):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_dive_without_a_change_has_none(seed: int) -> None:
-    assert changes(weaving_dive(Faults(), seed), ASSUMED) == ()
+    for wander_m in (0.0, 0.5):  # of the fixes, slowly
+        assert changes(weaving_dive(Faults(), seed, wander_m), ASSUMED).changes == ()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_heading_that_walks_does_not_change(seed: int) -> None:
+    dive = weaving_dive(Faults(), seed, seconds=3600)
+    steps = np.random.default_rng(seed).normal(size=len(dive.time_s))
+    walk_rad = np.cumsum(steps) * np.sqrt(np.diff(dive.time_s)[0]) * ASSUMED.errors.heading_walk_rad
+    line = replace(dive, yaw_rad=dive.yaw_rad + walk_rad, dr_yaw_rad=dive.dr_yaw_rad + walk_rad)
+
+    assert changes(line, ASSUMED).changes == ()
+    assert changes(line, replace(ASSUMED, errors=replace(ASSUMED.errors, heading_walk_rad=0.0))).changes
+
+
+def with_outliers(line: Timeline, share: float, seed: int) -> Timeline:
+    """Return a dive of whose fixes some are off by 15 m (1-sigma), each by itself."""
+    rng = np.random.default_rng(seed)
+    wrong_m = np.where(rng.random((len(line.fix_m), 1)) < share, rng.normal(scale=15.0, size=line.fix_m.shape), 0.0)
+    return replace(line, fix_m=line.fix_m + wrong_m)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.35])
+def test_a_change_is_found_among_outliers_and_outliers_are_none(share: float) -> None:
+    for seed in range(4):
+        dive = weaving_dive(Faults(), seed)
+        assert changes(with_outliers(dive, share, seed), ASSUMED).changes == ()
+        (one,) = changes(with_outliers(wrong(200.0, 1e9, 0.14, dive=dive), share, seed), ASSUMED).changes
+        assert one.start_s == pytest.approx(200.0, abs=25.0)
+        assert one.heading_bias_rad == pytest.approx(0.14, abs=0.05)
+
+
+@pytest.mark.parametrize("line", [wrong(200.0, 1e9, 0.03), wrong(200.0, 230.0, 0.2)], ids=["small", "short"])
+def test_an_error_within_the_stated_error_of_the_fixes_is_found_if_theirs_is_smaller(line: Timeline) -> None:
+    assert changes(line, ASSUMED).changes
 
 
 @pytest.mark.long

@@ -57,6 +57,20 @@ def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
     assert mean_error_m(line) < 0.5
 
 
+@pytest.mark.parametrize(
+    ("seed", "until_s", "by_m"), [(1, 40.0, (16.0, 12.0)), (0, 60.0, (8.0, 6.0)), (3, 60.0, (8.0, 6.0))]
+)
+@pytest.mark.long
+def test_a_false_start_that_lies_near_is_found(seed: int, until_s: float, by_m: tuple[float, float]) -> None:
+    dive = weaving_dive(Faults(), seed)
+    false = dive.fix_time_s < until_s
+    line = replace(dive, fix_m=dive.fix_m + false[:, None] * np.array(by_m))
+
+    found = identify(line, ASSUMED).parameters.false_fixes
+
+    assert found == tuple(np.flatnonzero(false).tolist())
+
+
 @pytest.mark.parametrize("place_m", [(0.0, 0.0), (30.0, 20.0), (-4e5, -5e6)])
 def test_positions_that_were_written_before_the_first_reply_do_not_matter(place_m: tuple[float, float]) -> None:
     line = replace(DIVE, fix_m=np.where((T < 8)[:, None], np.array(place_m), DIVE.fix_m + AWAY_M))
