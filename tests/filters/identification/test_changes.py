@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.changes import CHANGE_SD, _blocks, _likeliest, _with, changes
+from usbldr.filters.identification import evidence
+from usbldr.filters.identification.changes import CHANGE_SD, FoundChanges, _blocks, _likeliest, _with, changes
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import Parameters, ProcessNoise
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
 from usbldr.filters.replay.dead_reckoning import without_changes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
@@ -149,3 +150,30 @@ def test_false_fixes_are_no_change() -> None:
         line = replace(DIVE, fix_m=np.where(rows[:, None], DIVE.fix_m + np.array([40.0, -30.0]), DIVE.fix_m))
         found = identify(line, ASSUMED).parameters
         assert (found.changes, found.false_fixes) == ((), tuple(np.flatnonzero(rows).tolist()))
+
+
+def test_what_changes_do_not_explain_is_none() -> None:
+    """After 60 s without fixes the false ones are 50, 14 m off: two jumps of the position, no other factor."""
+    T = DIVE.fix_time_s
+    false = (T >= 250) & (T < 300)
+    line = replace(DIVE, fix_m=DIVE.fix_m + 10.0 * false[:, None]).with_fixes((T < 190) | (T >= 250))
+
+    assert changes(line, ASSUMED).changes == ()
+
+
+@pytest.mark.parametrize(("from_s", "to_s"), [(150.0, 240.0), (60.0, 120.0), (100.0, 115.0)])
+def test_two_jumps_of_the_position_are_no_change(from_s: float, to_s: float) -> None:
+    false = (DIVE.fix_time_s >= from_s) & (DIVE.fix_time_s < to_s)
+    assert changes(replace(DIVE, fix_m=DIVE.fix_m + false[:, None] * [4.0, -3.0]), ASSUMED).changes == ()
+
+
+@pytest.mark.parametrize(
+    ("turned_rad", "cost", "taken"), [(0.3, 0.0, False), (0.0, 1.0, False), (0.0, -1.0, True)], ids=str
+)
+def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they_cost(
+    turned_rad: float, cost: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    proposed = (SensorChange(200.0, turned_rad, 0.0),)  # of 0 it makes no difference
+    monkeypatch.setattr(evidence, "changes", lambda *_: FoundChanges(proposed, cost))
+
+    assert identify(DIVE, ASSUMED).parameters.changes == (proposed if taken else ())
