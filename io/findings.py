@@ -21,6 +21,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "HEADING-RADIANS": "error",
     "DVL-UNIT": "error",
     "PLACES-APART": "error",
+    "USBL-MOTION": "error",
     "ROLE-PREFERRED": "info",
     "ROLE-SHIP": "info",
     "COLUMNS-BY-NAME": "info",

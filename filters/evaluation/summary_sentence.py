@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from usbldr.filters.evaluation.block_bootstrap import mean_difference
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Mask
 
@@ -56,8 +57,19 @@ def _compared(report: ErrorReport, others: Sequence[ErrorReport], shifted: bool)
             continue
         word = "better" if change > 0 else "worse"
         size = f"{abs(change):.0f} %" if abs(change) < 200 else f"{own / theirs:.1f} times" if theirs > 0 else "far"
-        parts.append(f"{size} {word} than {name}")
+        chance = other.method == "usbl" and _by_chance(report, other, common, shifted)
+        parts.append(f"{size} {word} than {name}{' (not significant)' if chance else ''}")
     return ", ".join(parts)
+
+
+def _by_chance(report: ErrorReport, other: ErrorReport, common: Mask, shifted: bool) -> bool:
+    """Return whether errors at the other track's epochs differ no more than chance explains; False if too few.
+
+    Dead reckoning drifts, so that its difference from a filter is no stationary series.
+    """
+    nearest = np.rint(np.interp(other.time_s[common], report.time_s, np.arange(len(report.time_s)))).astype(np.intp)
+    mine_m, theirs_m = (one.error_m - (one.error_m.mean(axis=0) if shifted else 0.0) for one in (report, other))
+    return mean_difference(np.hypot(*mine_m[nearest].T) - np.hypot(*theirs_m[common].T)).significant is False
 
 
 def _common(report: ErrorReport, other: ErrorReport) -> Mask:

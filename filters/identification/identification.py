@@ -121,12 +121,24 @@ class Identification:
         )
 
     @property
-    def lever_or_latency_text(self) -> str:
-        """Return the lever arm or the latency, each as all of what the log shows; "" if these two are not undecided."""
+    def undecided(self) -> Mapping[str, ErrorEstimate]:
+        """Return the lever arm and the latency, each as all of what the log shows; empty if these two are decided."""
         if self.contested != LEVER_OR_LATENCY:
-            return ""
+            return {}
         value = {one.name: one for found in self.explanations for one in found.estimates}
-        late, ahead = value["usbl_latency_s"], value["dvl_lever_forward_m"]
+        return {name: one for name, one in value.items() if name == "usbl_latency_s" or name.startswith("dvl_lever")}
+
+    @property
+    def decided(self) -> tuple[SensorErrorEvidence, ...]:
+        """Return the evidence for the other errors."""
+        return tuple(one for one in self.evidence if not (self.undecided and one.key in LEVER_OR_LATENCY))
+
+    @property
+    def lever_or_latency_text(self) -> str:
+        """Return what the log shows of the lever arm or the latency; "" if these two are not undecided."""
+        if not self.undecided:
+            return ""
+        late, ahead = (self.undecided[name] for name in ("usbl_latency_s", "dvl_lever_forward_m"))
         errors = self.parameters.errors
         usual = abs(late.value) <= UNUSUAL * errors.latency_s or abs(ahead.value) <= UNUSUAL * errors.dvl_lever_m
         return (

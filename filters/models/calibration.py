@@ -4,7 +4,7 @@ Inside the filters, angles are counter-clockwise radians; for users they are clo
 error is positive if the sensor reads too much. sensors.py has the equations.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,13 +64,16 @@ def assumed_sd(errors: SensorErrors) -> Mapping[str, float]:
     }
 
 
-def estimated_errors(trajectory: Trajectory) -> tuple[EstimatedError, ...]:
-    """Return the errors that a filter estimated, in the units for users; empty for a track without such states."""
+def estimated_errors(trajectory: Trajectory, without: Collection[str] = ()) -> tuple[EstimatedError, ...]:
+    """Return the errors that a filter estimated, in the units for users, but for those that the log leaves undecided.
+
+    Empty for a track without such states.
+    """
     if trajectory.cov is None:
         return ()
     estimated: list[EstimatedError] = []
     for row, state in enumerate(trajectory.names):
-        if state in REPORTED_QUANTITIES:
+        if state in REPORTED_QUANTITIES and REPORTED_QUANTITIES[state].name not in without:
             name, unit, factor, *_ = REPORTED_QUANTITIES[state]
             sd = abs(factor) * np.sqrt(np.maximum(trajectory.cov[:, row, row], 0.0))
             estimated.append(EstimatedError(name, unit, factor * trajectory.mean[:, row] + 0.0, sd))  # no -0.0

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.filters.evaluation.time_offset import time_offset
 from usbldr.filters.frames import rotated, wrapped
 from usbldr.filters.identification.evidence import identify
@@ -32,10 +32,12 @@ from usbldr.io.doctor.interpretations import (
     topic_of,
 )
 from usbldr.io.doctor.message_evidence import message_evidence
+from usbldr.io.doctor.motion import motion_findings
 from usbldr.io.doctor.sensor_errors import change_findings, log_odds_text, sensor_error_findings
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
+from usbldr.io.reading.epochs import timeline as timeline_of
 
 REPLAY_WARNING_CODES = (
     "DVL-AXES",
@@ -48,6 +50,7 @@ REPLAY_WARNING_CODES = (
     "CLOCK-STEP",
     "DVL-UNIT",
     "CONVENTION-DEFAULT",
+    "USBL-MOTION",
 )
 """What replay reports, too: it would compute with a wrong axis, frame, unit or clock."""
 
@@ -57,7 +60,7 @@ class CrossCheck:
     """How the sensors fit each other, in words and in numbers."""
 
     findings: tuple[Finding, ...]
-    result: InterpretationResult | None = None  # None: too few fixes
+    result: InterpretationResult | None = None  # None: too few fixes, or they are of another vehicle
     identification: Identification | None = None  # by the best interpretation
 
 
@@ -77,6 +80,9 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
+    moving = motion_findings(log, timeline, result)
+    if any(one.code == "USBL-MOTION" for one in moving):
+        return CrossCheck(tuple(moving))
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
@@ -86,12 +92,28 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         late_s = clock_offset_s + (latency.value if latency else 0.0)
     findings += clock_offset_findings(log, late_s) if clock_offset_s else ()
     findings += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
-    findings += _truth_clock_findings(log, timeline, late_s)
+    findings += _truth_clock_findings(log, timeline, late_s) or moving
     if identification is not None:
         findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
         findings += change_findings(log, line, identification)
         findings += fix_noise_findings(log, line, identification)
     return CrossCheck(tuple(findings), result, identification)
+
+
+def moves_alike(log: Log) -> bool:
+    """Return whether nothing shows that dead reckoning, fixes and truth are of different vehicles."""
+    if not {"dvl", "compass", "usbl"} <= log.tables.keys():
+        return True
+    try:
+        line = timeline_of(log)
+    except UsbldrError:
+        return True  # which another finding reports
+    sources = message_evidence(log)
+    result = compare_interpretations(log, line, sources)
+    if result is None:
+        return True
+    *_, result, line = _corrected(log, line, result, sources)
+    return not motion_findings(log, line, result)
 
 
 def _truth_clock_findings(log: Log, timeline: Timeline, late_s: float) -> list[Finding]:
@@ -136,6 +158,8 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
         return []
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
+    if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
+        return moving
     found = [*steps, *_fit_findings(log, corrected, result)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()

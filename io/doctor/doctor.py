@@ -14,7 +14,7 @@ from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.conventions.dvl_depth import dvl
 from usbldr.io.conventions.positions import depths_of, underwater_text
-from usbldr.io.doctor.cross_check import CrossCheck, cross_check
+from usbldr.io.doctor.cross_check import CrossCheck, cross_check, moves_alike
 from usbldr.io.doctor.fix_vertical import vertical_findings
 from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
 from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
@@ -56,15 +56,18 @@ def examine(path: Path, request: Request) -> Examination:
     """Examine a log; raise LogError if it cannot be opened, UsageError if its configuration is invalid."""
     opened = open_configured(path, request)
     faults, chosen, tied = _resolve_topics(opened, request)
-    log, fault = None, None
+    log, fault, fixed = None, None, chosen
     for picks in islice(product(*tied.values()), THRESHOLDS.max_topic_combinations):
-        trial = chosen | dict(zip(tied, picks, strict=True))
+        trial = fixed | dict(zip(tied, picks, strict=True))
         try:
-            log = read(opened, replace(request, topics=dict(request.topics) | trial), RAW_FIELDS)
+            tried = read(opened, replace(request, topics=dict(request.topics) | trial), RAW_FIELDS)
         except UsbldrError as err:
             fault = fault or err
-        else:
-            chosen = trial
+            continue
+        alike = not tied or moves_alike(tried)
+        if log is None or alike:  # of several the first that moves with the others, else the first
+            log, chosen = tried, trial
+        if alike:
             break
     found = [
         Finding(

@@ -74,7 +74,7 @@ def _row(entry: str, why: str) -> str:
 def _convention_comments(examination: Examination) -> list[str]:
     result = examination.sensor_check.result if examination.sensor_check else None
     if result is None:
-        why = "too few fixes"
+        why = "too few fixes, or they move unlike dead reckoning"
         if in_radians(examination):
             why = "headings were read as degrees, but are radians; run doctor with this file"
         return [f"# CHECK: axes, convention and frame could not be checked against the fixes: {why}."]
@@ -133,7 +133,9 @@ def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"
     if role in examination.alternatives:
         others = " or ".join(examination.alternatives[role])
-        why = f"CHECK: the readable topic with the most messages; it could be {others}"
+        why = (
+            f"CHECK: of those that move with the other sensors, the topic with the most messages; it could be {others}"
+        )
     return [(f"topic = {quoted(p.topic)}", why)]
 
 

@@ -37,6 +37,8 @@ class Thresholds:
     leap_second_tolerance_s: float = 1.5  # an offset so near to GPS time minus UTC is probably that
     displacement_s: float = 60.0  # long enough for a vehicle to go further than its fixes scatter
     min_displacements: int = 10  # fewer give no median
+    unlike_share: float = 0.5  # of the squared displacement: tracks that differ by more do not move together
+    sound_share: float = 0.25  # of the displacements: as many have two good fixes if half of the fixes are false
     gross_scale_factor: float = 1.5  # nearer to 1, the usual fit estimates the scale
     unit_tolerance: float = 0.05  # a factor that near to a unit's size is this unit
     max_radians_span: float = 6.4  # [deg] headings that span more than a turn in radians are none

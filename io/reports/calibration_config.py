@@ -41,6 +41,9 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
     assumed = assumed_sd(found.parameters.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)
+        if error.name in found.undecided:
+            title.append(comment(f"Left out: {found.lever_or_latency_text}."))
+            continue
         if place is None or sd > MAX_SIGMA_RATIO * assumed[error.name]:
             why = "it drifts, so it holds for that dive only" if place is None else "it was hardly observable"
             title.append(comment(f"{error_text(error)}, left out: {why}."))
@@ -62,7 +65,7 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
 
 def _add_lever_and_clock(document: Any, found: Identification) -> None:
     """State lever arm and clock of the DVL if the log has evidence for them."""
-    estimates = {estimate.name: estimate for one in found.evidence for estimate in one.estimates}
+    estimates = {estimate.name: estimate for one in found.decided for estimate in one.estimates}
     if not {"dvl_lever_forward_m", "dvl_clock_s"} & set(estimates):
         return
     dvl = document.setdefault("dvl", tomlkit.table())

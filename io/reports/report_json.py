@@ -145,7 +145,7 @@ def write_json(folder: Path, run: Run) -> None:
 def report_content(run: Run) -> dict[str, Any]:
     """Return the content of report.json but for its list of files."""
     log, (trajectory, report) = run.log, run.scored
-    t = run.timeline.time_s
+    t, undecided = run.timeline.time_s, run.identification.undecided
     return {
         **made_by(),
         "log": {"name": log.path.name, "sha256": log.sha256, "format": log.format},
@@ -166,7 +166,10 @@ def report_content(run: Run) -> dict[str, Any]:
         "configuration": {"file": log.configuration and log.configuration.name, "content": run.configuration},
         "assumptions": _assumptions(run.identification),
         "track": track_content(trajectory),
-        "calibration": {e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in estimated_errors(trajectory)},
+        "calibration": {
+            e.name: {"value": e.value[-1], "sd": e.sd[-1]} for e in estimated_errors(trajectory, undecided)
+        },
+        "undecided": {one.name: {"value": one.value, "sd": one.sd} for one in undecided.values()},
         "influential_fixes": [_influence(fix) for fix in most_influential(trajectory)],
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
         "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],

@@ -254,12 +254,12 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
         if ess is not None:
             moved = "" if accepted is None else f", {100 * accepted:.0f} % of the MCMC moves accepted"
             lines.append(("ESS", f"{100 * ess:.0f} % of {run.scored.trajectory.particles} particles{moved}"))
-        undecided = "usbl_latency_s" if run.identification.lever_or_latency_text else None  # a warning has both
-        if calibrated := [one for one in estimated_errors(run.scored.trajectory) if one.name != undecided]:
+        found = run.identification  # a warning has what it leaves undecided
+        if calibrated := estimated_errors(run.scored.trajectory, found.undecided):
             lines.append(("calibrated", ", ".join(map(error_text, calibrated))))
-        if evidence := run.identification.evidence:
-            lines.append(("evidence", evidence_text(evidence)))
-            if fixed := fixed_errors_text(evidence):
+        if found.evidence:
+            lines.append(("evidence", evidence_text(found.evidence)))
+            if fixed := fixed_errors_text(found.decided):
                 lines.append(("corrected", fixed))
         if changes := run.identification.noise_changes:
             lines.append(("noise", f"estimated from the whole log: {noise_changes_text(changes)}"))

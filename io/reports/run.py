@@ -24,6 +24,8 @@ from usbldr.io.log import Log
 from usbldr.io.reports.poses import column_at
 from usbldr.io.reports.run_provenance import RunProvenance
 
+FAR = 3.0  # [-] of the fixes' median distance: so far from the truth is a track that is as near as that to the fixes
+
 
 class ScoredTrack(NamedTuple):
     """A track and its errors; no errors if the log has no truth."""
@@ -111,6 +113,14 @@ class Run:
         return np.array([parameters.usbl.modes(one).mixture_cov for one in cov_m2])
 
     @property
+    def _fix_scatter_m(self) -> float:
+        """The median distance of the fixes from the track; NaN without fixes."""
+        time_s, fix_m = self._fixes
+        track = self.scored.trajectory
+        east_m, north_m = (np.interp(time_s, track.time_s, track.position_m[:, axis]) for axis in (0, 1))
+        return float(np.median(np.hypot(fix_m[:, 0] - east_m, fix_m[:, 1] - north_m))) if len(time_s) else np.nan
+
+    @property
     def verdict(self) -> str:
         """Return the last line of the report."""
         if self.scored.report is None:
@@ -130,6 +140,11 @@ class Run:
                 hint = "an error that the filter does not estimate is left; usbldr doctor looks for others"
             if self.method not in METHODS:
                 hint = "its covariance is too small"
+            elif (scatter_m := self._fix_scatter_m) * FAR < report.shift.mean_m:
+                hint = (
+                    f"the fixes are within {scatter_m:.1f} m of the track (median), so that the truth is of another "
+                    "vehicle (a ship's receiver), or all fixes share an error; usbldr doctor looks for others"
+                )
             apart = f", without a constant shift {report.shift.nees:.1f}" if report.mostly_shift else ""
             nees = f"NEES {report.nees.mean:.1f}{apart}, expected {DOF}"
             scored = (*scored, f"{self.label} is far over-confident ({nees}): {hint}")

@@ -99,7 +99,7 @@ def calibration_table(run: Run) -> Table:
     """Return the estimated sensor errors with their sigmas, and the sigma that was assumed before."""
     assumed = assumed_sd(run.identification.parameters.errors)
     rows: list[tuple[str, ...]] = []
-    for error in estimated_errors(run.scored.trajectory):
+    for error in estimated_errors(run.scored.trajectory, run.identification.undecided):
         factor, unit = in_unit(error.unit)
         found = with_sigma(factor * float(error.value[-1]), factor * float(error.sd[-1]))
         rows.append((error.title, found, f"{factor * assumed[error.name]:.3g}", unit))

@@ -129,7 +129,7 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 
     assert "check the 2 lines marked CHECK" in done.output
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
-    assert "CHECK: the readable topic with the most messages; it could be /usbl/raw" in text
+    assert "with the most messages; it could be /usbl/raw" in text
     assert "mirror image (axes FRD, convention NED, frame NED) fits as well" in text
 
 

@@ -27,7 +27,7 @@ PRIOR_COLOUR = "#bbbbbb"
 
 def calibration_figure(run: Run) -> Figure | None:
     """Draw each error with its band; None if none was estimated."""
-    errors = estimated_errors(run.scored.trajectory)
+    errors = estimated_errors(run.scored.trajectory, run.identification.undecided)
     if not errors:
         return None
     figure = run_figure(run, "Sensor errors", 11, 1.3 + 1.75 * len(errors))

@@ -252,14 +252,15 @@ def best_method_sentence(rows: Sequence[ComparisonRow]) -> str:
         return f"{best.log}: mean horizontal error of {best.label} {own:.2f} m{over}"
     kinds: dict[str, list[str]] = {}
     for row in others:
-        kinds.setdefault(_compared_with_best(row, best, own), []).append(row.label)
+        kinds.setdefault(_compared_with_best(row, best, own, ranked), []).append(row.label)
     parts = [text.format(_listed(labels)) for text, labels in kinds.items()]
     return f"{best.log}: lowest mean horizontal error: {best.label}, {own:.2f} m{over}; {'; '.join(parts)}"
 
 
-def _compared_with_best(row: ComparisonRow, best: ComparisonRow, own_m: float) -> str:
-    """Return how a row compares with the best one, with a place for its label."""
-    found = _over_seeds(row, best, "mean_horizontal_m")
+def _compared_with_best(row: ComparisonRow, best: ComparisonRow, own_m: float, rows: Sequence[ComparisonRow]) -> str:
+    """Return how a row compares with the best one of ``rows``, with a place for its label."""
+    drifts = row.method == "dr"  # over one dive: epochs of a drift say nothing about another dive
+    found = _over_seeds(row, best, "mean_horizontal_m") if drifts else difference(row, best, rows=rows)
     if diverged(row):
         return "{} diverged"
     if found is not None and found.se is not None and found.significant is not True:

@@ -86,3 +86,16 @@ def test_a_truth_of_another_place_gives_no_result_unless_a_shift_is_fitted() -> 
     with pytest.raises(LogError, match="latitude and longitude are exchanged"):
         evaluate(track, swapped)
     assert evaluate(track, swapped, align="shift").horizontal.mean_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_difference_from_the_raw_fixes_that_chance_explains_is_said_to_be_one() -> None:
+    """Of 600 independent errors, 2 % are within a standard error of 4 %, and 40 % are not."""
+    rng, truth = np.random.default_rng(3), truth_of(SECONDS, turning_m(SECONDS))
+
+    def errors(name: str, sd_m: float):
+        noise_m = sd_m * rng.normal(size=(len(SECONDS), 2))
+        return evaluate(Trajectory(name, ("x", "y"), SECONDS, turning_m(SECONDS) + noise_m, None), truth)
+
+    fixes = errors("usbl", 1.0)
+    assert summary_sentence(errors("adf", 0.97), [fixes]).endswith(" % better than raw USBL (not significant)")
+    assert summary_sentence(errors("adf", 0.6), [fixes]).endswith(" % better than raw USBL")

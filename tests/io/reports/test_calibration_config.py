@@ -12,12 +12,19 @@ import pytest
 from checkout import SAMPLES
 from commands import output_of
 from usbldr.filters.errors import UsageError
-from usbldr.filters.identification.identification import ErrorEstimate, Identification, SensorErrorEvidence
+from usbldr.filters.identification.identification import (
+    ErrorEstimate,
+    Explanation,
+    Identification,
+    SensorErrorEvidence,
+)
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import read_log
 from usbldr.io.reports.calibration_config import calibrated_configuration
+from usbldr.io.reports.report_json import report_content
+from usbldr.io.reports.run import Run, ScoredTrack
 
 SCENARIO = """\
 schema = 1
@@ -224,3 +231,25 @@ def test_lever_arm_and_clock_of_the_dvl_are_stated_for_the_next_dive() -> None:
     before = tomllib.loads((SAMPLES / "lawnmower_csv" / "usbldr.toml").read_text(encoding="utf-8"))["dvl"]
     assert written["lever_arm_m"] == [0.1, 2.5, -0.3]
     assert written["latency_s"] == pytest.approx(before.get("latency_s", 0.0) + 0.5)
+
+
+def test_a_latency_and_a_lever_arm_that_the_log_cannot_tell_apart_are_stated_by_no_report(dive: Path) -> None:
+    log = read_log(dive)
+    log = replace(log, parameters=replace(log.parameters, calibrate=("scale", "latency")))
+    line, late = timeline(log), ErrorEstimate("usbl_latency_s", 2.0, 0.1)
+    ahead = (ErrorEstimate("dvl_lever_starboard_m", 0.0, 0.1), ErrorEstimate("dvl_lever_forward_m", 2.4, 0.1))
+    evidence = (SensorErrorEvidence("latency", 9.0, True, (late,)), SensorErrorEvidence("dvl-lever", 9.0, True, ahead))
+    rivals = (Explanation(("latency",), 0.0, (late,)), Explanation(("dvl-lever",), -1.0, ahead))
+    found, track = (
+        Identification(log.parameters, evidence, explanations=rivals),
+        run_filter("adf", line, log.parameters),
+    )
+
+    report = report_content(Run(log, line, found, ScoredTrack(track, None)))
+
+    assert set(report["calibration"]) == {"dvl_scale"}
+    assert set(report["undecided"]) == {"usbl_latency_s", "dvl_lever_starboard_m", "dvl_lever_forward_m"}
+    text = calibrated_configuration(log, found, track)
+    assert {"scale_error", "lever_arm_m"} & set(tomllib.loads(text)["dvl"]) == {"scale_error"}
+    assert "latency_s" not in tomllib.loads(text)["usbl"]
+    assert "# Left out: either stamps of the fixes are 2.00 ± 0.10 s late" in text

@@ -1,5 +1,8 @@
 import dataclasses
+import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from usbldr.filters.errors import UsageError
@@ -7,7 +10,7 @@ from usbldr.filters.evaluation.error_report import Window
 from usbldr.io.reports.markdown_report import markdown
 from usbldr.io.reports.report_text import window_text
 from usbldr.io.reports.run_provenance import RunProvenance
-from usbldr_cli.runs.job_store import JobResult, ScoringContext
+from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
 from usbldr_cli.runs.seed_table import (
     ComparisonRow,
     best_method_sentence,
@@ -113,6 +116,24 @@ def test_the_verdict_ranks_and_says_what_chance_explains() -> None:
     assert best_method_sentence(rows) == (
         "dive: lowest mean horizontal error: cpf, 4.00 m over 3 dives; difference to adf not significant; 60 % below dr"
     )
+
+
+def test_the_verdict_on_one_real_log_says_what_chance_explains(tmp_path: Path) -> None:
+    """Errors of 600 epochs in pairs: 0 ± 1 % is chance, 20 % is none; without a trace nothing is judged."""
+    store, rng = JobStore(tmp_path), np.random.default_rng(5)
+    common_m = np.abs(rng.normal(2.0, 0.5, 600))
+
+    def run(name: str, more: float) -> ComparisonRow:
+        size_m = common_m * (1 + more) * (1 + 0.2 * rng.normal(size=600))
+        at_m = np.column_stack([size_m, np.zeros(600)])
+        trace = Trace(np.arange(600.0), at_m, np.zeros((600, 2)))
+        result = JobResult({"mean_horizontal_m": float(np.abs(size_m).mean())}, scored_against=JUDGED)
+        return ComparisonRow("dive", name, name, (0,), (store.write(name, result, trace),))
+
+    rows = [run("adf", 0.0), run("ekf", 0.0), run("ukf", 0.2)]
+    assert re.search("difference to (adf|ekf) not significant; 1[67] % below ukf$", best_method_sentence(rows))
+    lost = [dataclasses.replace(one, outcomes=(dataclasses.replace(one.outcomes[0], trace=None),)) for one in rows]
+    assert "significant" not in best_method_sentence(lost)
 
 
 def test_a_single_method_a_pair_of_runs_and_diverged_runs_are_not_ranked() -> None:
