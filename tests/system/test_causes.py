@@ -212,10 +212,10 @@ CAUSES = {
     "a noisy compass": (
         {
             "compass": lambda table: table.assign(
-                heading_deg=table["heading_deg"] + 6.0 * (-1.0) ** np.arange(len(table))
+                heading_deg=table["heading_deg"] + np.random.default_rng(1).normal(0.0, 12.0, len(table))
             )
         },
-        r"innovations of the compass are \d\.\d times as large as their sigmas",
+        r"innovations of the compass are [\d.]+ times as large as their sigmas",
     ),
     "the GPS of another vessel": ({"gps": at_anchor}, "track and truth move differently"),
     "the GPS of a ship beside it": ({"gps": around}, "so that the truth is of another vehicle"),
