@@ -82,7 +82,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
     moving = motion_findings(log, timeline, result)
     if any(one.code == "USBL-MOTION" for one in moving):
-        return CrossCheck(tuple(moving))
+        return CrossCheck((*steps, *moving))
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]

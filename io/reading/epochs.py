@@ -29,8 +29,6 @@ USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both:
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
 MAX_EPOCHS = 20_000_000  # 46 days at 5 Hz
-SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less time: stamps are of another unit
-USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
 LONGEST_LOG_S = 30 * 86400.0  # a longer span means a wrong stamp, and its epochs would fill the memory
 
 
@@ -56,8 +54,6 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     if not ends_s:
         raise LogError(missing_sensor_text(log, "dvl"), path=log.path)
     last_s = max(ends_s)
-    if last_s < SHORTEST_LOG_S and (records := len(t_d) + len(t_c) + len(t_f)) > MOST_IN_SHORT:
-        raise LogError(_unit_text(log, last_s, records, max((t_d, t_c, t_f), key=len)), path=log.path)
     if last_s > LONGEST_LOG_S:
         raise LogError(f"stamps span {last_s / 86400:.0f} days; one of them must be wrong", path=log.path)
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
@@ -97,17 +93,6 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
             *_outages("usbl", t_f, time_s[-1], _usbl_gap_s(t_f)),
         ),
         gps_sd_m=gps[:, 3],
-    )
-
-
-def _unit_text(log: Log, last_s: float, records: int, time_s: Vector) -> str:
-    """Say that stamps are not in the unit in which they were read, and which unit of the common ones fits."""
-    interval_s = float(np.median(np.diff(time_s)))
-    unit = min((1e3, 1e6, 1e9), key=lambda factor: abs(math.log(max(interval_s, 1e-12) * factor / USUAL_INTERVAL_S)))
-    name, key = {1e3: ("microseconds", "us"), 1e6: ("milliseconds", "ms"), 1e9: ("seconds", "s")}[unit]
-    return (
-        f"{records} records within {last_s:.2g} s: their stamps are probably {name}, not nanoseconds, of a log of "
-        f'{last_s * unit:.0f} s; state columns = {{ time_unix_{key} = "time_ns", ... }} for each sensor'
     )
 
 

@@ -1,5 +1,6 @@
 """Read a file to a Log."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -31,6 +32,10 @@ from usbldr.io.reading.truth import read_truth
 from usbldr.io.reading.truth_source import refuse_as_sensor, truth_kind, truth_source
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.stages import say, stage
+
+SENSORS = ("dvl", "compass", "usbl")
+SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less time: stamps are of another unit
+USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
 
 
 def read_log(path: Path, request: Request = DEFAULT_REQUEST) -> Log:
@@ -76,6 +81,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         sensors = sensor_tables(reader, choices, configuration, source.chosen_by, raw_fields, request.part)
     except SettingError as err:
         raise UsageError(err.text, path=opened.file or path) from err
+    _refuse_unit(path, sensors.tables)
     _refuse_apart(path, sensors.tables)
     start_ns = _start_ns(sensors.tables, topics)
     truth = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
@@ -127,18 +133,35 @@ def _without_messages(reader: Reader) -> LogError:
 
 def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -> int:
     """Return the earliest stamp of the DVL, compass and USBL records used; without any, of all records."""
-    used = [tables[role] for role in ("dvl", "compass", "usbl") if role in tables]
+    used = [tables[role] for role in SENSORS if role in tables]
     used = [table[table["valid"]] if "valid" in table else table for table in used] or list(tables.values())
     if used:
         return min(int(table["stamp_ns"].min()) for table in used)
     return min(topic.first_ns for topic in topics if topic.first_ns is not None)
 
 
+def _refuse_unit(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
+    """Raise LogError with the unit that fits if stamps are not in the one in which they were read."""
+    stamps_s = [np.sort(tables[role]["stamp_ns"].to_numpy()) / 1e9 for role in SENSORS if role in tables]
+    span_s = max((float(np.ptp(each)) for each in stamps_s if len(each)), default=0.0)
+    records = sum(map(len, stamps_s))
+    if span_s >= SHORTEST_LOG_S or records <= MOST_IN_SHORT:
+        return
+    interval_s = float(np.median(np.diff(max(stamps_s, key=len))))
+    unit = min((1e3, 1e6, 1e9), key=lambda factor: abs(math.log(max(interval_s, 1e-12) * factor / USUAL_INTERVAL_S)))
+    name, key = {1e3: ("microseconds", "us"), 1e6: ("milliseconds", "ms"), 1e9: ("seconds", "s")}[unit]
+    text = (
+        f"{records} records within {span_s:.2g} s: their stamps are probably {name}, not nanoseconds, of a log of "
+        f'{span_s * unit:.0f} s; state columns = {{ time_unix_{key} = "time_ns", ... }} for each sensor'
+    )
+    raise LogError(text, path=path)
+
+
 def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     """Raise LogError with each sensor's span if DVL, compass and USBL do not overlap in time."""
     spans = {
         role: (int(tables[role]["time_ns"].min()), int(tables[role]["time_ns"].max()))
-        for role in ("dvl", "compass", "usbl")
+        for role in SENSORS
         if role in tables
     }
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):

@@ -251,5 +251,5 @@ def test_a_latency_and_a_lever_arm_that_the_log_cannot_tell_apart_are_stated_by_
     assert set(report["undecided"]) == {"usbl_latency_s", "dvl_lever_starboard_m", "dvl_lever_forward_m"}
     text = calibrated_configuration(log, found, track)
     assert {"scale_error", "lever_arm_m"} & set(tomllib.loads(text)["dvl"]) == {"scale_error"}
-    assert "latency_s" not in tomllib.loads(text)["usbl"]
+    assert "latency_s" not in tomllib.loads(text).get("usbl", {})
     assert "# Left out: either stamps of the fixes are 2.00 ± 0.10 s late" in text
