@@ -33,7 +33,7 @@ _SPELLINGS: Mapping[str, str] = {
     "km/h": "kmh kph km_h",
     "ft/s": "ft_s",
     "knots": "knot kn kt kts",
-    "deg": "degs degree degrees °",
+    "deg": "degs degree degrees ° degt °t degtrue",
     "rad": "rads radian radians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
     "m": "meter meters metre metres",
@@ -51,6 +51,7 @@ _KNOWN: Mapping[str, tuple[Dimension, float]] = {
     for unit, factor in units.items()
     for spelling in (unit, *_SPELLINGS.get(unit, "").split())
 }
+_NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
 _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
 _LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
@@ -70,7 +71,10 @@ def named_unit(name: str) -> NamedUnit:
 
     Of elements, the unit is that of the whole: "velocity_mm_s[0]", "velocity_mm_s.x".
     """
-    if brackets := _BRACKETS.fullmatch(name):
+    brackets = _BRACKETS.fullmatch(name)
+    if brackets and brackets[2].strip().lower() in _NOTES:
+        return named_unit(brackets[1])
+    if brackets:
         dimension, factor = _KNOWN.get("".join(brackets[2].lower().split()), (None, 1.0))
         return NamedUnit(brackets[1], brackets[2].strip(), dimension, factor)
     parts = _ELEMENT.fullmatch(name)

@@ -33,8 +33,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     \b
     $ usbldr init dive.mcap
     """
-    from usbldr.io.doctor.init_config import initial_configuration
-    from usbldr.io.doctor.proposed_columns import examine_with_proposals
+    from usbldr.io.doctor.init_config import initial_configuration, unfinished_configuration
+    from usbldr.io.doctor.proposed_columns import examine_with_proposals, unread_sensors
     from usbldr.io.settings.configuration import own_configuration
 
     path = Path(log)
@@ -47,6 +47,11 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     request = read_request(**selection)
     refuse_file("--output", target, force, inputs(log, request))
     found, proposals = examine_with_proposals(path, request)
+    unread = {role: why for role, why in unread_sensors(path, request).items() if role not in proposals}
+    if found.log is None or unread:
+        write_file("--output", target, unfinished_configuration(found, proposals, unread))
+        fault = next(iter(unread.values()), next(one.text for one in found.findings if one.code == "UNUSABLE"))
+        raise LogError(f"{fault}; {target} is written: complete the lines marked CHECK", path=path)
     text = initial_configuration(found, selection["joined"], proposals)
     write_file("--output", target, text)
     checks = text.count("# CHECK")

@@ -24,6 +24,15 @@ from usbldr.io.settings.toml_text import comment, quoted
 
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
 
+COLUMNS = {
+    "dvl": 'x = "?", y = "?"',
+    "compass": 'heading = "?"',
+    "usbl": 'lat_deg = "?", lon_deg = "?"',
+    "gps": 'lat_deg = "?", lon_deg = "?"',
+    "depth": 'depth_m = "?"',
+}
+"""What a sensor's ``columns`` name at least, besides the time."""
+
 
 def initial_configuration(
     examination: Examination, joined: tuple[str, ...] = (), proposals: Mapping[str, Proposal] | None = None
@@ -65,6 +74,27 @@ def initial_configuration(
     text = "\n".join(lines) + "\n"
     parse_configuration(tomllib.loads(text), own_configuration(log.path, log.path.is_dir()))  # must always be accepted
     return text
+
+
+def unfinished_configuration(
+    examination: Examination, proposals: Mapping[str, Proposal], unread: Mapping[str, str]
+) -> str:
+    """Return the text of a configuration for a log that cannot be read yet; raise LogError if none could help.
+
+    ``unread``: sensor -> why no topic is read as it.
+    """
+    faults = [one.text for one in examination.findings if one.code == "UNUSABLE"]
+    if not proposals and not unread:
+        raise LogError(faults[0], path=examination.path)
+    title = f"Settings for {examination.path.name}, begun by usbldr init: the log cannot be read yet."
+    lines = [comment(title), *([] if unread else [comment(f"CHECK: {faults[0]}")]), "schema = 1"]
+    for role in ROLES:
+        if role in proposals:
+            lines += ["", f"[{role}]", *(_row(*row) for row in proposals[role].lines)]
+        elif role in unread:
+            names = f'time_unix_s = "?", {COLUMNS[role]}'
+            lines += ["", f"# [{role}]", comment(f"CHECK: {unread[role]}"), f"# columns = {{ {names} }}"]
+    return "\n".join(lines) + "\n"
 
 
 def _row(entry: str, why: str) -> str:

@@ -4,14 +4,15 @@ A proposal, which the user has to confirm: a name states neither axes nor, in mo
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
-from usbldr.filters.errors import UsbldrError
+from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.doctor.doctor import Examination, examine
-from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
+from usbldr.io.messages.configured import TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES
@@ -21,12 +22,17 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, open_configure
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import ISO, SINCE_NS, UNTIL_NS
+from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, keys_since_1970
 from usbldr.io.tables.unnamed_columns import is_number
 
+NAMES_OF_AXES = {
+    "x": "surge|along(_track|ship)?|longitudinal",
+    "y": "sway|(across|athwart)(_track|ships?)?|transversal|lateral",
+    "z": "heave",
+}
 VECTORS = tuple(
-    Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})")
-    for number, axis in enumerate("xyz")
+    Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})|{named}")
+    for number, (axis, named) in enumerate(NAMES_OF_AXES.items())
 )
 YAW = Rule("compass", "heading_deg", "angle", "yaw")  # whose sense the doctor finds
 FLAG = Rule("", "valid", None, "valid|bottom_lock|locked")
@@ -69,24 +75,32 @@ class Proposal:
 
 
 def examine_with_proposals(path: Path, request: Request) -> tuple[Examination, Mapping[str, Proposal]]:
-    """Examine a log without a configuration, with proposed columns for the sensors that it lacks, if those can be read.
+    """Examine a log without a configuration, with proposed columns for the sensors that it lacks.
 
-    Raises LogError if it cannot be opened.
+    If these cannot be read, why is a finding. Raises LogError if the log cannot be opened.
     """
     proposals = proposed_columns(path, request)
     sections = {
         role: {"topic": one.topic.name, "columns": dict(one.columns), **({"axes": one.axes} if one.axes else {})}
         for role, one in proposals.items()
     }
+    tried = None
     if proposals:
         stated = ConfigurationFile(None, msgspec.convert(sections, Configuration))
-        try:
-            found = examine(path, replace(request, configuration=stated))
-            if found.log is not None:
-                return found, proposals
-        except UsbldrError:
-            pass  # the names misled
-    return examine(path, request), {}
+        with suppress(UsbldrError):  # the names misled
+            tried = examine(path, replace(request, configuration=stated))
+        if tried is not None and tried.log is not None:
+            return tried, proposals
+    without = examine(path, request)
+    return (without, {}) if tried is None or without.log is not None else (tried, proposals)
+
+
+def unread_sensors(path: Path, request: Request) -> Mapping[str, str]:
+    """Return sensor -> why the topic that is named for it cannot be read."""
+    opened = open_configured(path, request)
+    unresolved = roles_of(opened.reader.topics(), request, opened).unresolved
+    faults = {role: fault for role, fault in unresolved.items() if isinstance(fault, LogError)}
+    return {role: fault.text_beside(path).removesuffix(f"; {PROPOSED}") for role, fault in faults.items()}
 
 
 def proposed_columns(path: Path, request: Request) -> dict[str, Proposal]:
@@ -142,12 +156,9 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     cell = dict(topic.first_row).get(column.name, "") if column else ""
     if column is None or ISO.fullmatch(cell) or not is_number(cell):
         return "time_unix_s" if ISO.fullmatch(cell) else None
-    units_ns = {key: ns for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
-    since_1970 = [
-        key for key, ns in units_ns.items() if SINCE_NS <= (float(cell) - AT_1970.get(key, 0)) * ns < UNTIL_NS
-    ]
-    own_clock = "time_s" if "time_s" in units_ns and abs(float(cell)) * 1e9 < SINCE_NS else None
-    return next(iter(since_1970), own_clock)
+    units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
+    own_clock = "time_s" if "time_s" in units and abs(float(cell)) * 1e9 < SINCE_NS else None
+    return next((key for key in keys_since_1970(cell) if key in units), own_clock)
 
 
 def _elements(field: str, topic: TopicInfo) -> Sequence[str]:

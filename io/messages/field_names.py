@@ -23,7 +23,7 @@ class Rule(NamedTuple):
 
 
 RULES: Sequence[Rule] = (
-    Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t|sod|seconds?_of_(the_)?day"),
+    Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t|sod|seconds?_of_(the_)?day|elapsed|datenum"),
     Rule("", "received", "time", "(received|arrival)(_time)?"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd"),
     Rule("dvl", "starboard_mps", "velocity", "starboard|stbd"),
@@ -54,7 +54,7 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
 }
 """A sensor is there if all columns of one of these are."""
 OTHER = re.compile(
-    r"(^|_)(earth|gyro|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
+    r"(^|_)(earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
     r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
 )
 """Words of columns that are no measurement of these sensors."""

@@ -52,6 +52,7 @@ Time: TypeAlias = Literal[
     "time_unix_s",
     "time_s",
     "time_datenum",
+    "time_excel",
     "received_ns",
     "received_unix_s",
     "time_format",

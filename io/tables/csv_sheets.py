@@ -21,6 +21,7 @@ from usbldr.io.units import spellings
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
+DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer, in general
 PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
@@ -186,7 +187,7 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     fault = next((text for text in faults if text), "")
     if fault:
         return {sensor: Sheet(CANONICAL + sensor, {}, problem=fault) for sensor in found}
-    stamp, *arrived = (TimeColumn(one.name, _unit_ns(one, cells) or SECOND_NS) for one in (*stamps, *arrivals))
+    stamp, *arrived = (TimeColumn(one.name, *(_unit(one, cells) or (SECOND_NS, 0))) for one in (*stamps, *arrivals))
     taken = {same[0].name for columns in found.values() for same in columns.values()}
     own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
     return {
@@ -207,7 +208,7 @@ def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cel
             names = ", ".join(column.name for column in columns) or "none"
             return f"has not one column of {what} ({names}); {NAME_THEM}"
         for column in columns:
-            if _unit_ns(column, cells) is None:
+            if _unit(column, cells) is None:
                 return _unknown_time(column.name, cells.get(column.name, ""))
     return ""
 
@@ -220,15 +221,27 @@ def _unknown_time(name: str, cell: str) -> str:
     return f"{stopped}, which is neither a date and time nor a number; state time_format"
 
 
-def _unit_ns(column: NamedColumn, cells: Mapping[str, str]) -> int | None:
-    """Return the unit of a time: that of its name, of a date and time, or the one by which it lies in this century."""
+def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, int] | None:
+    """Return the unit of a time in ns and 1970 in it: of its name, of a date and time, or as it is in this century."""
     cell = cells.get(column.name, "")
     if column.known or ISO.fullmatch(cell):
-        return round(column.factor) if column.known else SECOND_NS
-    with suppress(ValueError):
-        units = (1, 1_000, 1_000_000, SECOND_NS)
-        return next((unit for unit in units if SINCE_NS <= float(cell) * unit < UNTIL_NS), None)
-    return None
+        return round(column.factor) if column.known else SECOND_NS, 0
+    key = next(iter(keys_since_1970(cell)), None)
+    return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
+
+
+def keys_since_1970(cell: str) -> list[str]:
+    """Return the keys of ``columns`` by which a number is a time of this century; days must have an exact time."""
+    try:
+        value = float(cell)
+    except ValueError:
+        return []
+    exact = len(cell.partition(".")[2]) >= DAY_DECIMALS
+    return [
+        key
+        for key, ns in TIME_UNITS_NS.items()
+        if SINCE_NS <= (value - AT_1970.get(key, 0)) * ns < UNTIL_NS and (exact or key not in AT_1970)
+    ]
 
 
 def _fault(columns: Mapping[str, Sequence[NamedColumn]]) -> str:

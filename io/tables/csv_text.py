@@ -28,6 +28,13 @@ REMARKS = ("#", "%", ";", "//")  # with which a line before the column names beg
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 WORDS = {"": "nan", "true": "1", "false": "0"}
+NUMBER = r"(\d+(?:\.\d*)?)"
+ANGLE = re.compile(
+    rf"([NSEW]?) *([+-]?){NUMBER}(?: *([°º]) *| +|(?=[NSW]|$))"
+    rf"(?:{NUMBER} *['′]? *)?(?:{NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
+    re.IGNORECASE,
+)
+"""Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
 Number = TypeVar("Number", int, float)
 
 
@@ -295,9 +302,28 @@ def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
         return ParsedColumn(texts.numbers(), {})
 
     def number(text: str) -> float:
-        return float(WORDS.get(text.lower(), text))
+        try:
+            return float(WORDS.get(text.lower(), text))
+        except ValueError:
+            return _degrees(text)
 
     return _parsed(texts, name, number, float("nan"), "a number")
+
+
+def _degrees(text: str) -> float:
+    """Return an angle with a side or a degree sign: "45 12.5 N", "W 5°30'18\""; raise ValueError if it is none."""
+    angle = ANGLE.fullmatch(text)
+    if angle is None:
+        raise ValueError
+    before, sign, degrees, mark, minutes, seconds, behind = angle.groups("")
+    side = (before + behind).upper()
+    if len(side) > 1 or not (side or mark) or (side and sign):
+        raise ValueError
+    parts = float(minutes or 0), float(seconds or 0)
+    if max(parts) > 60:  # programs write 59.9999 as 60.000
+        raise ValueError
+    size = float(degrees) + parts[0] / 60 + parts[1] / 3600
+    return -size if sign == "-" or side in ("S", "W") else size
 
 
 def _parsed(

@@ -19,7 +19,11 @@ DATE = r"\d{1,4}(?P<part>[./-])(\d{1,2}|[A-Za-z]{3,9})(?P=part)\d{2,4}|\d{1,2} [
 CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9})?)?( ?[AaPp][Mm])?"
 ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}))?"
 DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
-DATE_TIME = re.compile(rf"({DATE})[T ,]+{CLOCK}{ZONE}")
+DATE_TIME = re.compile(rf"({DATE})[T ,]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})")
+CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
+DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
+DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
+DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|day|ymd|yyyy", "time|clock|utc|hh?mm"))
 SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
@@ -27,7 +31,7 @@ DAY_S = 86400  # fixed
 
 def foreign_time(cell: str) -> bool:
     """Return whether a cell is a date, a time of day or both, in another notation than ISO's."""
-    whole = any(kind.fullmatch(cell) for kind in (DATE_ONLY, CLOCK_ONLY, DATE_TIME))
+    whole = any(kind.fullmatch(cell) for kind in (DATE_ONLY, CLOCK_ONLY, DATE_TIME, DIGITS_DATE))
     return whole and not ISO.fullmatch(cell)
 
 
@@ -40,6 +44,7 @@ def with_iso_times(
     """
     found = dict(columns)
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
+    dates += [name for name, cells in columns.items() if DATE_NAME.search(name.lower()) and _are(cells, DIGITS_DATE)]
     for name, cells in columns.items():
         if name in stated:
             moments = pd.to_datetime(
@@ -48,9 +53,13 @@ def with_iso_times(
             found[name] = _as_text(moments, cells)
         elif _are(cells, DATE_TIME):
             found[name] = _iso(list(cells), cells)
-        elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and SECONDS_OF_DAY.search(name.lower())):
+        elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and _of_day(name.lower(), cells)):
             found[name] = _on_days(cells, columns[dates[0]]) if len(dates) == 1 else _without_date(cells)
     return found
+
+
+def _of_day(name: str, cells: Sequence[str]) -> bool:
+    return bool(SECONDS_OF_DAY.search(name) or (CLOCK_NAME.search(name) and _are(cells, DIGITS_CLOCK)))
 
 
 def _are(cells: Sequence[str], kind: re.Pattern[str]) -> bool:
@@ -60,8 +69,10 @@ def _are(cells: Sequence[str], kind: re.Pattern[str]) -> bool:
 
 def _on_days(cells: Sequence[str], dates: Sequence[str]) -> list[str]:
     """Return times of day, or seconds of it, with their dates."""
-    clocks = [_clock(cell) for cell in cells]
-    return _iso([f"{day} {clock}" for day, clock in zip(dates, clocks, strict=True)], cells)
+    digits = _are(cells, DIGITS_CLOCK)
+    clocks = [DIGITS_CLOCK.sub(r"\1:\2:\3", cell) if digits else _clock(cell) for cell in cells]
+    days = [DIGITS_DATE.sub(r"\1-\2-\3", day) for day in dates]
+    return _iso([f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells)
 
 
 def _clock(cell: str) -> str:
@@ -84,6 +95,7 @@ def _without_date(cells: Sequence[str]) -> list[str]:
 def _iso(texts: list[str], cells: Sequence[str]) -> list[str]:
     """Return dates and times as ISO text; the cell as it stands if it is none."""
     plain = pd.Series(texts, dtype="str").str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
+    plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)
     zoned = plain.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
     first = plain.str.extract(r"^(\d{1,4})([./-])(\d{1,2})[./-]")
     day, month = (pd.to_numeric(first[k], errors="coerce") for k in (0, 2))

@@ -1,4 +1,4 @@
-"""CSV as ten programs export it, with invented headers and real conventions: a run after ``init`` and ``replay``."""
+"""CSV as programs export it, with invented headers and real conventions: a run after ``init`` and ``replay``."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from usbldr_cli.main import cli
 
 LENGTH_S = 200.0
 KNOT_MPS = 1852 / 3600
+DAY = "2026-01-01"  # on which the dive is
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,22 @@ def since_1970(name: str, unit: float) -> Callable[[pd.Series], dict[str, object
     return lambda t: {name: (t.astype("int64") / unit).map("{:.6f}".format)}
 
 
+def days(name: str, at_1970: int) -> Callable[[pd.Series], dict[str, object]]:
+    return lambda t: {name: (t.astype("int64") / 86_400e9 + at_1970).map("{:.10f}".format)}
+
+
+def sides(name: str, positive: str, negative: str, seconds: bool = False) -> Callable[[pd.DataFrame], object]:
+    """Return the cells of an angle in degrees and minutes, perhaps seconds, with the side: 45 7.5 N."""
+
+    def cell(angle_deg: float) -> str:
+        whole, part = divmod(abs(angle_deg), 1.0)
+        minutes, rest = divmod(60 * part, 1.0)
+        text = f"{whole:.0f}°{minutes:.0f}'{60 * rest:.4f}\"" if seconds else f"{whole:.0f} {60 * part:.6f} "
+        return text + (positive if angle_deg >= 0 else negative)
+
+    return lambda table: table[name].map(cell)
+
+
 METRIC = {
     "dvl": {"DVL Forward [m/s]": "forward_mps", "DVL Starboard [m/s]": "starboard_mps"},
     "compass": {"Heading [deg]": "heading_deg"},
@@ -69,6 +86,16 @@ KNOTS: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METR
     }
 }
 YAW = SNAKE | {"compass": {"yaw_deg": "heading_deg"}}
+MINUTES: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METRIC | {
+    "usbl": {"Lat": sides("lat_deg", "N", "S"), "Lon": sides("lon_deg", "E", "W")},
+    "gps": {"Latitude": sides("lat_deg", "N", "S", True), "Longitude": sides("lon_deg", "E", "W", True)},
+}
+NOTES = {
+    "dvl": {"Velocity Forward [m/s]": "forward_mps", "Velocity Starboard [m/s]": "starboard_mps"},
+    "compass": {"Gyro Heading (T)": "heading_deg"},
+    "usbl": {"Transponder Lat (WGS84)": "lat_deg", "Transponder Long (WGS84)": "lon_deg"},
+    "gps": {"GPS Lat (WGS84)": "lat_deg", "GPS Long (WGS84)": "lon_deg"},
+}
 EXPORTS = {
     "point_dates": Export(one("Time", "%d.%m.%Y %H:%M:%S.%f"), METRIC, ";"),
     "us_dates": Export(one("Timestamp", "%m/%d/%Y %I:%M:%S.%f %p"), METRIC),
@@ -83,6 +110,13 @@ EXPORTS = {
     "unix_ms": Export(since_1970("timestamp", 1e6), YAW),
     "month_names": Export(one("Date Time", "%d-%b-%Y %H:%M:%S.%f"), METRIC, "\t"),
     "local_zone": Export(one("time", "%Y/%m/%d %H:%M:%S.%f+00:00"), SNAKE),
+    "spreadsheet_days": Export(days("Time", 25_569), METRIC),
+    "matlab_days": Export(days("datenum", 719_529), METRIC),
+    "digits": Export(two("DATE", "%Y%m%d", "TIME", "%H%M%S.%f"), METRIC),
+    "time_first": Export(one("Time", "%H:%M:%S.%f %d/%m/%y"), METRIC),
+    "elapsed": Export(lambda t: {"elapsed_s": (t - pd.Timestamp(DAY)).dt.total_seconds()}, METRIC),
+    "sides": Export(one("UTC Time", "%Y-%m-%d %H:%M:%S.%f"), MINUTES),
+    "notes": Export(one("Timestamp (UTC)", "%d %b %Y %H:%M:%S.%f"), NOTES),
 }
 
 

@@ -300,3 +300,27 @@ def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
     _, found = initialised(write_mcap(tmp_path / "dive.mcap", odd), tmp_path / "found.toml")
 
     assert found["dvl"] == {"topic": "none"}
+
+
+def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path: Path) -> None:
+    log = without_units(tmp_path / "dive")
+    first, *rows = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()
+    (log / "compass.csv").write_text("\n".join(["stamp,psi", *rows, ""]), encoding="utf-8")
+    (log / "ahrs.csv").unlink()
+    file = tmp_path / "found.toml"
+
+    done = run("init", log, "--output", file)
+
+    assert isinstance(done.exception, LogError)
+    assert first == "stamp,heading"
+    assert str(done.exception).endswith(f"{file} is written: complete the lines marked CHECK")
+    assert "usbldr init" not in str(done.exception)
+    text = file.read_text(encoding="utf-8")
+    assert tomllib.loads(text)["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert "# CHECK: /compass cannot be read as compass: compass.csv has no column heading_deg, time_ns" in text
+    file.write_text(
+        text.replace('# [compass]', "[compass]").replace('# columns = { time_unix_s = "?", heading = "?" }',
+                                                         'columns = { time_unix_ms = "stamp", heading = "psi" }'),
+        encoding="utf-8",
+    )  # fmt: skip
+    accepted(log, file)

@@ -13,6 +13,7 @@ from logs import MAP, codes, logged_csv
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
+from usbldr.io.tables.csv_text import numbers
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.units import named_unit
 
@@ -207,10 +208,38 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
         (["05/06/2026 1:30", "13/06/2026 1:30"], "2026-06-05T01:30:00.000000"),
         (["18-May-2026 12:30:00.25 UTC"], "2026-05-18T12:30:00.250000"),
         (["18.05.2026 14:30:00 +02:00"], "2026-05-18T12:30:00.000000"),
+        (["12:30:00.5 18.05.2026"], "2026-05-18T12:30:00.500000"),
+        (["12:30:00 PM, 05/18/26"], "2026-05-18T12:30:00.000000"),
     ],
 )
 def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
     assert next(iter(with_iso_times({"t": cells})["t"])) == iso
+
+
+def test_dates_and_times_of_digits_are_read_beside_each_other() -> None:
+    both = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
+    assert with_iso_times(both)["TIME"] == ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]
+    for other in ({"TIME": ["000012.5"]}, {"count": ["20260518"], "TIME": ["000012.5"]}):
+        assert with_iso_times(other) == other
+
+
+@given(
+    st.floats(-180.0, 180.0),
+    st.sampled_from(["{d:.0f} {m:.9f} {s}", "{s}{d:.0f}°{m:.9f}'", "{d:.0f}°{w:.0f}'{r:.7f}\"{s}", "{s} {a:.11f}"]),
+)
+def test_angles_with_a_side_are_those_of_their_sign(angle_deg: float, form: str) -> None:
+    degrees, part = divmod(abs(angle_deg), 1.0)
+    minutes, rest = divmod(60 * part, 1.0)
+    text = form.format(
+        d=degrees, m=60 * part, w=minutes, r=60 * rest, a=abs(angle_deg), s="W" if angle_deg < 0 else "E"
+    )
+    read = numbers([text], "lon")
+    assert (dict(read.faults), read.values[0]) == ({}, pytest.approx(angle_deg, abs=1e-9))
+
+
+@pytest.mark.parametrize("text", ["5E", "12 30", "N5S", "-5 N", "5 61 N", "5°N 3'", "north", "1.2 m"])
+def test_what_is_no_angle_is_no_number(text: str) -> None:
+    assert numbers([text], "lat").faults
 
 
 def test_a_stated_format_comes_first_and_midnight_is_passed() -> None:
