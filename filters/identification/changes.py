@@ -2,8 +2,9 @@
 
 From a change on, the displacement of dead reckoning is that of the vehicle times another complex factor. Fixes minus
 dead reckoning, as means of blocks without outliers, are Gaussian with a covariance of their noise, of the walk of dead
-reckoning, and of every error that lasts for the whole log, all by their priors; a change adds two columns. Changes are
-added one at a time, the likeliest first, while the evidence for one more is strong in spite of the many possible times:
+reckoning, and of every error that lasts for the whole log, all by their priors; a change of heading or scale adds a
+column, of both two. Changes are added one at a time, the likeliest first, while the evidence for one more is strong in
+spite of the many possible times:
 C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the covariance does not explain
 what they leave, dead reckoning is wrong in another way, and there is none.
 """
@@ -46,7 +47,15 @@ LASTING_S = 20.0  # a shorter error is a jump of the position, which false fixes
 MAX_CHANGES = 4  # a log of more is not described by them
 REFINEMENTS = 5  # of the times in turn, each by two blocks at most
 MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
+PARTS = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of the factor that a change has: heading, scale, both
 FACTOR = [PASS_STATES.index(name) for name in ("heading_bias", "dvl_scale")]
+
+
+class _Change(NamedTuple):
+    """A change of some parts of the factor."""
+
+    fix: int  # before which it is
+    parts: int  # in PARTS
 
 
 class _Blocks(NamedTuple):
@@ -58,6 +67,11 @@ class _Blocks(NamedTuple):
     cov_m2: Array  # (2 B, 2 B)
     moved_m: Array  # (F, 2, 2) of every fix: how the parts of the factor have moved it since the start
     mean_moved_m: Array  # (B, 2, 2)
+
+    @property
+    def log_odds(self) -> Vector:
+        """Against a change of each of PARTS, which may begin before any block."""
+        return np.log(len(self.first) * STRONG_ODDS ** PARTS.sum(axis=1))
 
 
 class FoundChanges(NamedTuple):
@@ -73,11 +87,13 @@ def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
         return FoundChanges()
     timeline = timeline.with_fixes(_among_neighbours(timeline, given))
     group = segment_numbers(timeline, timeline.fix_time_s)
-    late_s = fit_rotation(timeline, group, WIDE_LATENCIES_S).latency_s if np.any(group >= 0) else 0.0
-    points = {NO_ERROR, near({"usbl_latency": late_s})}  # far from its own, a latency is not linear in turns
+    points = {NO_ERROR}
+    if np.any(group >= 0):  # far from its own a latency is not linear in turns, and a mounting mixes the parts
+        fit = fit_rotation(timeline, group, WIDE_LATENCIES_S)
+        points |= {near({"heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s})}
     every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
     best = max(every, key=lambda one: one.log_evidence)
-    if not 0 < len(best.fixes) <= MAX_CHANGES or best.nis > MAX_NIS:
+    if not 0 < len(best.changes) <= MAX_CHANGES or best.nis > MAX_NIS:
         return FoundChanges()
     return FoundChanges(_as_errors(timeline, best), best.cost)
 
@@ -94,7 +110,7 @@ class _Found(NamedTuple):
     """Changes found under one noise of the fixes."""
 
     blocks: _Blocks
-    fixes: list[int]  # before which a change is, ascending
+    changes: list[_Change]  # ascending
     explained: Vector  # (2 B,) residuals by their covariance
     nis: float  # per number
     log_evidence: float  # of the residuals, less the prior odds of the changes
@@ -102,19 +118,18 @@ class _Found(NamedTuple):
 
 
 def _found(blocks: _Blocks) -> _Found:
-    found: list[int] = []
-    least = math.log(len(blocks.first) * STRONG_ODDS**2)  # it may begin at any time, in heading and scale
+    found: list[_Change] = []
     for _ in range(2 * MAX_CHANGES):  # one that is added may make an earlier one needless
-        gain, added = _likeliest(blocks, found, blocks.first[1:])
-        if gain < least:
+        added = _likeliest(blocks, found, blocks.first[1:])
+        if added is None:
             break
-        found = _refined(blocks, [*found, added], least)
+        found = _refined(blocks, [*found, added])
     cov, z = _with(blocks, found), blocks.residual_m
     explained: Vector = np.linalg.solve(cov, z).astype(np.float64)
     evidence = -0.5 * float(z @ explained + np.linalg.slogdet(cov)[1])
     left_m = z - (cov - blocks.cov_m2) @ explained  # without the changes of their posterior means
     likelihood = -0.5 * float(left_m @ np.linalg.solve(blocks.cov_m2, left_m) + np.linalg.slogdet(blocks.cov_m2)[1])
-    odds, nis = len(found) * least, float(z @ explained) / len(z)
+    odds, nis = float(sum(blocks.log_odds[one.parts] for one in found)), float(z @ explained) / len(z)
     return _Found(blocks, sorted(found), explained, nis, evidence - odds, likelihood - evidence + odds)
 
 
@@ -163,54 +178,68 @@ def _columns(blocks: _Blocks, fixes: Indices) -> Array:
     return since.transpose(0, 2, 1, 3).reshape(2 * count, len(fixes), 2)
 
 
-def _with(blocks: _Blocks, found: Sequence[int]) -> Array:
-    """Return the covariance of the blocks with changes before these fixes."""
-    columns = _columns(blocks, np.array(found, np.intp)).reshape(len(blocks.residual_m), -1)
+def _changing(blocks: _Blocks, found: Sequence[_Change]) -> Array:
+    """Return how changes move the blocks, per part of the factor that each has, (2 B, N, 2)."""
+    return _columns(blocks, np.array([one.fix for one in found], np.intp)) * PARTS[[one.parts for one in found]]
+
+
+def _with(blocks: _Blocks, found: Sequence[_Change]) -> Array:
+    """Return the covariance of the blocks with changes."""
+    columns = _changing(blocks, found).reshape(len(blocks.residual_m), -1)
     return blocks.cov_m2 + CHANGE_SD**2 * columns @ columns.T
 
 
-def _refined(blocks: _Blocks, found: list[int], least: float) -> list[int]:
+def _refined(blocks: _Blocks, found: list[_Change]) -> list[_Change]:
     """Return the changes at the likeliest times near them, but for those that the others make needless."""
     size = int(blocks.first[1])
     for _ in range(REFINEMENTS):
         before = sorted(found)
-        for fix in before:
-            others = [one for one in found if one != fix]
-            near = np.arange(max(1, fix - 2 * size), min(len(blocks.moved_m), fix + 2 * size + 1))
-            gain, moved = _likeliest(blocks, others, near)
-            found = [*others, moved] if gain >= least else others
+        for one in before:
+            others = [other for other in found if other != one]
+            near = np.arange(max(1, one.fix - 2 * size), min(len(blocks.moved_m), one.fix + 2 * size + 1))
+            moved = _likeliest(blocks, others, near)
+            found = others if moved is None else [*others, moved]
         if sorted(found) == before:
             break
     return found
 
 
-def _likeliest(blocks: _Blocks, found: Sequence[int], fixes: Indices) -> tuple[float, int]:
-    """Return the gain in log evidence by one more change, the likeliest before one of the fixes, and that fix."""
-    apart_s = np.abs(blocks.time_s[fixes, None] - blocks.time_s[np.array(found, np.intp)])
+def _likeliest(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> _Change | None:
+    """Return one more change, the likeliest before one of the fixes; None if the evidence for none is strong."""
+    apart_s = np.abs(blocks.time_s[fixes, None] - blocks.time_s[[one.fix for one in found]])
     fixes = fixes[np.all(apart_s >= LASTING_S, axis=1)]
     if not len(fixes):
-        return -math.inf, 0
+        return None
+    gain = _gains(blocks, found, fixes) - blocks.log_odds
+    row, parts = np.unravel_index(np.argmax(gain), gain.shape)
+    return _Change(int(fixes[row]), int(parts)) if gain[row, parts] >= 0 else None
+
+
+def _gains(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
+    """Return the gain in log evidence by one more change before each of N fixes, of each of PARTS, (N, 3)."""
     cov = _with(blocks, found)
     columns = _columns(blocks, fixes).reshape(len(cov), -1) * CHANGE_SD
     both = np.column_stack([blocks.residual_m, columns])
     white: Array = np.linalg.solve(np.linalg.cholesky(cov), both).astype(np.float64)
     z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), 2)
-    precision: Array = np.einsum("bna,bnc->nac", columns, columns) + np.eye(2)
-    pull: Array = np.einsum("bna,b->na", columns, z)
+    information: Array = np.einsum("bna,bnc->nac", columns, columns)
+    pull = np.einsum("bna,b->na", columns, z)[:, None] * PARTS
+    precision = information[:, None] * PARTS[:, :, None] * PARTS[:, None, :] + np.eye(2)
     solved: Array = np.linalg.solve(precision, pull[..., None]).astype(np.float64)[..., 0]
-    gain = 0.5 * ((pull * solved).sum(axis=1) - np.linalg.slogdet(precision)[1])
-    row = int(np.argmax(gain))
-    return float(gain[row]), int(fixes[row])
+    gain: Array = 0.5 * ((pull * solved).sum(axis=-1) - np.linalg.slogdet(precision)[1])
+    return gain
 
 
 def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
     """Return the changes as errors of compass and DVL beyond those before the first, from posterior means."""
     blocks = found.blocks
     columns = [blocks.mean_moved_m.reshape(-1, 2) * FREE_SD**2]
-    columns += list(_columns(blocks, np.array(found.fixes)).swapaxes(0, 1) * CHANGE_SD**2)
+    columns += list(_changing(blocks, found.changes).swapaxes(0, 1) * CHANGE_SD**2)
     heading, scale = np.cumsum([each.T @ found.explained for each in columns], axis=0).T
     factor = 1 - scale - 1j * heading  # on dead reckoning
-    return tuple(
-        SensorChange(float(timeline.fix_time_s[fix]), -float(np.angle(q)), float(1 / abs(q)) - 1)
-        for fix, q in zip(found.fixes, factor[1:] / factor[0], strict=True)
-    )
+    errors, q = list[SensorChange](), 1 + 0j
+    for one, step in zip(found.changes, factor[1:] / factor[:-1], strict=True):
+        q *= {0: np.exp(1j * np.arcsin(np.clip(step.imag, -1.0, 1.0))), 1: abs(step), 2: step}[one.parts]
+        start_s = float(timeline.fix_time_s[one.fix])
+        errors.append(SensorChange(start_s, -float(np.angle(q)), float(1 / abs(q)) - 1))
+    return tuple(errors)

