@@ -318,10 +318,3 @@ def test_records_of_a_dvl_whose_stamps_are_late_go_to_the_epochs_at_which_they_w
 def test_a_wrong_stamp_does_not_fill_the_memory() -> None:
     with pytest.raises(LogError, match=r"stamps span 11574 days"):
         timeline(log(dvl=dvl_table([0.0, 1e9]), compass=compass_table([0.0])))
-
-
-@pytest.mark.parametrize(("shrink", "unit"), [(1e-3, "us"), (1e-6, "ms"), (1e-9, "s")])
-def test_stamps_of_another_unit_are_refused_with_the_unit_that_fits(shrink: float, unit: str) -> None:
-    time_s = grid(60.0)
-    with pytest.raises(LogError, match=rf"log of 60 s; state columns = \{{ time_unix_{unit} = "):
-        timeline(log(dvl=dvl_table(time_s * shrink), compass=compass_table(time_s * shrink)))

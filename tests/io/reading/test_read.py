@@ -226,3 +226,15 @@ def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
     assert log.provenance["compass"].topic == "/compass_hdg"
     (sentence,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
     assert "its type is preferred to that of /imu (sensor_msgs/msg/Imu, 11 messages)" in sentence
+
+
+@pytest.mark.parametrize(("unit_ns", "unit"), [(1_000, "us"), (1_000_000, "ms"), (SECOND, "s")])
+def test_stamps_of_another_unit_are_refused_with_the_unit_that_fits(tmp_path: Path, unit_ns: int, unit: str) -> None:
+    stamps = [(T0 + k * SECOND // 5) // unit_ns for k in range(301)]
+    folder = write_csv(
+        tmp_path / "dive",
+        dvl="\n".join(["time_ns,forward_mps,starboard_mps", *(f"{stamp},1,0" for stamp in stamps)]),
+        compass="\n".join(["time_ns,heading_deg", *(f"{stamp},30" for stamp in stamps)]),
+    )
+    with pytest.raises(LogError, match=rf"log of 60 s; state columns = \{{ time_unix_{unit} = "):
+        read_log(folder)
