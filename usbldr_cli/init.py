@@ -57,7 +57,7 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     checks = text.count("# CHECK")
     todo = f"; check the {checks} line{'s' if checks > 1 else ''} marked CHECK" if checks else ""
     click.echo(f"{target}: written{todo}")
-    if found.log is not None and found.log.map_unknown:
+    if found.log.map_unknown:
         click.echo(
             "the origin of the map of the fixes is unknown, so replay takes errors against latitudes after a constant "
             "shift: state origin_lat_deg and origin_lon_deg under [map], or head under [usbl]"

@@ -25,6 +25,7 @@ from usbldr.filters.identification.linearisation import (
     CURRENT_STATES,
     NO_ERROR,
     PASS_STATES,
+    STEPS,
     Point,
     linearised,
     near,
@@ -67,6 +68,7 @@ class _Blocks(NamedTuple):
     cov_m2: Array  # (2 B, 2 B)
     moved_m: Array  # (F, 2, 2) of every fix: how the parts of the factor have moved it since the start
     mean_moved_m: Array  # (B, 2, 2)
+    mounted_rad: float  # heading bias about which they are linear
 
     @property
     def log_odds(self) -> Vector:
@@ -88,9 +90,10 @@ def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
     timeline = timeline.with_fixes(_among_neighbours(timeline, given))
     group = segment_numbers(timeline, timeline.fix_time_s)
     points = {NO_ERROR}
-    if np.any(group >= 0):  # far from its own a latency is not linear in turns, and a mounting mixes the parts
+    if np.any(group >= 0):
         fit = fit_rotation(timeline, group, WIDE_LATENCIES_S)
-        points |= {near({"heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s})}
+        mounted = {"heading_bias": -fit.rotation_rad}  # which would mix the parts of the factor
+        points = {near(mounted | {"usbl_latency": late_s}) for late_s in (0.0, fit.latency_s)}  # not linear in turns
     every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
     best = max(every, key=lambda one: one.log_evidence)
     if not 0 < len(best.changes) <= MAX_CHANGES or best.nis > MAX_NIS:
@@ -160,7 +163,8 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
     moved_m = log.measurement_matrix[:, :, FACTOR]
-    found = _Blocks(time_s, first, residual_m.ravel(), cov + columns @ columns.T, moved_m, moved_m[rows].mean(axis=1))
+    mean_m, mounted_rad = moved_m[rows].mean(axis=1), dict(zip(STEPS, about, strict=True))["heading_bias"]
+    found = _Blocks(time_s, first, residual_m.ravel(), cov + columns @ columns.T, moved_m, mean_m, mounted_rad)
     heading = _columns(found, first[1:])[:, :, 0]
     dt_s = np.diff(t)
     return found._replace(cov_m2=found.cov_m2 + (heading * dt_s) @ heading.T * errors.heading_walk_rad**2)
@@ -223,10 +227,10 @@ def _gains(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
     white: Array = np.linalg.solve(np.linalg.cholesky(cov), both).astype(np.float64)
     z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), 2)
     information: Array = np.einsum("bna,bnc->nac", columns, columns)
-    pull = np.einsum("bna,b->na", columns, z)[:, None] * PARTS
-    precision = information[:, None] * PARTS[:, :, None] * PARTS[:, None, :] + np.eye(2)
+    pull: Array = np.einsum("bna,b->na", columns, z)[:, None] * PARTS
+    precision: Array = information[:, None] * PARTS[:, :, None] * PARTS[:, None, :] + np.eye(2)
     solved: Array = np.linalg.solve(precision, pull[..., None]).astype(np.float64)[..., 0]
-    gain: Array = 0.5 * ((pull * solved).sum(axis=-1) - np.linalg.slogdet(precision)[1])
+    gain: Array = 0.5 * (np.einsum("nka,nka->nk", pull, solved) - np.linalg.slogdet(precision)[1])
     return gain
 
 
@@ -236,10 +240,11 @@ def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
     columns = [blocks.mean_moved_m.reshape(-1, 2) * FREE_SD**2]
     columns += list(_changing(blocks, found.changes).swapaxes(0, 1) * CHANGE_SD**2)
     heading, scale = np.cumsum([each.T @ found.explained for each in columns], axis=0).T
-    factor = 1 - scale - 1j * heading  # on dead reckoning
+    factor = 1 - scale - 1j * (heading - blocks.mounted_rad)  # on dead reckoning as it is mounted
     errors, q = list[SensorChange](), 1 + 0j
     for one, step in zip(found.changes, factor[1:] / factor[:-1], strict=True):
-        q *= {0: np.exp(1j * np.arcsin(np.clip(step.imag, -1.0, 1.0))), 1: abs(step), 2: step}[one.parts]
+        turn = np.exp(1j * np.arcsin(np.clip(step.imag, -1.0, 1.0)))  # of a heading alone; linear, it adds a scale
+        q *= step if PARTS[one.parts, 1] else step.real * turn
         start_s = float(timeline.fix_time_s[one.fix])
         errors.append(SensorChange(start_s, -float(np.angle(q)), float(1 / abs(q)) - 1))
     return tuple(errors)

@@ -75,6 +75,18 @@ def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tup
         assert one.dvl_scale == pytest.approx(scale, abs=0.03)
 
 
+def test_a_heading_that_jumps_twice_and_back_has_no_scale() -> None:
+    line = wrong(200.0, 240.0, 1.2, 0.0, wrong(240.0, 280.0, 1.8))
+
+    found = changes(line, ASSUMED).changes
+
+    assert [one.start_s for one in found] == pytest.approx([200.0, 240.0, 280.0], abs=5.0)
+    assert [one.heading_bias_rad for one in found] == pytest.approx([1.2, 1.8, 0.0], abs=0.05)
+    assert [one.dvl_scale for one in found] == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
+    (one,) = changes(wrong(200.0, 1e9, 0.14), ASSUMED).changes
+    assert one.dvl_scale == pytest.approx(0.0, abs=7e-3)  # linear in the turn, it would be 1 - cos 8 deg more, 0.015
+
+
 def test_what_is_taken_off_is_what_was_put_on() -> None:
     line = wrong(150.0, 210.0, 0.7, 0.1)
     (one, back) = (replace_start(one, t) for one, t in zip(changes(line, ASSUMED).changes, (150.0, 210.0), strict=True))
