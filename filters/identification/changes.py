@@ -68,7 +68,7 @@ class _Blocks(NamedTuple):
     cov_m2: Array  # (2 B, 2 B)
     moved_m: Array  # (F, 2, 2) of every fix: how the parts of the factor have moved it since the start
     mean_moved_m: Array  # (B, 2, 2)
-    mounted_rad: float  # heading bias about which they are linear
+    about: Point  # at which they are linear
 
     @property
     def log_odds(self) -> Vector:
@@ -92,13 +92,20 @@ def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
     points = {NO_ERROR}
     if np.any(group >= 0):
         fit = fit_rotation(timeline, group, WIDE_LATENCIES_S)
-        mounted = {"heading_bias": -fit.rotation_rad}  # which would mix the parts of the factor
+        mounted = {"heading_bias": -fit.rotation_rad}
         points = {near(mounted | {"usbl_latency": late_s}) for late_s in (0.0, fit.latency_s)}  # not linear in turns
-    every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
-    best = max(every, key=lambda one: one.log_evidence)
+    best = _best(timeline, given, points)
+    if best.changes:  # about the heading before the first one: another mixes heading and scale
+        about = dict(zip(STEPS, best.blocks.about, strict=True))
+        best = _best(timeline, given, {near(about | {"heading_bias": float(best.errors[0, 0])})})
     if not 0 < len(best.changes) <= MAX_CHANGES or best.nis > MAX_NIS:
         return FoundChanges()
     return FoundChanges(_as_errors(timeline, best), best.cost)
+
+
+def _best(timeline: Timeline, given: Parameters, points: set[Point]) -> "_Found":
+    every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
+    return max(every, key=lambda one: one.log_evidence)
 
 
 def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
@@ -118,6 +125,14 @@ class _Found(NamedTuple):
     nis: float  # per number
     log_evidence: float  # of the residuals, less the prior odds of the changes
     cost: float  # prior odds, and evidence that is less than the likelihood of the best sizes
+
+    @property
+    def errors(self) -> Array:
+        """Heading and scale before the first change and after each, posterior means, (N + 1, 2)."""
+        columns = [self.blocks.mean_moved_m.reshape(-1, 2) * FREE_SD**2]
+        columns += list(_changing(self.blocks, self.changes).swapaxes(0, 1) * CHANGE_SD**2)
+        errors: Array = np.cumsum([each.T @ self.explained for each in columns], axis=0)
+        return errors
 
 
 def _found(blocks: _Blocks) -> _Found:
@@ -163,8 +178,8 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
     moved_m = log.measurement_matrix[:, :, FACTOR]
-    mean_m, mounted_rad = moved_m[rows].mean(axis=1), dict(zip(STEPS, about, strict=True))["heading_bias"]
-    found = _Blocks(time_s, first, residual_m.ravel(), cov + columns @ columns.T, moved_m, mean_m, mounted_rad)
+    mean_m = moved_m[rows].mean(axis=1)
+    found = _Blocks(time_s, first, residual_m.ravel(), cov + columns @ columns.T, moved_m, mean_m, about)
     heading = _columns(found, first[1:])[:, :, 0]
     dt_s = np.diff(t)
     return found._replace(cov_m2=found.cov_m2 + (heading * dt_s) @ heading.T * errors.heading_walk_rad**2)
@@ -236,11 +251,9 @@ def _gains(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
 
 def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
     """Return the changes as errors of compass and DVL beyond those before the first, from posterior means."""
-    blocks = found.blocks
-    columns = [blocks.mean_moved_m.reshape(-1, 2) * FREE_SD**2]
-    columns += list(_changing(blocks, found.changes).swapaxes(0, 1) * CHANGE_SD**2)
-    heading, scale = np.cumsum([each.T @ found.explained for each in columns], axis=0).T
-    factor = 1 - scale - 1j * (heading - blocks.mounted_rad)  # on dead reckoning as it is mounted
+    heading, scale = found.errors.T
+    mounted = dict(zip(STEPS, found.blocks.about, strict=True))["heading_bias"]
+    factor = 1 - scale - 1j * (heading - mounted)  # on dead reckoning as it is mounted
     errors, q = list[SensorChange](), 1 + 0j
     for one, step in zip(found.changes, factor[1:] / factor[:-1], strict=True):
         turn = np.exp(1j * np.arcsin(np.clip(step.imag, -1.0, 1.0)))  # of a heading alone; linear, it adds a scale
