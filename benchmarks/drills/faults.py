@@ -93,7 +93,9 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "compass mounted at 170°": (drill("bias compass:170deg"), 0.0),
     "compass off by 40° for 60 s": (drill("bias compass:40deg@300:360"), 0.0),
     "heading jumps by 8° in the middle": (drill("bias compass:8deg@50%:"), 0.0),
+    "heading jumps by 3° after 70 %": (drill("bias compass:3deg@70%:"), 0.0),
     "DVL scale 5 % from the middle on": (drill("scale dvl:1.05@50%:"), 0.0),
+    "DVL scale 2 % after a quarter": (drill("scale dvl:1.02@25%:"), 0.0),
 }
 
 

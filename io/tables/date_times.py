@@ -25,6 +25,7 @@ DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
 DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|day|ymd|yyyy", "time|clock|utc|hh?mm"))
 SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
+OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
 
@@ -46,6 +47,8 @@ def with_iso_times(
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
     dates += [name for name, cells in columns.items() if DATE_NAME.search(name.lower()) and _are(cells, DIGITS_DATE)]
     for name, cells in columns.items():
+        if name in OWN_TIMES:
+            continue
         if name in stated:
             moments = pd.to_datetime(
                 pd.Series(list(cells), dtype="str"), format=stated[name], utc=True, errors="coerce"

@@ -216,6 +216,12 @@ def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], i
     assert next(iter(with_iso_times({"t": cells})["t"])) == iso
 
 
+def test_of_a_time_of_day_among_nanoseconds_the_cell_of_the_file_is_named(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n12:00,10\n12:01,11")
+    with pytest.raises(LogError, match=r'line 2: time_ns is "12:00", not a whole number of nanoseconds'):
+        open_log(folder).read({"/compass": ["heading_deg"]})
+
+
 def test_dates_and_times_of_digits_are_read_beside_each_other() -> None:
     both = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
     assert with_iso_times(both)["TIME"] == ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]
