@@ -111,19 +111,22 @@ class _Explanation(NamedTuple):
 def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed: FoundChanges) -> _Explanation:
     line, false = without_changes(timeline, changed.changes), outliers.copy()
     near = line.with_fixes(~outliers)
-    members = _with_every_error(near, stated)
+    members, at_fault = _with_every_error(near, stated)
     likeliest = int(np.argmax(fix_likelihoods(near, members).log_likelihood))
     false[~outliers], log_likelihood = false_fixes(near, members[likeliest], stated)
+    for one in at_fault:  # as likely as it is: less would speak for changes
+        log_likelihood = max(log_likelihood, false_fixes(near, one, stated)[1])
     if false.any():
-        members = _with_every_error(line.with_fixes(~false), stated)
+        members, _ = _with_every_error(line.with_fixes(~false), stated)
     return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
 
 
-def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
+def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Member], list[Member]]:
     """Return the members with all errors and the noise that fits them: of the usual priors, perhaps of wide ones, too.
 
     Wide are the priors of what lies beyond USUAL_SIGMAS. Their start is dead reckoning turned, scaled and delayed onto
-    the fixes. They must make dead reckoning right: without bottom lock it fits some heading by chance.
+    the fixes. They must make dead reckoning right: without bottom lock it fits some heading by chance. Those that do
+    not are returned apart.
     """
     usual = Member(stated, frozenset(keys_of(timeline, stated)))
     found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
@@ -138,7 +141,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     if not far:
-        return [usual]
+        return [usual], []
     errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in far})
     wide = _about(
         Member(replace(stated, errors=errors), usual.present), {s: start[s] for key in far for s in KEYS[key]}
@@ -147,7 +150,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> list[Member]:
         (wide,) = _relinearised([wide], fix_likelihoods(timeline, [wide]))
     wide = wide._replace(parameters=estimate_usbl_noise(timeline, wide, wide.parameters))
     at_fault = wide.parameters.process.position_m > CONTRADICTED * stated.process.position_m
-    return [usual] if at_fault else [usual, wide]
+    return ([usual], [wide]) if at_fault else ([usual, wide], [])
 
 
 def _far(member: Member, stated: Parameters) -> frozenset[str]:
