@@ -33,7 +33,7 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     \b
     $ usbldr init dive.mcap
     """
-    from usbldr.io.doctor.init_config import initial_configuration, unfinished_configuration
+    from usbldr.io.doctor.init_config import initial_configuration
     from usbldr.io.doctor.proposed_columns import examine_with_proposals, unread_sensors
     from usbldr.io.settings.configuration import own_configuration
 
@@ -48,12 +48,11 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     refuse_file("--output", target, force, inputs(log, request))
     found, proposals = examine_with_proposals(path, request)
     unread = {role: why for role, why in unread_sensors(path, request).items() if role not in proposals}
-    if found.log is None or unread:
-        write_file("--output", target, unfinished_configuration(found, proposals, unread))
-        fault = next(iter(unread.values()), next(one.text for one in found.findings if one.code == "UNUSABLE"))
-        raise LogError(f"{fault}; {target} is written: complete the lines marked CHECK", path=path)
-    text = initial_configuration(found, selection["joined"], proposals)
+    text = initial_configuration(found, selection["joined"], proposals, unread)
     write_file("--output", target, text)
+    if found.log is None or unread:
+        faults = [*unread.values(), *(one.text for one in found.findings if one.code == "UNUSABLE")]
+        raise LogError(f"{faults[0]}; {target} is written: complete the lines marked CHECK", path=path)
     checks = text.count("# CHECK")
     todo = f"; check the {checks} line{'s' if checks > 1 else ''} marked CHECK" if checks else ""
     click.echo(f"{target}: written{todo}")

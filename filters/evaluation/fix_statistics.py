@@ -13,10 +13,10 @@ import numpy as np
 from usbldr.filters.evaluation.slow_noise import SlowNoise, slow_noise
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES
+from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Array, Mask, Trajectory, Vector
 from usbldr.filters.updates import UpdateTable
 
-TO_SD = 1.4826  # fixed: 1-sigma over the median of the size, of a normal error
 MIN_FIXES = 20  # by judgement: three for each shape that is projected out
 FALSE_SIGMAS = 4.0  # of a fix from the line between its neighbours: a false one, 6 in 100,000 of good ones
 LEAST_OWN = 0.05  # [1] of a fix's variance: the least that a track may leave to it

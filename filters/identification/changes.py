@@ -4,9 +4,8 @@ From a change on, the displacement of dead reckoning is that of the vehicle time
 dead reckoning, as means of blocks without outliers, are Gaussian with a covariance of their noise, of the walk of dead
 reckoning, and of every error that lasts for the whole log, all by their priors; a change of heading or scale adds a
 column, of both two. Changes are added one at a time, the likeliest first, while the evidence for one more is strong in
-spite of the many possible times:
-C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the covariance does not explain
-what they leave, dead reckoning is wrong in another way, and there is none.
+spite of the many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If
+the covariance does not explain what they leave, dead reckoning is wrong in another way, and there is none.
 """
 
 import math
@@ -31,7 +30,7 @@ from usbldr.filters.identification.linearisation import (
     near,
     prior_sds,
 )
-from usbldr.filters.models.noise import robust_sd
+from usbldr.filters.models.noise import TO_SD, robust_sd
 from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
@@ -103,17 +102,12 @@ def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
     return FoundChanges(_as_errors(timeline, best), best.cost)
 
 
-def _best(timeline: Timeline, given: Parameters, points: set[Point]) -> "_Found":
-    every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
-    return max(every, key=lambda one: one.log_evidence)
-
-
 def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
     """Return which fixes lie where their neighbours do, (F,): without outliers, noise is Gaussian."""
     off_m = linearised(timeline, given, len(timeline.fix_time_s), NO_ERROR).residual_m
     around_m = np.pad(off_m, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
     off_m = np.abs(off_m - np.median(sliding_window_view(around_m, 2 * NEIGHBOURS + 1, axis=0), axis=2))
-    return np.all(off_m <= OUTLIER_SIGMAS * 1.4826 * np.median(off_m, axis=0), axis=1)
+    return np.all(off_m <= OUTLIER_SIGMAS * TO_SD * np.median(off_m, axis=0), axis=1)
 
 
 class _Found(NamedTuple):
@@ -133,6 +127,11 @@ class _Found(NamedTuple):
         columns += list(_changing(self.blocks, self.changes).swapaxes(0, 1) * CHANGE_SD**2)
         errors: Array = np.cumsum([each.T @ self.explained for each in columns], axis=0)
         return errors
+
+
+def _best(timeline: Timeline, given: Parameters, points: set[Point]) -> _Found:
+    every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
+    return max(every, key=lambda one: one.log_evidence)
 
 
 def _found(blocks: _Blocks) -> _Found:

@@ -14,6 +14,7 @@ import numpy as np
 from usbldr.filters.models.quantities import SHARE, Limits, Quantity
 from usbldr.filters.types import Array, Mask, Vector
 
+TO_SD = 1.4826  # fixed: 1-sigma over the median of the size, of a normal error
 MAX_NOMINAL_RATIO = 4.0  # of variances: of Student-t with 4 degrees of freedom, outliers are then beyond 3 sigma
 
 
@@ -200,4 +201,4 @@ def robust_sd(differences: Sequence[float] | Vector) -> float:
     """
     d = np.asarray(differences, dtype=np.float64)
     d = d[np.isfinite(d)]
-    return float(1.4826 * np.median(np.abs(d - np.median(d))) / math.sqrt(2)) if len(d) else float("nan")
+    return float(TO_SD * np.median(np.abs(d - np.median(d))) / math.sqrt(2)) if len(d) else float("nan")

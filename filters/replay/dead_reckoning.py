@@ -8,6 +8,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
+from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.models.usual_velocity import VelocityHistory
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
@@ -69,7 +70,7 @@ def start_position(
     """
     carried = fix_m[:count] - interpolate(timeline, displacement_m(timeline), time_s[:count])
     position = np.median(carried, axis=0)
-    spread_m = 1.4826 * np.median(np.abs(carried - position), axis=0).max()
+    spread_m = TO_SD * np.median(np.abs(carried - position), axis=0).max()
     return position, float(max(least_sd_m, spread_m))
 
 

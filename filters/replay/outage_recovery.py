@@ -12,7 +12,7 @@ import numpy as np
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES
-from usbldr.filters.models.noise import chi_square_quantile
+from usbldr.filters.models.noise import TO_SD, chi_square_quantile
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import MOTION_STATES, POSITION, StateLayout
@@ -60,7 +60,7 @@ def outage_recoveries(
         )
         median_residual_m = np.median(offsets_m, axis=0)
         stated_m2 = fixes.cov_m2[rows].mean(axis=0).diagonal()
-        scatter_m2 = (1.4826 * np.median(np.abs(offsets_m - median_residual_m), axis=0)) ** 2
+        scatter_m2 = (TO_SD * np.median(np.abs(offsets_m - median_residual_m), axis=0)) ** 2
         median_m2 = math.pi / 2 / len(rows) * np.diag(np.maximum(stated_m2, scatter_m2))
         P = cov[[min(start, last), last]][:, POSITION][:, :, POSITION]
         start_m, end_m = np.sqrt(np.linalg.eigvalsh(P)[:, -1]).tolist()

@@ -17,15 +17,9 @@ from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
+from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, seconds
 from usbldr.io.tables.csv_sheets import plain
-from usbldr.io.tables.csv_text import (
-    ParsedColumn,
-    column,
-    nanoseconds,
-    numbers,
-    read_texts,
-    seconds,
-)
+from usbldr.io.tables.csv_text import column, read_texts
 from usbldr.io.tables.text_table import cut_findings, row_findings
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked

@@ -37,6 +37,7 @@ from usbldr.io.doctor.sensor_errors import change_findings, log_odds_text, senso
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
+from usbldr.io.messages.roles import SENSORS
 from usbldr.io.reading.epochs import timeline as timeline_of
 
 REPLAY_WARNING_CODES = (
@@ -102,7 +103,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
 
 def moves_alike(log: Log) -> bool:
     """Return whether nothing shows that dead reckoning, fixes and truth are of different vehicles."""
-    if not {"dvl", "compass", "usbl"} <= log.tables.keys():
+    if not {*SENSORS} <= log.tables.keys():
         return True
     try:
         line = timeline_of(log)
@@ -150,7 +151,7 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
 
 def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     """Return a finding for each convention, mounting or clock if another fits clearly better; change nothing."""
-    if not {"dvl", "compass", "usbl"} <= log.tables.keys():
+    if not {*SENSORS} <= log.tables.keys():
         return []
     sources = message_evidence(log)
     result = compare_interpretations(log, timeline, sources) if len(timeline.fix_time_s) else None

@@ -21,7 +21,7 @@ from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log, missing_sensor_text
-from usbldr.io.messages.roles import candidates
+from usbldr.io.messages.roles import SENSORS, candidates
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.opening import OpenedLog, Request, open_configured
 from usbldr.io.reading.read import read
@@ -30,7 +30,6 @@ from usbldr.io.units import MPS_PER_UNIT
 
 # fixed: 16-bit integers of a DVL without bottom lock, in mm/s and cm/s
 SENTINELS_MPS = (32.767, 32.768, 327.67, 327.68)
-REQUIRED_SENSORS = ("dvl", "compass", "usbl")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +97,7 @@ def _examine_tables(
     found = [*found, *_under_water(log), *vertical_findings(log)]
     said = {(one.code, one.topic) for one in found}
     found += [one for one in log.findings if (one.code, one.topic) not in said]
-    for role in REQUIRED_SENSORS:
+    for role in SENSORS:
         if role not in log.tables:
             found.append(Finding("SENSOR-MISSING", missing_sensor_text(log, role)))
     dive_timeline = None
@@ -110,7 +109,7 @@ def _examine_tables(
     found += _delays(log)
     if dive_timeline is not None:
         found += _outages(log, dive_timeline)
-    reckoned = dive_timeline is not None and {*REQUIRED_SENSORS, "usbl"} <= log.tables.keys()
+    reckoned = dive_timeline is not None and {*SENSORS} <= log.tables.keys()
     check = cross_check(log, dive_timeline, sources) if dive_timeline is not None and reckoned else None
     found += check.findings if check else ()
     ordered = _errors_first(found)
@@ -225,7 +224,7 @@ def _under_water(log: Log) -> list[Finding]:
 
 def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:
     found: list[Finding] = []
-    for role in REQUIRED_SENSORS:
+    for role in SENSORS:
         mine = [outage for outage in dive_timeline.outages if outage.sensor == role]
         if not mine or role not in log.provenance:
             continue

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from usbldr.filters.errors import LogError
 from usbldr.io.doctor.doctor import Examination
@@ -35,66 +36,56 @@ COLUMNS = {
 
 
 def initial_configuration(
-    examination: Examination, joined: tuple[str, ...] = (), proposals: Mapping[str, Proposal] | None = None
+    examination: Examination,
+    joined: tuple[str, ...] = (),
+    proposals: Mapping[str, Proposal] = MappingProxyType({}),
+    unread: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """Return the text of a configuration with which the log can be replayed; ``proposals`` were used to read it.
+    """Return the text of a configuration for a log, with which it can be replayed if nothing is ``unread``.
 
-    Raises LogError with what is missing if no configuration could do that.
+    ``proposals`` were used to read it; what is missing of ``unread``, sensor -> why it cannot be read, is asked for.
+    Raises LogError with what is missing if no configuration could help.
     """
-    log = examination.log
-    fatal = [d for d in examination.findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
+    log, path = examination.log, examination.path
+    fatal = [d.text for d in examination.findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
     if log is not None and "usbl" in log.tables:  # raw fixes can be judged without DVL and compass
-        fatal = [d for d in fatal if d.code == "UNUSABLE"]
-    if log is None or fatal:
-        raise LogError(fatal[0].text, path=examination.path)
+        fatal = [d.text for d in examination.findings if d.code == "UNUSABLE"]
+    if (log is None or fatal) and not (unread or (log is None and proposals)):
+        raise LogError(fatal[0], path=path)
     if in_radians(examination):
         examination = replace(examination, sensor_check=None)  # its headings were read in another unit
-    sections: dict[str, list[ConfigLine]] = {"map": _map(examination, log)}
+    sections: dict[str, list[ConfigLine]] = {"map": _map(examination, log) if log else []}
     for role in ROLES:
-        proposal = (proposals or {}).get(role)
-        sections[role] = proposal.lines if proposal else _topic(examination, log, role)
-    for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
-        sections[role] += lines_of(examination, log) if role in log.tables else []
-    sections["truth"] = _truth(log)
+        if role in proposals:
+            sections[role] = proposals[role].lines
+        elif role in unread:
+            columns = f'time_unix_s = "?", {COLUMNS[role]}'
+            sections[role] = [(f"# columns = {{ {columns} }}", f"CHECK: {unread[role]}")]
+        elif log is not None:
+            sections[role] = _topic(examination, log, role)
     lines = [
-        comment(f"Settings for {examination.path.name}, written by usbldr init from the log alone."),
+        comment(f"Settings for {path.name}, written by usbldr init from the log alone."),
         "# GPS only excludes the mirror image and proposes the map origin, if that is unknown; no other key uses it.",
         "# Signs: docs/configuration.md. Commented keys cannot be determined from the log; their values are proposals.",
-        *_convention_comments(examination),
-        *_rival_comments(examination),
-        "schema = 1",
     ]
+    if log is not None:
+        for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
+            sections[role] += lines_of(examination, log) if role in log.tables else []
+        sections["truth"] = _truth(log)
+        lines += [*_convention_comments(examination), *_rival_comments(examination)]
+    elif not unread:
+        lines.append(comment(f"CHECK: {fatal[0]}"))
+    lines.append("schema = 1")
     for name, rows in sections.items():
         if rows:
             empty = all(entry.startswith("#") for entry, _ in rows)  # a section without a key may not be allowed
             lines += ["", f"{'# ' if empty else ''}[{name}]", *(_row(*row) for row in rows)]
     for name in joined:
-        relative = os.path.relpath(name, examination.path.resolve().parent)
+        relative = os.path.relpath(name, path.resolve().parent)
         lines += ["", "[[file]]", _row(f"path = {quoted(Path(relative).as_posix())}", "option --with")]
     text = "\n".join(lines) + "\n"
-    parse_configuration(tomllib.loads(text), own_configuration(log.path, log.path.is_dir()))  # must always be accepted
+    parse_configuration(tomllib.loads(text), own_configuration(path, path.is_dir()))  # must always be accepted
     return text
-
-
-def unfinished_configuration(
-    examination: Examination, proposals: Mapping[str, Proposal], unread: Mapping[str, str]
-) -> str:
-    """Return the text of a configuration for a log that cannot be read yet; raise LogError if none could help.
-
-    ``unread``: sensor -> why no topic is read as it.
-    """
-    faults = [one.text for one in examination.findings if one.code == "UNUSABLE"]
-    if not proposals and not unread:
-        raise LogError(faults[0], path=examination.path)
-    title = f"Settings for {examination.path.name}, begun by usbldr init: the log cannot be read yet."
-    lines = [comment(title), *([] if unread else [comment(f"CHECK: {faults[0]}")]), "schema = 1"]
-    for role in ROLES:
-        if role in proposals:
-            lines += ["", f"[{role}]", *(_row(*row) for row in proposals[role].lines)]
-        elif role in unread:
-            names = f'time_unix_s = "?", {COLUMNS[role]}'
-            lines += ["", f"# [{role}]", comment(f"CHECK: {unread[role]}"), f"# columns = {{ {names} }}"]
-    return "\n".join(lines) + "\n"
 
 
 def _row(entry: str, why: str) -> str:

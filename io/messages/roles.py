@@ -13,7 +13,8 @@ from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.topic_names import NO_SENSOR, SECOND_CHOICE, SHIP, suggested_sensors
 from usbldr.io.reader import TopicInfo
 
-ROLES = ("dvl", "compass", "usbl", "gps", "depth")
+SENSORS = ("dvl", "compass", "usbl")
+ROLES = (*SENSORS, "gps", "depth")
 
 
 @dataclass(frozen=True, slots=True)

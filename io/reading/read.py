@@ -24,6 +24,7 @@ from usbldr.io.conventions.usbl_head import ship_choices
 from usbldr.io.findings import Finding
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import blocks
+from usbldr.io.messages.roles import SENSORS
 from usbldr.io.provenance import provenance_lines
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.reading.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
@@ -33,7 +34,6 @@ from usbldr.io.reading.truth_source import refuse_as_sensor, truth_kind, truth_s
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.stages import say, stage
 
-SENSORS = ("dvl", "compass", "usbl")
 SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less time: stamps are of another unit
 USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
 

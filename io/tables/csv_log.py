@@ -17,16 +17,9 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
+from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
 from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
-from usbldr.io.tables.csv_text import (
-    ParsedColumn,
-    header_and_row,
-    nanoseconds,
-    numbers,
-    read_texts,
-    text_files,
-    times,
-)
+from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_times import foreign_time, with_iso_times
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets

@@ -317,10 +317,23 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path
     assert "usbldr init" not in str(done.exception)
     text = file.read_text(encoding="utf-8")
     assert tomllib.loads(text)["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
-    assert "# CHECK: /compass cannot be read as compass: compass.csv has no column heading_deg, time_ns" in text
-    file.write_text(
-        text.replace('# [compass]', "[compass]").replace('# columns = { time_unix_s = "?", heading = "?" }',
-                                                         'columns = { time_unix_ms = "stamp", heading = "psi" }'),
-        encoding="utf-8",
-    )  # fmt: skip
+    assert "CHECK: /compass cannot be read as compass: compass.csv has no column heading_deg, time_ns" in text
+    asked = '# [compass]\n# columns = { time_unix_s = "?", heading = "?" }'
+    completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
+    file.write_text(completed, encoding="utf-8")
     accepted(log, file)
+
+
+def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(tmp_path: Path) -> None:
+    log = without_units(tmp_path / "dive")
+    (log / "gps.csv").write_text(f"t,place\n{T0 // SECOND},here\n", encoding="utf-8")
+    file = tmp_path / "found.toml"
+
+    done = run("init", log, "--output", file)
+
+    assert isinstance(done.exception, LogError)
+    text = file.read_text(encoding="utf-8")
+    found = tomllib.loads(text)
+    assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
+    assert '# [gps]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }' in text
+    assert "CHECK: /gps cannot be read as gps: gps.csv has no column lat_deg, lon_deg, time_ns" in text

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.reports.report_text import Table
 from usbldr.io.reports.run_directory import REPORT
 
 NOTABLE_SIGMAS = 3.0  # of a dive's own sigma and the spread of all: 1 in 1000 by chance
 LEAST_DIVES = 3  # of which one can be the odd one
-TO_SD = 1.4826  # fixed: 1-sigma over the median of the size, of a normal error
 NOISE = {
     "range_m": ("range", "m"),
     "bearing_deg": ("bearing", "deg"),

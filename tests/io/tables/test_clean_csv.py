@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from recordings import T0
 from usbldr.filters.errors import LogError
 from usbldr.io.tables import clean_csv, csv_text
+from usbldr.io.tables.cells import nanoseconds, numbers, times
 from usbldr.io.tables.clean_csv import NumberColumn
-from usbldr.io.tables.csv_text import nanoseconds, numbers, read_texts, times
+from usbldr.io.tables.csv_text import read_texts
 
 numeric = st.floats(-1e12, 1e12).map(repr) | st.integers(-(2**70), 2**70).map(str)
 stamps = st.integers(0, 10**9).map(lambda ns: f"{1_474_477_150 + ns // 7}.{ns:09d}")

@@ -13,7 +13,7 @@ from logs import MAP, codes, logged_csv
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
-from usbldr.io.tables.csv_text import numbers
+from usbldr.io.tables.cells import numbers
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.units import named_unit
 

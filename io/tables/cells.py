@@ -1,0 +1,138 @@
+"""The cells of a column as integer nanoseconds, numbers or angles, and the rows whose cells are none."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from usbldr.filters.errors import LogError
+from usbldr.io.reader import MAX_TIME_NS, Column
+from usbldr.io.tables.clean_csv import NumberColumn
+from usbldr.io.tables.csv_sheets import ISO, SECOND_NS
+from usbldr.io.tables.text_table import MAX_CHARACTERS
+
+WORDS = {"": "nan", "true": "1", "false": "0"}
+NUMBER = r"(\d+(?:\.\d*)?)"
+ANGLE = re.compile(
+    rf"([NSEW]?) *([+-]?){NUMBER}(?: *([°º]) *| +|(?=[NSW]|$))"
+    rf"(?:{NUMBER} *['′]? *)?(?:{NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
+    re.IGNORECASE,
+)
+"""Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
+Number = TypeVar("Number", int, float)
+
+
+class ParsedColumn(NamedTuple):
+    """The values of a column."""
+
+    values: Column  # (n,)
+    faults: Mapping[int, str]  # row -> what is wrong with its cell; its value means nothing
+
+    def checked(self, file: Path, lines: Sequence[int]) -> Column:
+        """Return the values; raise LogError with the line of the first fault. ``lines``: those of the rows."""
+        for row, text in self.faults.items():
+            raise LogError(f"line {lines[row]}: {text}", path=file)
+        return self.values
+
+
+def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of integer nanoseconds, never through float."""
+    whole = isinstance(texts, NumberColumn) and texts.values.dtype.kind == "i"
+    fast = texts.times(1, 0, MAX_TIME_NS) if isinstance(texts, NumberColumn) and whole else None
+    if fast is not None:
+        return ParsedColumn(fast, {})
+    return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
+
+
+def seconds(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of seconds with decimals, or of dates and times, as nanoseconds."""
+    return times(texts, name, SECOND_NS)
+
+
+def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> ParsedColumn:
+    """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds since 1970.
+
+    ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not representable in float64.
+    """
+
+    fast = texts.times(unit_ns, at_1970, MAX_TIME_NS) if isinstance(texts, NumberColumn) else None
+    if fast is not None:
+        return ParsedColumn(fast, {})
+
+    def exact(text: str) -> int:
+        if ISO.fullmatch(text):
+            return _in_range(_iso_ns(text))
+        return _in_range(int(((Decimal(text) - at_1970) * unit_ns).to_integral_value()))
+
+    what = "a number of seconds" if unit_ns == SECOND_NS else "a number or a date and time"
+    return _parsed(texts, name, exact, 0, what)
+
+
+def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
+    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
+    if isinstance(texts, NumberColumn):
+        return ParsedColumn(texts.numbers(), {})
+
+    def number(text: str) -> float:
+        try:
+            return float(WORDS.get(text.lower(), text))
+        except ValueError:
+            return _degrees(text)
+
+    return _parsed(texts, name, number, float("nan"), "a number")
+
+
+def _degrees(text: str) -> float:
+    """Return an angle with a side or a degree sign: "45 12.5 N", "W 5°30'18\""; raise ValueError if it is none."""
+    angle = ANGLE.fullmatch(text)
+    if angle is None:
+        raise ValueError
+    before, sign, degrees, mark, minutes, seconds, behind = angle.groups("")
+    side = (before + behind).upper()
+    if len(side) > 1 or not (side or mark) or (side and sign):
+        raise ValueError
+    parts = float(minutes or 0), float(seconds or 0)
+    if max(parts) > 60:  # programs write 59.9999 as 60.000
+        raise ValueError
+    size = float(degrees) + parts[0] / 60 + parts[1] / 3600
+    return -size if sign == "-" or side in ("S", "W") else size
+
+
+def _parsed(
+    texts: Sequence[str], name: str, parse: Callable[[str], Number], unknown: Number, what: str
+) -> ParsedColumn:
+    faults: dict[int, str] = {}
+
+    def values() -> Iterator[Number]:
+        for row, text in enumerate(texts):
+            value = unknown
+            try:
+                if "_" in text:  # which Python takes for part of a number
+                    raise ValueError
+                value = parse(text)
+            except (InvalidOperation, ValueError, OverflowError):
+                faults[row] = f'{name} is "{text[:MAX_CHARACTERS]}", not {what}'
+            yield value
+
+    kind = np.int64 if isinstance(unknown, int) else np.float64
+    return ParsedColumn(np.fromiter(values(), dtype=kind, count=len(texts)), faults)
+
+
+def _in_range(time_ns: int) -> int:
+    """Return a time; raise OverflowError if differences of such times would exceed 64 bits."""
+    if abs(time_ns) >= MAX_TIME_NS:
+        raise OverflowError
+    return time_ns
+
+
+def _iso_ns(text: str) -> int:
+    """Return a date and time as nanoseconds since 1970; without a zone it is UTC."""
+    match = ISO.fullmatch(text)
+    assert match is not None
+    date, clock, fraction, zone = match.groups()
+    moment = datetime.fromisoformat(f"{date}T{clock}{zone or 'Z'}")
+    return int(moment.timestamp()) * 1_000_000_000 + int((fraction or "").ljust(9, "0"))
