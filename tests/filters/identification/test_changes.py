@@ -198,3 +198,12 @@ def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they
     monkeypatch.setattr(evidence, "changes", lambda *_: FoundChanges(proposed, cost))
 
     assert identify(DIVE, ASSUMED).parameters.changes == (proposed if taken else ())
+
+
+def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> None:
+    found = identify(DIVE, ASSUMED)
+    some = (SensorChange(100.0, 0.0, 0.03), SensorChange(200.0, 0.0, 4.6), SensorChange(300.0, 0.0, 0.0))
+
+    texts = replace(found, parameters=replace(found.parameters, changes=some)).change_texts
+
+    assert ["so much is no scale error" in text for text in texts] == [False, True, True]
