@@ -14,6 +14,7 @@ from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, c
 from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.decoding.nmea_kinds import ESTIMATED_QUALITIES, in_hemisphere
+from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
@@ -23,6 +24,9 @@ UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 BEYOND_DEG = "beyond 90 or 360 degrees"
 EXCHANGED = "latitude and longitude are probably exchanged"
+GRID_M = (
+    100_000.0  # no vehicle goes so far from the origin of its map; eastings and northings begin at 0.1 to 10 million
+)
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
 VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
@@ -116,6 +120,19 @@ def on_plane(raw: RawRecords, frame: str, origin: Origin | None) -> tuple[Vector
     return to_plane(origin, x, y)
 
 
+def grid_findings(raw: RawRecords, east_m: Vector, north_m: Vector) -> list[Finding]:
+    """Return a finding if positions on the plane (n,) are so far from its origin that they must count from a grid's."""
+    far_m = np.nanmedian(np.hypot(east_m, north_m)) if np.isfinite(east_m + north_m).any() else 0.0
+    if far_m < GRID_M:
+        return []
+    text = (
+        f"positions {far_m / 1000:.0f} km from their origin are eastings and northings of a grid: state its code, such "
+        'as grid = "EPSG:32631" for UTM zone 31 north; without it, headings are wrong by the angle from true to grid '
+        "north, up to some degrees"
+    )
+    return [raw.finding("GRID-UNKNOWN", text)]
+
+
 def off_plane_causes(east_m: Vector, north_m: Vector) -> dict[str, Mask]:
     """Return as a cause which places (n,) are beyond half the earth's circumference."""
     return {f"beyond {MAX_POSITION_M / 1000:.0f} km": np.fmax(np.abs(east_m), np.abs(north_m)) > MAX_POSITION_M}
@@ -204,7 +221,8 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     columns |= pose_columns(raw, str(frame))
     times = times_of(raw, section.time, section.latency_s)
     chosen = [Convention("frame", frame, frame_by), sd_chosen]
-    made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
+    on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
+    made = converted_table(raw, times, columns, chosen, [*findings, *invalid, *on_grid])
     return keep_valid(replace(made, geodetic=frame == "latlon"), good)
 
 

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.filters.types import Array, Mask, Truth, Vector
+from usbldr.io.conventions.grids import grid_to_geodetic
 from usbldr.io.conventions.positions import heading_of_quaternion
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
@@ -177,12 +178,19 @@ def read_truth_file(
     time_ns = _times(cells, columns, start_ns).checked(file, lines)
     x, y = (numbers(cells[axis], columns[axis]).checked(file, lines) for axis in "xy")
     sd = numbers(cells["sd_m"], columns["sd_m"]).checked(file, lines) if "sd_m" in cells else np.full(len(x), np.nan)
+    on_grid = [Convention("grid", section.grid, "configuration")] if section.grid else []
+    if section.grid:
+        try:
+            x, y = grid_to_geodetic(section.grid, *((y, x) if frame == "NED" else (x, y)), file)
+        except SettingError as err:
+            raise UsageError(f"[truth] {err.text}", path=file) from err
+        frame = "latlon"
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
     by_name = section.columns is None and any(p.frame for p in PLACES if (columns["x"], columns["y"]) == (p.x, p.y))
     frame_by: ChosenBy = columns_by if by_name else "default" if section.frame is None else "configuration"
     named = ", ".join(f"{key} = {name}" for key, name in columns.items())
-    chosen = [Convention("frame", frame, frame_by), Convention("columns", named, columns_by)]
+    chosen = [Convention("frame", frame, frame_by), *on_grid, Convention("columns", named, columns_by)]
     chosen += [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []
     read = {"time_ns": time_ns, "east_m": east, "north_m": north, "sd_m": sd}
     more = {name: numbers(texts[name][rows.start :], name).checked(file, lines) for name in MORE if name in texts}

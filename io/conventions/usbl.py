@@ -20,7 +20,7 @@ from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
 from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.map_north import on_plane_north
-from usbldr.io.conventions.positions import exchanged_advice, off_plane_causes, on_plane
+from usbldr.io.conventions.positions import exchanged_advice, grid_findings, off_plane_causes, on_plane
 from usbldr.io.conventions.time_series import TimeSeries
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl_covariance import (
@@ -107,6 +107,8 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         )
         findings.append(raw.finding("MAP-UNKNOWN", text))
 
+    if kind == "position" and not fixes.relative_to_reference:
+        findings += grid_findings(raw, *fixes.position_m.T)
     causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out", exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)

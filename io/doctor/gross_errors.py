@@ -25,11 +25,10 @@ from usbldr.io.doctor.interpretations import (
 )
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
+from usbldr.io.gps_time import LEAP_S
 from usbldr.io.log import Log
 from usbldr.io.settings.sensor_sections import MAX_SCALE_ERROR, MIN_SCALE_ERROR
 from usbldr.io.units import MPS_PER_UNIT
-
-LEAP_SECONDS = 18.0  # fixed: GPS time minus UTC since 2017
 
 
 def correct_velocity_unit(
@@ -129,8 +128,8 @@ def _clock_offsets_s() -> list[float]:
 def clock_offset_findings(log: Log, late_s: float) -> list[Finding]:
     """Report an offset of the fixes' clock that is larger than any delay."""
     usbl = topic_of(log, "usbl")
-    is_leap = abs(abs(late_s) - LEAP_SECONDS) < THRESHOLDS.leap_second_tolerance_s
-    leap = f" (GPS time and UTC are {LEAP_SECONDS:g} s apart)" if is_leap else ""
+    is_leap = abs(abs(late_s) - LEAP_S) < THRESHOLDS.leap_second_tolerance_s
+    leap = f" (GPS time and UTC are {LEAP_S} s apart)" if is_leap else ""
     stated = log.settings.usbl.latency_s
     text = (
         f"{usbl}: stamps are {delay_text(late_s)} the time of validity that fits dead reckoning far better, by the "

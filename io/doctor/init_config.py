@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 from usbldr.filters.errors import LogError
 from usbldr.io.doctor.doctor import Examination
-from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, in_radians, usbl_lines
+from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, in_radians, usbl_lines
 from usbldr.io.doctor.map_origin import propose_origin
 from usbldr.io.doctor.proposed_columns import Proposal
 from usbldr.io.doctor.sensor_errors import explanation_text
@@ -71,6 +71,7 @@ def initial_configuration(
     if log is not None:
         for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
             sections[role] += lines_of(examination, log) if role in log.tables else []
+        sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _truth(log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
     elif not unread:

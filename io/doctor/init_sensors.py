@@ -128,6 +128,7 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     check = examination.sensor_check
     result, found = (check.result, check.identification) if check else (None, None)
     lines = [recorded_line(log, "usbl", "kind")]
+    lines += grid_lines(log, "usbl")
     if recorded_value(log, "usbl", "frame"):
         lines.append(_convention(log, result, "usbl", "frame"))
         lines.append(recorded_line(log, "usbl", "relative_to"))
@@ -147,6 +148,13 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", MEASURE_IT))
     lines.append(('noise = { kind = "contamination" }', "default: 5 % of the fixes are off by 10 m"))
     return [line for line in lines if line[0]]
+
+
+def grid_lines(log: Log, role: str) -> list[ConfigLine]:
+    """Return the line that asks for the grid of a sensor's eastings and northings, if they are some."""
+    topic = log.provenance[role].topic
+    asked = any(finding.code == "GRID-UNKNOWN" and finding.topic == topic for finding in log.findings)
+    return [('# grid = "EPSG:?"', "CHECK: state the code of the grid: EPSG:32631 is UTM zone 31 north")] * asked
 
 
 def _convention(log: Log, result: InterpretationResult | None, role: str, key: str) -> ConfigLine:

@@ -21,6 +21,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.findings import Finding
+from usbldr.io.gps_time import LAST_WEEK, utc_ns
 from usbldr.io.instruments.packed_rows import dtypes_of, table_of
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
@@ -29,9 +30,6 @@ MARK = b"\xa3\x95"  # fixed by the format: how each message begins; its type fol
 HEAD_BYTES = 3  # fixed by the format
 LONGEST = 255  # fixed: bytes of a message
 FMT, FMT_BYTES = 128, 89  # fixed: the type that defines the others
-GPS_EPOCH_S, WEEK_S = 315_964_800, 604_800  # fixed: 1980-01-06 in seconds since 1970
-LAST_WEEK = 6000  # [weeks] since then, in the year 2095: a later one is a damaged number
-LEAP_S = 18  # [s] GPS time minus UTC since 2017
 LONGEST_US = 10**14  # [us] three years from power-on: a later time is a damaged one
 FIX = 3  # fixed: the least Status of a GPS message with a fix in three dimensions
 
@@ -151,8 +149,10 @@ class DataflashLog:
                 dated = (table["GWk"] > 0) & (table["GWk"] < LAST_WEEK) & (table["TimeUS"] < LONGEST_US)
                 fixed = np.flatnonzero((table["Status"] >= FIX) & dated)
                 if len(fixed):
-                    gps_ms, week, time_us = (int(table[name][fixed[0]]) for name in ("GMS", "GWk", "TimeUS"))
-                    return ((GPS_EPOCH_S + week * WEEK_S - LEAP_S) * 1000 + gps_ms) * 1_000_000 - time_us * 1000
+                    gps_ms, week, time_us = (
+                        table[name][fixed[:1]].astype(np.int64) for name in ("GMS", "GWk", "TimeUS")
+                    )
+                    return int((utc_ns(week, gps_ms / 1000) - time_us * 1000)[0])
         return 0
 
     def _rows(self, source: Source) -> tuple[Mapping[str, Column], Nanoseconds]:

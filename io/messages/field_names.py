@@ -1,6 +1,6 @@
 """What a column or field holds, by its name and the unit that the name states: "DVL X [m/s]", "Heading (deg)".
 
-Only words whose meaning and sign are the same everywhere count: no yaw, sway or heave, no easting of an unnamed grid.
+Only words whose meaning and sign are the same everywhere count: no yaw, sway or heave.
 """
 
 import re
@@ -22,8 +22,12 @@ class Rule(NamedTuple):
     alone: bool = True  # whether the words mean this quantity without a unit, too
 
 
+TIME_OF_WEEK = (
+    "i?tow|sow|(gps_?)?(time|seconds?|secs?)_(of|in)_(the_)?(gps_)?week|(week|gps)_?(time|seconds?|secs?)"  # GPS time
+)
 RULES: Sequence[Rule] = (
     Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t|sod|seconds?_of_(the_)?day|elapsed|datenum"),
+    Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(received|arrival)(_time)?"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd"),
     Rule("dvl", "starboard_mps", "velocity", "starboard|stbd"),
@@ -38,8 +42,8 @@ RULES: Sequence[Rule] = (
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
     Rule("", "lon_deg", "angle", "lon|long|longitude"),
-    Rule("", "east_m", "length", "east"),
-    Rule("", "north_m", "length", "north"),
+    Rule("", "east_m", "length", "east(ing)?"),
+    Rule("", "north_m", "length", "north(ing)?"),
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
     Rule("usbl", "bearing_deg", "angle", "bearing"),
     Rule("usbl", "elevation_deg", "angle", "elevation"),

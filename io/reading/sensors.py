@@ -12,6 +12,7 @@ from usbldr.io.conventions import compass, dvl_depth, positions, tilt
 from usbldr.io.conventions.clock_parts import in_time_order
 from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.converted import ConvertedTable
+from usbldr.io.conventions.grids import off_grids
 from usbldr.io.conventions.sanity import covariance_findings
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.timestamps import sorted_by_time
@@ -110,6 +111,7 @@ def sensor_tables(
     as_logged, found = in_time_order(in_file, by_log, part or configuration.part)
     del in_file
     raws, findings = align_clocks(as_logged, by_log)
+    raws, configuration, grids = off_grids(raws, configuration)
     origin = plane_origin(configuration, raws)
     invalid = covariance_findings(raws)
     asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES} | evidence
@@ -123,7 +125,8 @@ def sensor_tables(
         sensor = made.pop(role)
         tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
         findings += [*sensor.findings, *more]
-        provenance[role] = _provenance(choices[role], sensor, tables[role])
+        made_by = (*sensor.conventions, grids[role]) if role in grids else sensor.conventions
+        provenance[role] = _provenance(choices[role], replace(sensor, conventions=made_by), tables[role])
     return SensorTables(tables, provenance, origin, [*findings, *invalid], asked, attitude)
 
 

@@ -182,6 +182,7 @@ class UsblSection(Section, frozen=True, kw_only=True):
     columns: dict[Time | Flag | Place | UsblColumn, str] | None = None
     kind: Literal["position", "latlon", "range_bearing"] | None = None
     frame: Literal["ENU", "NED", "body"] | None = None
+    grid: str | None = None
     relative_to: Literal["map", "head"] | None = None
     head: Head | None = None
     beacon: Beacon | None = None
@@ -216,6 +217,8 @@ class UsblSection(Section, frozen=True, kw_only=True):
             raise ValueError('fixes of a beacon are relative to the vehicle: relative_to cannot be "map"')
         if self.stamped_at != "reply" and (self.sound_speed_mps is not None or self.turnaround_s):
             raise ValueError('sound_speed_mps and turnaround_s need stamped_at = "reply"')
+        if self.grid is not None and (self.frame == "body" or self.relative_to == "head" or self.beacon is not None):
+            raise ValueError("positions on a grid do not count from the head: leave out grid, or frame and relative_to")
         if self.frame == "body" and self.relative_to == "map":
             raise ValueError('frame = "body" is relative to the head: relative_to cannot be "map"')
         polar = [self.range_sd_m, self.range_sd_rel, self.bearing_sd_deg]
@@ -240,6 +243,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
     topic: str | None = None
     columns: dict[Time | Flag | Place, str] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
+    grid: str | None = None
     sd_m: SdMetres | Literal["message"] | None = None
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
     time: Clock | None = None
@@ -266,6 +270,7 @@ class TruthSection(Section, frozen=True, kw_only=True):
     file: str | None = None
     kind: Literal["gps", "slam", "simulated", "other"] | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
+    grid: str | None = None
     skip_rows: Annotated[int, Meta(ge=0, le=1_000_000_000)] = 0
     sd_m: SpreadMetres | None = None
     heading_sd_deg: SpreadDegrees = 0.0

@@ -20,7 +20,7 @@ from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
 from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
-from usbldr.io.tables.date_times import foreign_time, with_iso_times
+from usbldr.io.tables.date_times import foreign_time, week_and_time, with_iso_times
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 
@@ -88,8 +88,9 @@ class CsvLog:
 
     def _row(self, file: Path) -> Sequence[str]:
         """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
-        cells = self._begin(file)[1]
-        if not (self._formats or any(map(foreign_time, cells))) or not len(self._table(file).lines):
+        names, cells = self._begin(file)
+        foreign = self._formats or any(map(foreign_time, cells)) or week_and_time(names)
+        if not foreign or not len(self._table(file).lines):
             return cells
         return [next(iter(column)) for column in self._table(file).columns.values()]
 

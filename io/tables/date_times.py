@@ -2,18 +2,21 @@
 
 pandas reads the dates. Of "05/06/2026" the day comes first if any date of the column shows it, and else unless the
 parts are between slashes; the key ``time_format`` states it. Without a zone a time is UTC. A time of day without a date
-counts from 1970-01-01, over midnights.
+counts from 1970-01-01, over midnights. A GPS week beside a time of the week is GPS time.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 
+from usbldr.io.gps_time import LAST_WEEK, WEEK_S, utc_ns
+from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
 from usbldr.io.tables.csv_sheets import ISO
+from usbldr.io.units import named_unit
 
 DATE = r"\d{1,4}(?P<part>[./-])(\d{1,2}|[A-Za-z]{3,9})(?P=part)\d{2,4}|\d{1,2} [A-Za-z]{3,9} \d{4}"
 CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9})?)?( ?[AaPp][Mm])?"
@@ -25,9 +28,12 @@ DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
 DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|day|ymd|yyyy", "time|clock|utc|hh?mm"))
 SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
+WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
+WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
+NUMBER = re.compile(r"\d+(\.\d*)?")
 
 
 def foreign_time(cell: str) -> bool:
@@ -44,6 +50,9 @@ def with_iso_times(
     ``stated``: column -> its format by strptime.
     """
     found = dict(columns)
+    pair = week_and_time(columns)
+    if pair and all(_are(columns[name], NUMBER) for name in pair) and _are(columns[pair[0]], WEEK):
+        found[pair[1]] = _of_weeks(*pair, columns)
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
     dates += [name for name, cells in columns.items() if DATE_NAME.search(name.lower()) and _are(cells, DIGITS_DATE)]
     for name, cells in columns.items():
@@ -59,6 +68,27 @@ def with_iso_times(
         elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and _of_day(name.lower(), cells)):
             found[name] = _on_days(cells, columns[dates[0]]) if len(dates) == 1 else _without_date(cells)
     return found
+
+
+def week_and_time(names: Iterable[str]) -> tuple[str, str] | None:
+    """Return the columns of the GPS week and of the time of the week, None if there is not one of each."""
+    words = {name: words_of(named_unit(name).label) for name in names}
+    times = [name for name, word in words.items() if re.search(TIME_OF_WEEK_NAME, word)]
+    weeks = [name for name, word in words.items() if re.search(WEEK_NAME, word) and name not in times]
+    return (weeks[0], times[0]) if len(weeks) == len(times) == 1 else None
+
+
+def _of_weeks(week: str, time: str, columns: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return times of the week as ISO text; in seconds, or the unit of their name, or milliseconds by their size."""
+    weeks, times = (
+        pd.to_numeric(pd.Series(list(columns[name]), dtype="str"), errors="coerce").to_numpy(float)
+        for name in (week, time)
+    )
+    unit = named_unit(time)
+    seconds = times * (unit.factor / 1e9 if unit.dimension == "time" else 1.0 if np.nanmax(times) <= WEEK_S else 1e-3)
+    good = np.isfinite(weeks + seconds) & (weeks < LAST_WEEK) & (np.abs(seconds) <= WEEK_S)
+    ns = utc_ns(np.where(good, weeks, 0).astype(np.int64), np.where(good, seconds, 0.0))
+    return _as_text(pd.Series(pd.to_datetime(ns, utc=True)).where(pd.Series(good)), columns[time])
 
 
 def _of_day(name: str, cells: Sequence[str]) -> bool:

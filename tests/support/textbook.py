@@ -110,3 +110,18 @@ def grid_posterior(m: float, P: float, z: float, noise: Noise) -> tuple[float, f
     evidence = float(np.trapezoid(joint, x))
     mean = float(np.trapezoid(x * joint, x)) / evidence
     return mean, float(np.trapezoid((x - mean) ** 2 * joint, x)) / evidence, evidence
+
+
+def utm_m(lat_deg: float, lon_deg: float, zone: int) -> tuple[float, float]:
+    """Return easting and northing by Krueger's series (Karney 2011, doi:10.1007/s00190-011-0445-3)."""
+    f = 1 / 298.257223563
+    n = f / (2 - f)
+    e = 2 * math.sqrt(n) / (1 + n)
+    phi, lam = math.radians(lat_deg), math.radians(lon_deg - (6 * zone - 183))
+    t = math.sinh(math.atanh(math.sin(phi)) - e * math.atanh(e * math.sin(phi)))
+    xi, eta = math.atan2(t, math.cos(lam)), math.asinh(math.sin(lam) / math.hypot(t, math.cos(lam)))
+    alpha = (n / 2 - 2 * n**2 / 3 + 5 * n**3 / 16, 13 * n**2 / 48 - 3 * n**3 / 5, 61 * n**3 / 240)
+    east = eta + sum(a * math.cos(2 * j * xi) * math.sinh(2 * j * eta) for j, a in enumerate(alpha, 1))
+    north = xi + sum(a * math.sin(2 * j * xi) * math.cosh(2 * j * eta) for j, a in enumerate(alpha, 1))
+    radius_m = 0.9996 * 6_378_137.0 / (1 + n) * (1 + n**2 / 4 + n**4 / 64)
+    return 500_000.0 + radius_m * east, radius_m * north

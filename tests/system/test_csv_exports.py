@@ -55,6 +55,17 @@ def days(name: str, at_1970: int) -> Callable[[pd.Series], dict[str, object]]:
     return lambda t: {name: (t.astype("int64") / 86_400e9 + at_1970).map("{:.10f}".format)}
 
 
+def gps_week(week: str, time: str, unit_s: float = 1.0) -> Callable[[pd.Series], dict[str, object]]:
+    """Return the week since 1980-01-06 and the time of the week by GPS, which is 18 s ahead of UTC."""
+
+    def columns(t: pd.Series) -> dict[str, object]:
+        since = t - pd.Timestamp("1980-01-06") + pd.Timedelta(seconds=18)
+        weeks = since // pd.Timedelta(weeks=1)
+        return {week: weeks, time: ((since - weeks * pd.Timedelta(weeks=1)).dt.total_seconds() / unit_s).round(3)}
+
+    return columns
+
+
 def sides(name: str, positive: str, negative: str, seconds: bool = False) -> Callable[[pd.DataFrame], object]:
     """Return the cells of an angle in degrees and minutes, perhaps seconds, with the side: 45 7.5 N."""
 
@@ -116,6 +127,8 @@ EXPORTS = {
     "time_first": Export(one("Time", "%H:%M:%S.%f %d/%m/%y"), METRIC),
     "elapsed": Export(lambda t: {"elapsed_s": (t - pd.Timestamp(DAY)).dt.total_seconds()}, METRIC),
     "sides": Export(one("UTC Time", "%Y-%m-%d %H:%M:%S.%f"), MINUTES),
+    "gps_week": Export(gps_week("GPS Week", "TOW [s]"), SNAKE),
+    "gps_week_ms": Export(gps_week("GPSWeek", "GPSTimeOfWeek", 1e-3), METRIC),
     "notes": Export(one("Timestamp (UTC)", "%d %b %Y %H:%M:%S.%f"), NOTES),
 }
 
