@@ -6,17 +6,16 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from usbldr.filters.errors import CheckError, UsageError
-from usbldr_cli.options.completion import FILE, FILTERS
+from usbldr_cli.options.completion import FILE
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_file_option
-from usbldr_cli.options.log_options import inputs, read_request, selection_options
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, toml_name, write_file, write_json
-from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.log_options import inputs, read_request
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, write_file, write_json
 from usbldr_cli.options.run_outputs import RunOutputs
 from usbldr_cli.options.unused_options import unused_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
@@ -27,34 +26,12 @@ if TYPE_CHECKING:
     from usbldr_cli.runs.workers import Job
     from usbldr_cli.tables.check_verdicts import CheckedRow
 
-DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and a filter on top
 KEEP_NONE = Path("none")  # of --output
 NAME_LETTERS = 60  # of a row in the name of its folder
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("files", metavar="BASELINE | LOG...", type=FILE, nargs=-1, required=True)
-@click.option("--init", "first", is_flag=True, help="Write a first baseline for each LOG instead.")
-@click.option(
-    "--baseline",
-    type=click.Path(path_type=Path),
-    callback=toml_name,
-    default="baseline.toml",
-    show_default=True,
-    metavar="FILE",
-    help="With --init: the file to write.",
-)
-@click.option(
-    "--filters",
-    "-f",
-    type=FILTERS,
-    metavar="LIST",
-    default=DEFAULT_FILTERS,
-    show_default=True,
-    help="With --init: a row for each method.",
-)
-@selection_options
-@run_options
+@click.argument("file", metavar="BASELINE", type=FILE)
 @click.option("--update", is_flag=True, help="Show the differences and store the new values.")
 @worker_options
 @folder_option('Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]')
@@ -67,11 +44,7 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @verbose_option
 @progress_option
 def check(
-    files: tuple[str, ...],
-    first: bool,
-    baseline: Path,
-    filters: str,
-    choices: RunChoices,
+    file: str,
     update: bool,
     workers: WorkerChoices,
     output: Path | None,
@@ -81,37 +54,24 @@ def check(
     html_to: str | None,
     force: bool,
     quiet: bool,
-    **selection: Any,
 ) -> int:
     """Run the rows of BASELINE again; exit 1 if a metric is missing or worse than its limit allows.
 
     A missing row or log is a failure. A metric that is better by more than its limit passes, and is reported because
     the baseline is stale. For a row that fails, the doctor's findings on its log are printed, and its run directory
-    with pictures is kept. With --init, write a first baseline for each LOG; options of replay then go to its rows.
+    with pictures is kept.
 
     \b
-    $ usbldr check --init dive.mcap --baseline gate.toml
+    $ usbldr baseline dive.mcap --output gate.toml
     $ usbldr check gate.toml
     """
     from usbldr.io.settings.regression_baseline import read_baseline
-    from usbldr_cli.runs.baseline_rows import given_options, jobs_of_row
+    from usbldr_cli.runs.baseline_rows import jobs_of_row
     from usbldr_cli.runs.executors import executor
-    from usbldr_cli.runs.first_baseline import write_first_baseline
-    from usbldr_cli.runs.workers import Job
     from usbldr_cli.tables.check_verdicts import as_json, markdown
     from usbldr_cli.tables.checked_rows import checked_rows
     from usbldr_cli.tables.junit import junit as junit_text
 
-    given = given_options()
-    if first:
-        return write_first_baseline(
-            baseline, [Job(log, "", choices, selection) for log in files], given, filters, workers, force
-        )
-    if given:
-        raise UsageError(f"--{next(iter(given))} is for --init: the rows of a baseline state their own options")
-    file, *others = files
-    if others:
-        raise UsageError(f"check takes one BASELINE, not {len(files)}; --init LOG... writes one for several logs")
     wanted = read_baseline(Path(file))
     jobs = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
     for row in wanted.rows:

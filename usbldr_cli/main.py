@@ -24,6 +24,7 @@ COMMANDS = {
     "export": "Write LOG, or a part of it, in another format.",
     "locate": "Say where each photo, ping or sample of a dive was taken.",
     "calibrate-usbl": "Find how a ship's USBL is installed, from a survey of a transponder.",
+    "baseline": "Write a first baseline of logs, which check runs again.",
     "check": "Run a baseline again and fail if a metric got worse (for CI).",
     "simulate": "Write a simulated log with its truth.",
 }
@@ -59,6 +60,8 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command and its arguments; raise UsageError for a name that no command has."""
+        if args[0] == "check" and "--init" in args:
+            raise UsageError("check --init is now a command of its own: usbldr baseline LOG... --output FILE")
         if args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
             hint = did_you_mean(args[0], [*COMMANDS, "--help", "--version"])
             hint = f"; did you mean usbldr info {args[0]}?" if os.path.exists(args[0]) else hint

@@ -172,6 +172,11 @@ class Identification:
             return ()
         longest = max(self.false_runs, key=lambda run: run.fixes)
         count, where = sum(run.fixes for run in self.false_runs), f"from {longest.start_s:.0f} to {longest.end_s:.0f} s"
+        if count == 1:
+            return (
+                f"a USBL fix at {longest.start_s:.0f} s lies beside the track that dead reckoning and the other fixes "
+                "give: it was left out as false, and later fixes decided this, too; check for an echo",
+            )
         if len(self.false_runs) > 1:
             where = f"in {len(self.false_runs)} runs, the longest {where}"
         return (

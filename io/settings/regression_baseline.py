@@ -94,7 +94,7 @@ def usual_direction(metric: str) -> Direction:
 def read_baseline(file: Path) -> RegressionBaseline:
     """Read and check a baseline; raise UsageError that names row and key."""
     if file.exists() and file.suffix != ".toml":
-        raise UsageError(f"{file}: is no baseline, NAME.toml; check --init {file} writes a first one of a log")
+        raise UsageError(f"{file}: is no baseline, NAME.toml; usbldr baseline {file} writes a first one of a log")
     document = checked(read_document(file), _Document, file)
     stated = document.row
     if not stated:

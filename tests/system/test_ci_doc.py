@@ -4,11 +4,12 @@ import re
 import shlex
 from typing import Any
 
+import click
 import pytest
 from ruamel.yaml import YAML
 
 from checkout import ROOT
-from usbldr_cli.check import check
+from usbldr_cli.main import cli
 
 PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
 
@@ -27,15 +28,16 @@ def test_the_workflows_are_yaml_and_keep_what_failed() -> None:
     assert upload["with"]["path"] == gitlab["gate"]["artifacts"]["paths"][0]
 
 
-COMMANDS = re.findall(r"(?:^\$|- run:|    -) usbldr check (.*)$", PAGE, re.MULTILINE)
+COMMANDS = re.findall(r"(?:^\$|- run:|    -) usbldr (check|baseline) (.*)$", PAGE, re.MULTILINE)
 
 
-@pytest.mark.parametrize("words", COMMANDS)
-def test_every_check_of_the_page_takes_its_options(words: str) -> None:
-    given = check.make_context("check", shlex.split(words)).params
+@pytest.mark.parametrize(("name", "words"), COMMANDS)
+def test_every_command_of_the_page_takes_its_options(name: str, words: str) -> None:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
 
-    assert given["files"]
+    assert command.make_context(name, shlex.split(words)).params
 
 
 def test_the_page_has_the_checks_of_a_terminal_and_of_both_services() -> None:
-    assert len(COMMANDS) == 4
+    assert [name for name, _ in COMMANDS] == ["baseline", "check", "check", "check"]

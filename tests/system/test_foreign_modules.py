@@ -70,6 +70,7 @@ COMMAND_LINES = [
     "compare log --filters ekf,only --plugin {plugin} --jobs 2",
     "drill log --filters ekf,adf --scale dvl:1.05 --jobs 2",
     "check gate.toml --jobs 2",
+    "baseline log --filters ekf,adf --jobs 2 --output first.toml",
     "simulate lawnmower --output dive.bag",
     "simulate survey-box --output survey",
     "calibrate-usbl survey --output calibrated",

@@ -86,7 +86,7 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         (
             "check notes.txt",
             2,
-            "notes.txt: is no baseline, NAME.toml; check --init notes.txt writes a first",
+            "notes.txt: is no baseline, NAME.toml; usbldr baseline notes.txt writes a first",
         ),
         ("init dive_db3 -o dive.yaml", 2, "dive.yaml: --output writes TOML: choose NAME.toml"),
         ("simulate papr -o d.mcap", 2, "there is no scenario 'papr'; did you mean paper? (scenarios: "),
@@ -120,9 +120,10 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         ("compare paper --filters cpf,dr --gate 0.99", 2, "--gate is for ekf, ckf, ukf"),
         ("compare paper --calibrate speed", 2, "unknown sensor error 'speed' to calibrate (known: scale,"),
         ("compare paper --truth x.csv", 2, "paper: a scenario takes no --truth"),
-        ("check gate.toml --start 4", 2, "--start is for --init: the rows of a baseline state their own options"),
-        ("check --init dive_db3 --smooth", 2, "--smooth is a flag, which the row of a baseline cannot hold"),
-        ("check a.toml b.toml", 2, "check takes one BASELINE, not 2; --init LOG... writes one for several logs"),
+        ("check --init dive_db3", 2, "check --init is now a command of its own: usbldr baseline LOG... --output FILE"),
+        ("baseline dive_db3 --smooth", 2, "--smooth is a flag, which the row of a baseline cannot hold"),
+        ("baseline dive_db3 dive_db3", 2, "LOG"),
+        ("baseline dive_db3 -o gate.yaml", 2, "gate.yaml: --output writes TOML: choose NAME.toml"),
         (
             "drill dive_db3 --drop usbl@300:400",
             2,

@@ -3,10 +3,8 @@
 import dataclasses
 import hashlib
 import json
-import os
 import shutil
 import subprocess
-import tomllib
 from contextlib import chdir
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from checkout import ROOT, SAMPLES
+from checkout import ROOT
 from commands import findings, finished
 from usbldr.filters.estimators import compiled
 from usbldr.filters.kernel import Kernel
@@ -294,68 +292,6 @@ def test_the_junit_file_has_a_suite_for_each_row_and_a_case_for_each_metric(gate
     assert str(failed["mean_horizontal_m"].get("message")).startswith("REGRESSION: ")
     assert not [failure for case in second for failure in case]
     assert "no such log or scenario" in str(gone[0][0].get("message"))
-
-
-@pytest.mark.long
-def test_a_first_baseline_passes_and_its_log_is_named_from_its_folder(made: Path, tmp_path: Path) -> None:
-    target = tmp_path / "gate.toml"
-
-    first = _check("--init", made / "dive.mcap", "--baseline", target, "--filters", "usbl,adf")
-
-    assert (first.returncode, first.stderr) == (0, "")
-    assert (
-        tomllib.loads(target.read_text())["row"][0]["log"]
-        == Path(os.path.relpath(made / "dive.mcap", tmp_path)).as_posix()
-    )
-    run = _check(target, "-q")
-    assert (run.returncode, run.stdout) == (0, "passed: 12 of 12 metrics in 2 rows within their limits\n")
-    again = _check("--init", made / "dive.mcap", "--baseline", target)
-    assert again.returncode == 2
-    assert again.stderr == f"usbldr: {target} exists already: choose another file for --baseline, or --force\n"
-
-
-@pytest.mark.long
-def test_options_of_a_first_baseline_are_written_into_its_rows_and_hold_there(made: Path, tmp_path: Path) -> None:
-    target, config = tmp_path / "gate.toml", tmp_path / "own.toml"
-    config.write_text("schema = 1\n[usbl]\nsd_m = 2.0\n")
-
-    options = ["--start", 20, "--end", 120.5, "--particles", 20, "--noise", "usbl=gaussian", "--config", config]
-    first = _check("--init", made / "dive.mcap", "--baseline", target, "--filters", "usbl,adf", *options)
-
-    assert (first.returncode, first.stderr) == (0, "")
-    raw, adf = tomllib.loads(target.read_text())["row"]
-    window = {"start": "20", "end": "120.5", "config": "own.toml"}
-    assert {key: raw[key] for key in raw.keys() & {*window, "particles", "noise"}} == window
-    assert {key: adf[key] for key in adf.keys() & {*window, "particles", "noise"}} == {
-        **window,
-        "noise": ["usbl=gaussian"],
-    }
-    assert adf["metrics"]["matched"]["value"] == 101
-    run = _check(target, "-q")
-    assert (run.returncode, run.stdout) == (0, "passed: 12 of 12 metrics in 2 rows within their limits\n")
-
-
-def test_a_first_baseline_leaves_out_what_a_log_has_no_sensor_for(tmp_path: Path) -> None:
-    (tmp_path / "d").mkdir()
-    for name in ("usbl", "gps"):
-        shutil.copy(SAMPLES / "lawnmower_csv" / f"{name}.csv", tmp_path / "d")
-
-    done = _check("--init", tmp_path / "d", "--baseline", tmp_path / "b.toml", "--filters", "usbl,dr")
-
-    assert done.returncode == 0
-    assert done.stderr.startswith("usbldr: dr is left out: ")
-    assert "no dvl data" in done.stderr
-    assert (tmp_path / "b.toml").read_text().count("[[row]]") == 1
-
-
-def test_one_log_that_is_not_there_leaves_no_baseline_of_the_others(made: Path, tmp_path: Path) -> None:
-    done = _check(
-        "--init", made / "dive.mcap", tmp_path / "gone.bag", "--baseline", tmp_path / "b.toml", "-f", "usbl,dr"
-    )
-
-    assert (done.returncode, list(tmp_path.iterdir())) == (3, [])
-    assert done.stderr.startswith(f"usbldr: {tmp_path / 'gone.bag'}: no such file, folder or scenario")
-    assert len(done.stderr.splitlines()) == 1
 
 
 def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:

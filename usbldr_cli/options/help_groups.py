@@ -7,7 +7,7 @@ import click
 from usbldr.io.drills.kinds import KINDS
 
 COMMON = {
-    "Baseline": ("first", "baseline", "update"),
+    "Baseline": ("update",),
     "Log": ("estimate", "frame", "config", "usbl", "truth", "joined"),
     "Faults": ("suite", *KINDS),
     "Filter": ("method", "filters", "particles", "calibrate", "smooth", "seed", "seeds"),

@@ -5,19 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import click
 import tomlkit
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.filters.replay.methods import METHODS, Method
 from usbldr.io.settings.regression_baseline import Option
-from usbldr_cli.options.filter_list import filter_list, refuse_repeats
-from usbldr_cli.options.log_options import inputs, read_request
-from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.unused_options import unused_options
-from usbldr_cli.options.worker_options import WorkerChoices
 from usbldr_cli.runs.baseline_rows import FILES, today, tool_text
-from usbldr_cli.runs.executors import executor
 from usbldr_cli.runs.job_store import JobResult
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Executor, Job
@@ -33,23 +27,6 @@ FILTERED = "rel = 0.01, abs = 0.001"  # without chance, but with the rounding of
 SAMPLED = "rel = 0.03, abs = 0.002"  # on another machine a draw may fall to the other side
 CONSISTENCY = {"nees_mean": "rel = 0.05", "nis_mean_usbl": "rel = 0.02"}
 COUNTED = "abs = 0"
-
-
-def write_first_baseline(
-    file: Path, logs: Sequence[Job], given: Mapping[str, Option], filters: str, workers: WorkerChoices, force: bool
-) -> int:
-    """Write a first baseline, values included."""
-    refuse_repeats("LOG", [job.log for job in logs])
-    methods = filter_list(filters, logs[0].choices)
-    for job in logs:
-        refuse_file("--baseline", file, force, inputs(job.log, read_request(**job.selection)))
-    with executor(workers) as where:
-        text, left_out = first_baseline(file, logs, methods, given, where)
-    for sentence in left_out:
-        click.echo(f"usbldr: {sentence}", err=True)
-    write_file("--baseline", file, text)
-    click.echo(f"{file}: written, {text.count('[[row]]')} rows; run them again with: usbldr check {file}")
-    return 0
 
 
 def first_baseline(

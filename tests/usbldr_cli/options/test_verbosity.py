@@ -67,4 +67,4 @@ def test_every_command_takes_verbose_and_the_long_ones_progress(name: str) -> No
     assert command is not None
     options = {option for param in command.params for option in param.opts}
     assert {"-v", "--verbose"} <= options
-    assert ("--progress" in options) == (name in ("replay", "compare", "drill", "check"))
+    assert ("--progress" in options) == (name in ("replay", "compare", "drill", "check", "baseline"))

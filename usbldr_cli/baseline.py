@@ -1,0 +1,81 @@
+"""``usbldr baseline``: writes a first baseline of some logs, which ``usbldr check`` runs again in CI."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from usbldr_cli.options.completion import FILE, FILTERS
+from usbldr_cli.options.help_groups import GroupedCommand
+from usbldr_cli.options.log_options import inputs, read_request, selection_options
+from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
+from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.verbosity import progress_option, verbose_option
+from usbldr_cli.options.worker_options import WorkerChoices, worker_options
+
+DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and a filter on top
+
+
+@click.command(cls=GroupedCommand)
+@click.argument("logs", metavar="LOG...", type=FILE, nargs=-1, required=True)
+@selection_options
+@click.option(
+    "--filters",
+    "-f",
+    type=FILTERS,
+    metavar="LIST",
+    default=DEFAULT_FILTERS,
+    show_default=True,
+    help="A row for each of these methods.",
+)
+@run_options
+@worker_options
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(path_type=Path),
+    callback=toml_name,
+    default="baseline.toml",
+    show_default=True,
+    metavar="FILE",
+    help="File to write, NAME.toml.",
+)
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@verbose_option
+@progress_option
+def baseline(
+    logs: tuple[str, ...],
+    filters: str,
+    choices: RunChoices,
+    workers: WorkerChoices,
+    output: Path,
+    force: bool,
+    **selection: Any,
+) -> None:
+    """Write a baseline for each LOG: a row for each method, with the metrics of its run and their limits.
+
+    Options of replay that have a value (--start 4 --config dive.toml) are written into the rows. The file is yours to
+    edit: add rows, options and metrics.
+
+    \b
+    $ usbldr baseline dive.mcap --output gate.toml
+    $ usbldr check gate.toml
+    """
+    from usbldr_cli.options.filter_list import filter_list, refuse_repeats
+    from usbldr_cli.runs.baseline_rows import given_options
+    from usbldr_cli.runs.executors import executor
+    from usbldr_cli.runs.first_baseline import first_baseline
+    from usbldr_cli.runs.workers import Job
+
+    refuse_repeats("LOG", logs)
+    given, methods = given_options(), filter_list(filters, choices)
+    for log in logs:
+        refuse_file("--output", output, force, inputs(log, read_request(**selection)))
+    with executor(workers) as where:
+        text, left_out = first_baseline(
+            output, [Job(log, "", choices, selection) for log in logs], methods, given, where
+        )
+    for sentence in left_out:
+        click.echo(f"usbldr: {sentence}", err=True)
+    write_file("--output", output, text)
+    click.echo(f"{output}: written, {text.count('[[row]]')} rows; run them again with: usbldr check {output}")
