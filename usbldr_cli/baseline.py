@@ -8,6 +8,7 @@ import click
 from usbldr_cli.options.completion import FILE, FILTERS
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, read_request, selection_options
+from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
@@ -19,7 +20,7 @@ DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and 
 @click.command(cls=GroupedCommand)
 @click.argument("logs", metavar="LOG...", type=FILE, nargs=-1, required=True)
 @selection_options
-@click.option(
+@option(
     "--filters",
     "-f",
     type=FILTERS,
@@ -27,10 +28,10 @@ DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and 
     default=DEFAULT_FILTERS,
     show_default=True,
     help="A row for each of these methods.",
+    group="Filter",
 )
 @run_options
-@worker_options
-@click.option(
+@option(
     "--output",
     "-o",
     type=click.Path(path_type=Path),
@@ -40,7 +41,8 @@ DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and 
     metavar="FILE",
     help="File to write, NAME.toml.",
 )
-@click.option("--force", is_flag=True, help="Replace an existing file.")
+@option("--force", is_flag=True, help="Replace an existing file.")
+@worker_options
 @verbose_option
 @progress_option
 def baseline(

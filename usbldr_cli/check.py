@@ -15,6 +15,7 @@ from usbldr_cli.options.completion import FILE
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
+from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, write_file, write_json
 from usbldr_cli.options.run_outputs import RunOutputs
 from usbldr_cli.options.unused_options import unused_options
@@ -32,15 +33,15 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 
 @click.command(cls=GroupedCommand)
 @click.argument("file", metavar="BASELINE", type=FILE)
-@click.option("--update", is_flag=True, help="Show the differences and store the new values.")
+@option("--update", is_flag=True, help="Show the differences and store the new values.", group="Baseline")
 @worker_options
 @folder_option('Folder for the run directories of failed rows; "none" keeps none.  [default: BASELINE-failed]')
 @json_option("result")
-@click.option("--junit", type=FILE, metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
-@click.option("--markdown", "markdown_to", type=FILE, metavar="FILE", help="Write the result as a page for a CI run.")
+@option("--junit", type=FILE, metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
+@option("--markdown", "markdown_to", type=FILE, metavar="FILE", help="Write the result as a page for a CI run.")
 @html_file_option
-@click.option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
-@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
+@option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 @verbose_option
 @progress_option
 def check(
@@ -66,7 +67,7 @@ def check(
     $ usbldr check gate.toml
     """
     from usbldr.io.settings.regression_baseline import read_baseline
-    from usbldr_cli.runs.baseline_rows import jobs_of_row
+    from usbldr_cli.runs.baseline_rows import jobs_of_row, options_of_row
     from usbldr_cli.runs.executors import executor
     from usbldr_cli.tables.check_verdicts import as_json, markdown
     from usbldr_cli.tables.checked_rows import checked_rows
@@ -75,12 +76,14 @@ def check(
     wanted = read_baseline(Path(file))
     jobs = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
     for row in wanted.rows:
-        for text in unused_options(row.options, [row.filter], any(job.simulated for job in jobs[row.name])):
+        for text in unused_options(
+            options_of_row(row.options), [row.filter], any(job.simulated for job in jobs[row.name])
+        ):
             click.echo(f"usbldr: {wanted.file}: row {row.name!r}: {text}", err=True)
     targets = {"--json": json_to, "--markdown": markdown_to, "--junit": junit, "--html": html_to}
-    for option, target in targets.items():
-        if target is not None and (option, target) != ("--json", "-"):
-            _refuse(option, Path(target), force, wanted, jobs)
+    for name, target in targets.items():
+        if target is not None and (name, target) != ("--json", "-"):
+            _refuse(name, Path(target), force, wanted, jobs)
     place = None if update or output == KEEP_NONE else _place(output, wanted.file, force)
     with executor(workers) as where:
         checked = checked_rows(wanted, jobs, where)
@@ -112,14 +115,14 @@ def _write_html(file: Path, baseline: "RegressionBaseline", checked: "Sequence[C
 
 
 def _refuse(
-    option: str, file: Path, force: bool, baseline: "RegressionBaseline", jobs: "Mapping[str, Sequence[Job]]"
+    name: str, file: Path, force: bool, baseline: "RegressionBaseline", jobs: "Mapping[str, Sequence[Job]]"
 ) -> None:
     """Refuse a file that is the baseline or an input of a row, or that is not empty."""
     if file.resolve() == baseline.file.resolve():
-        raise UsageError(f"{file} is the baseline: choose another file for {option}")
+        raise UsageError(f"{file} is the baseline: choose another file for {name}")
     for job in {job.log: job for cell in jobs.values() for job in cell}.values():
-        refuse_file(option, file, force, inputs(job.log, read_request(**job.selection)))
-    refuse_file(option, file, force, ())
+        refuse_file(name, file, force, inputs(job.log, read_request(**job.selection)))
+    refuse_file(name, file, force, ())
 
 
 def _place(output: Path | None, baseline: Path, force: bool) -> Path:

@@ -15,6 +15,7 @@ from usbldr_cli.options.filter_list import filter_list, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import read_request, request_provenance, selection_options
+from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import (
     folder_option,
     json_option,
@@ -38,30 +39,55 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("logs", metavar="LOG...", type=LOG, nargs=-1, required=True)
 @selection_options
-@click.option(
-    "--filters", "-f", type=FILTERS, metavar="LIST", help="Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]"
+@option(
+    "--filters",
+    "-f",
+    type=FILTERS,
+    metavar="LIST",
+    help="Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]",
+    group="Filter",
 )
-@click.option(
-    "--seeds", type=click.IntRange(min=1), default=5, show_default=True, metavar="N", help="Runs of each method."
+@option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=5,
+    show_default=True,
+    metavar="N",
+    help="Runs of each method.",
+    group="Filter",
+    used_by="draws",
 )
-@worker_options
 @run_options
-@click.option("--fixes", is_flag=True, help="Of run directories: how good the fixes of each dive were, without truth.")
-@click.option("--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.")
+@option(
+    "--fixes",
+    is_flag=True,
+    help="Of run directories: how good the fixes of each dive were, without truth.",
+    group="Log",
+    rare=True,
+)
+@option(
+    "--bound",
+    is_flag=True,
+    help="Of scenarios: add the least error that any filter could have.",
+    group="Scoring",
+    rare=True,
+)
 @folder_option("Folder for tables, figures and finished runs.")
-@click.option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
+@option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")
 @plots_option("of the comparison, and of each log if there are few, or with all", ("auto", "all", "none"))
 @json_option("table")
-@click.option(
+@option(
     "--latex",
     "latex_to",
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Also write the errors as LaTeX (booktabs).",
+    rare=True,
 )
 @plot_format_option
 @html_option
-@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@worker_options
 @verbose_option
 @progress_option
 def compare(
@@ -156,9 +182,9 @@ def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[Compariso
 
     if not all(is_run(Path(folder)) for folder in folders):
         raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
-    for option, given in asked.items():
+    for name, given in asked.items():
         if given:
-            raise UsageError(f"run directories are compared as they are: leave {option} out")
+            raise UsageError(f"run directories are compared as they are: leave {name} out")
     rows = read_runs([Path(folder) for folder in folders])
     require_comparable(rows)
     return rows

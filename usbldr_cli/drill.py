@@ -17,6 +17,7 @@ from usbldr_cli.options.filter_list import filter_list
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import log_options, request_provenance
+from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs, write_json
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.unused_options import warn_of_unused_options
@@ -32,19 +33,31 @@ DEFAULT_FILTERS = "adf,cpf"
 @click.command(cls=GroupedCommand)
 @log_options
 @fault_options
-@click.option(
-    "--filters", "-f", type=FILTERS, metavar="LIST", help=f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]"
+@option(
+    "--filters",
+    "-f",
+    type=FILTERS,
+    metavar="LIST",
+    help=f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]",
+    group="Filter",
 )
-@click.option(
-    "--seeds", type=click.IntRange(min=1), default=3, show_default=True, metavar="N", help="Runs of each method."
+@option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Runs of each method.",
+    group="Filter",
+    used_by="draws",
 )
-@worker_options
 @run_options
 @folder_option("Folder for tables, figures and finished runs.")
-@click.option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")
+@option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")
 @json_option("table")
 @html_option
-@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@worker_options
 @verbose_option
 @progress_option
 def drill(

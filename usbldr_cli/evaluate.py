@@ -10,6 +10,7 @@ from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import ESTIMATE
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
+from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
@@ -29,23 +30,18 @@ DEFAULTS: dict[str, Any] = {
 
 @click.command(cls=GroupedCommand)
 @log_options
-@click.option(
-    "--estimate",
-    "-e",
-    type=ESTIMATE,
-    metavar="FILE|TOPIC",
-    required=True,
-    help="The track to judge.",
+@option("--estimate", "-e", type=ESTIMATE, metavar="FILE|TOPIC", required=True, help="The track to judge.", group="Log")
+@option(
+    "--frame", type=click.Choice(FRAMES), help="Frame of the track.  [default: by type and name, else ENU]", group="Log"
 )
-@click.option("--frame", type=click.Choice(FRAMES), help="Frame of the track.  [default: by type and name, else ENU]")
-@click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.")
-@click.option("--end", metavar="TIME", help="Score up to this time.")
+@option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.", group="Scoring")
+@option("--end", metavar="TIME", help="Score up to this time.", group="Scoring")
 @align_option
 @folder_option("Run directory.  [default: LOG-ESTIMATE]")
-@click.option("--force", is_flag=True, help="Replace an existing run directory.")
+@option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
 @run_outputs
-@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 @verbose_option
 def evaluate(
     log: str,

@@ -10,6 +10,7 @@ from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.completion import FILE, FILTER, LOG
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
+from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free, toml_name, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("log", metavar="LOG", type=LOG, required=False)
 @selection_options
-@click.option(
+@option(
     "--filter",
     "-f",
     "method",
@@ -38,31 +39,42 @@ if TYPE_CHECKING:
     type=FILTER,
     metavar="NAME",
     help="Method, see Filters below.",
+    group="Filter",
 )
 @run_options
 @folder_option("Run directory.  [default: LOG-FILTER]")
-@click.option("--force", is_flag=True, help="Replace an existing run directory.")
+@option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
-@click.option(
+@option(
     "--write-calibration",
     type=click.Path(path_type=Path),
     callback=toml_name,
     metavar="FILE",
     help="Write the estimated sensor errors as a configuration.",
+    rare=True,
 )
-@click.option(
+@option(
     "--leave-one-out",
     type=click.IntRange(min=1),
     metavar="N",
     help="Repeat the run without each of the N most influential fixes.",
+    group="Scoring",
+    rare=True,
 )
-@click.option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.")
+@option(
+    "--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.", group="Scoring", rare=True
+)
 @run_outputs
-@click.option(
-    "--verify", type=FILE, metavar="RUN", help="Repeat a run by its directory or report.json; exit 1 if not the same."
+@option(
+    "--verify",
+    type=FILE,
+    metavar="RUN",
+    help="Repeat a run by its directory or report.json; exit 1 if not the same.",
+    group="Scoring",
+    rare=True,
 )
-@click.option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.")
-@click.option("--quiet", "-q", is_flag=True, help="Print only the last line.")
+@option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.", group="Log", rare=True)
+@option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 @verbose_option
 @progress_option
 def replay(
@@ -102,9 +114,9 @@ def replay(
     request, read = request_and_inputs(log, **selection)
     if output is not None:
         require_free(output, read, force)
-    for option, file in (("--json", json_to), ("--write-calibration", write_calibration)):
+    for name, file in (("--json", json_to), ("--write-calibration", write_calibration)):
         if file not in (None, "-"):
-            refuse_file(option, Path(file), force, read, output)
+            refuse_file(name, Path(file), force, read, output)
     if bound:
         require_scenario(log)
     warn_of_unused_options([method], is_simulated(log))

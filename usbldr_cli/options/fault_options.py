@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from usbldr.filters.errors import UsageError
 from usbldr.io.drills.kinds import KINDS
 from usbldr_cli.options.completion import words
+from usbldr_cli.options.option import option
 
 if TYPE_CHECKING:
     from usbldr.io.drills.drill import Drill
@@ -18,9 +17,11 @@ def fault_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for kind in reversed(list(KINDS)):
         declared = KINDS[kind]
         help_text = f"{declared.meaning}  [{declared.example}]"
-        command = click.option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text)(command)
+        command = option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text, group="Faults")(command)
     help_text = 'Drills of a TOML file; "standard" is the suite that is shipped.  [default without faults: standard]'
-    return click.option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text)(command)
+    return option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text, group="Faults")(
+        command
+    )
 
 
 def chosen_drills(suite: str | None, given: Mapping[str, tuple[str, ...]]) -> "tuple[Drill, ...]":

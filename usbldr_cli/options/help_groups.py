@@ -1,43 +1,11 @@
 """Help of a command with many options: titled groups, the common options on one screen, all of them on request."""
 
-from typing import Any
+from typing import Any, get_args
 
 import click
 
-from usbldr.io.drills.kinds import KINDS
+from usbldr_cli.options.option import Group, Option
 
-COMMON = {
-    "Baseline": ("update",),
-    "Log": ("estimate", "frame", "config", "usbl", "truth", "joined"),
-    "Faults": ("suite", *KINDS),
-    "Filter": ("method", "filters", "particles", "calibrate", "smooth", "seed", "seeds"),
-    "Scoring": ("start", "end", "align"),
-    "Output": ("output", "force", "json_to", "quiet", "mcap", "jobs", "junit", "markdown_to"),
-}
-RARE = {
-    "Baseline": (),
-    "Log": (
-        *("set_keys", "dvl", "compass", "gps", "depth", "fixes", "truth_frame"),
-        *("part", "msg_path", "limits", "strict"),
-    ),
-    "Faults": (),
-    "Filter": ("plugin", "noise", "gate", "guard", "order", "aid", "exclude", "fast_hz"),
-    "Scoring": ("slow_hz", "dr_from", "leave_one_out", "bound", "verify"),
-    "Output": (
-        "html",
-        "html_to",
-        "latex_to",
-        "fnv",
-        "parquet",
-        "write_calibration",
-        "plots",
-        "plot_format",
-        "scheduler",
-        "progress",
-        "verbose",
-    ),
-}
-"""The parameters of each group, in the order in which help lists them."""
 SHOW_ALL = "usbldr.help_all"  # key of the context
 
 
@@ -54,16 +22,17 @@ class GroupedCommand(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of each group."""
-        options = {param.name: param for param in self.get_params(ctx) if isinstance(param, click.Option)}
-        for title, names in COMMON.items():
-            shown = (*names, *RARE[title]) if SHOW_ALL in ctx.meta else names
-            records = [options[name].get_help_record(ctx) for name in shown if name in options]
+        every = SHOW_ALL in ctx.meta
+        options = [param for param in self.get_params(ctx) if isinstance(param, Option) and (every or not param.rare)]
+        for title in get_args(Group):
+            shown = sorted((option for option in options if option.group == title), key=lambda option: option.rare)
+            records = [option.get_help_record(ctx) for option in shown]
             if not records:
                 continue
             with formatter.section(title):
                 formatter.write_dl([record for record in records if record is not None])
-        more = "" if SHOW_ALL in ctx.meta else f"\n{ctx.command_path} --help-all lists every option."
-        formatter.write(more + "\n" if more else "")
+        if not every:
+            formatter.write(f"\n{ctx.command_path} --help-all lists every option.\n")
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write each method's name and description."""

@@ -12,6 +12,7 @@ from usbldr.io.reports.run_directory import check_free, json_text, write_atomica
 from usbldr.io.writing import has_ending, writing
 from usbldr_cli.options.completion import FILE
 from usbldr_cli.options.log_options import inputs, read_request
+from usbldr_cli.options.option import option
 
 FILE_ENDINGS = (
     *(".bag", ".csv", ".db3", ".fnv", ".geojson", ".html", ".json", ".kml", ".mcap"),
@@ -23,7 +24,7 @@ FILE_ENDINGS = (
 def json_option(what: str) -> Callable[[Any], Any]:
     """Add --json, which writes this as JSON."""
     text = f"Write the {what} as JSON, to a file or to stdout."
-    return click.option("--json", "json_to", is_flag=False, flag_value="-", type=FILE, metavar="[FILE]", help=text)
+    return option("--json", "json_to", is_flag=False, flag_value="-", type=FILE, metavar="[FILE]", help=text)
 
 
 def folder_option(what: str) -> Callable[[Any], Any]:
@@ -35,7 +36,7 @@ def folder_option(what: str) -> Callable[[Any], Any]:
         return folder
 
     place = click.Path(path_type=Path)
-    return click.option("--output", "-o", type=place, metavar="DIR", callback=checked, help=what)
+    return option("--output", "-o", type=place, metavar="DIR", callback=checked, help=what)
 
 
 def toml_name(_: click.Context, option: click.Parameter, file: Path | None) -> Path | None:
@@ -47,8 +48,8 @@ def toml_name(_: click.Context, option: click.Parameter, file: Path | None) -> P
 
 def plots_option(what: str, kinds: Sequence[str] = ("all", "none")) -> Callable[[Any], Any]:
     """Add --plots, which says whether figures are drawn; ``what`` they are; the first kind is the default."""
-    return click.option(
-        "--plots", type=click.Choice(kinds), default=kinds[0], show_default=True, help=f"Figures {what}."
+    return option(
+        "--plots", type=click.Choice(kinds), default=kinds[0], show_default=True, help=f"Figures {what}.", rare=True
     )
 
 
@@ -56,7 +57,7 @@ def plot_format_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --plot-format; the command gets it as ``plot_format``."""
     forms = click.Choice(["png", "svg", "pdf"])
     text = "Format of the figures; svg and pdf scale without loss."
-    return click.option("--plot-format", type=forms, default="png", show_default=True, help=text)(command)
+    return option("--plot-format", type=forms, default="png", show_default=True, help=text, rare=True)(command)
 
 
 def write_json(target: str, content: object) -> None:

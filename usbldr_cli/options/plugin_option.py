@@ -6,10 +6,12 @@ from typing import Any
 
 import click
 
+from usbldr_cli.options.option import option
+
 
 def plugin_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --plugin, which comes before every option that names filters."""
-    return click.option(
+    return option(
         "--plugin",
         multiple=True,
         is_eager=True,
@@ -17,6 +19,8 @@ def plugin_option(command: Callable[..., Any]) -> Callable[..., Any]:
         callback=_add,
         metavar="MODULE:NAME",
         help="Filter of your own, a usbldr.Method: my_package:MINE or my_filters.py:MINE; see docs/extend.md.",
+        group="Filter",
+        rare=True,
     )(command)
 
 

@@ -1,9 +1,8 @@
 """The options that replay, compare and check share."""
 
-import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.completion import Suggested, places, sensor_errors
-from usbldr_cli.options.methods_option import MethodsOption
+from usbldr_cli.options.option import option, packed_options
 from usbldr_cli.options.plugin_option import plugin_option
 
 if TYPE_CHECKING:
@@ -83,121 +82,143 @@ class RunChoices:
 
 def align_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --align."""
-    return click.option(
+    return option(
         "--align",
         type=click.Choice(["auto", "none", "shift", "first", "rigid", "body"]),
         default="auto",
         show_default=True,
         metavar="HOW",
         help="Align track and truth: none, shift, first, rigid or body; auto: shift if the map origin is unknown.",
+        group="Scoring",
     )(command)
 
 
-def run_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options; the command gets them as one RunChoices, ``choices``."""
-    names = [field.name for field in fields(RunChoices)]
-
-    @functools.wraps(command)
-    def packed(**given: Any) -> Any:
-        return command(choices=RunChoices(**{name: given.pop(name) for name in names}), **given)
-
-    several = click.IntRange(min=2)
-    share = click.FloatRange(0, 1, min_open=True, max_open=True)
-    options = (
+run_options = packed_options(
+    RunChoices,
+    "choices",
+    (
         plugin_option,
-        click.option(
+        option(
             "--particles",
             "-N",
-            cls=MethodsOption,
-            having="draws",
-            type=several,
+            type=click.IntRange(min=2),
             metavar="N",
             default=100,
             show_default=True,
-            help="Particles ({methods}).",
+            help="Particles ({draws}).",
+            group="Filter",
+            used_by="draws",
         ),
-        click.option(
+        option(
             "--gate",
-            cls=MethodsOption,
-            having="takes_gate",
-            type=share,
+            type=click.FloatRange(0, 1, min_open=True, max_open=True),
             metavar="P",
-            help="Reject measurements outside a gate that passes a share P of inliers ({methods}).  [default: no gate]",
+            help="Reject measurements outside a gate that passes a share P of inliers ({takes_gate}).  "
+            "[default: no gate]",
+            group="Filter",
+            rare=True,
         ),
-        click.option(
+        option(
             "--seed",
             type=click.IntRange(min=0),
             default=0,
             show_default=True,
             metavar="N",
             help="Seed of random numbers.",
+            group="Filter",
+            used_by="draws",
         ),
-        click.option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601."),
-        click.option("--end", metavar="TIME", help="Score up to this time.  [default: all of LOG]"),
+        option(
+            "--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.", group="Scoring"
+        ),
+        option("--end", metavar="TIME", help="Score up to this time.  [default: all of LOG]", group="Scoring"),
         align_option,
-        click.option(
+        option(
             "--dr-from",
             default="start",
             show_default=True,
             type=Suggested(places),
             metavar="WHERE",
             help="Start of dead reckoning: start, first-fix, first-gps, first-truth or LAT,LON.",
+            group="Scoring",
+            rare=True,
         ),
-        click.option(
+        option(
             "--calibrate",
             type=Suggested(sensor_errors, several=True),
             metavar="LIST",
             help="Sensor errors: auto, none or names.  [default: as configured, else auto]",
+            group="Filter",
+            used_by="estimates",
         ),
-        click.option(
+        option(
             "--noise",
             multiple=True,
             metavar="SENSOR=KIND",
             help="Noise family of a sensor: usbl=student-t:4, dvl=mixture:0.3:10, compass=gaussian, "
             "usbl=contamination:0.05:10:record.",
+            group="Filter",
+            rare=True,
+            used_by="is_filter",
         ),
-        click.option(
+        option(
             "--order",
             type=click.Choice(["validity", "arrival"]),
             default="validity",
             show_default=True,
             help="Use fixes at their time of validity, or when they arrive at the vehicle.",
+            group="Filter",
+            rare=True,
+            used_by="is_filter",
         ),
-        click.option(
+        option(
             "--guard/--no-guard",
-            cls=MethodsOption,
-            having="multiple_hypotheses_by_default",
             default=None,
-            help="Keep several hypotheses while fixes contradict the track (default for {methods}).",
+            help="Keep several hypotheses while fixes contradict the track "
+            "(default for {multiple_hypotheses_by_default}).",
+            group="Filter",
+            rare=True,
+            used_by="multiple_hypotheses",
         ),
-        click.option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
-        click.option(
+        option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive.", group="Filter"),
+        option(
             "--aid",
             metavar="gps@FROM:TO,...",
             help="Use GPS fixes as measurements in these windows, in seconds of the log, which are not scored.",
+            group="Filter",
+            rare=True,
         ),
-        click.option(
+        option(
             "--exclude",
             multiple=True,
             metavar="SENSOR@FROM:TO,...",
             help="Leave out the records of dvl, compass or usbl in these windows, in seconds of the log.",
+            group="Filter",
+            rare=True,
         ),
-        click.option(
+        option(
             "--fast-hz",
             type=float,
             metavar="HZ",
             default=5.0,
             show_default=True,
             help="Epochs of the filter per second.",
+            group="Filter",
+            rare=True,
         ),
-        click.option(
-            "--slow-hz", type=float, metavar="HZ", default=1.0, show_default=True, help="Scored epochs per second."
+        option(
+            "--slow-hz",
+            type=float,
+            metavar="HZ",
+            default=1.0,
+            show_default=True,
+            help="Scored epochs per second.",
+            group="Scoring",
+            rare=True,
         ),
-    )
-    decorated: Callable[..., Any] = packed
-    for option in reversed(options):
-        decorated = option(decorated)
-    return decorated
+    ),
+)
+"""Add the options; the command gets them as one RunChoices, ``choices``."""
 
 
 def _keys(text: str) -> tuple[str, ...]:

@@ -1,16 +1,14 @@
 """What a run writes beside its reports and tables, if asked for."""
 
-import functools
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import click
 
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.html_option import html_option
+from usbldr_cli.options.option import option, packed_options
 from usbldr_cli.options.output_files import plot_format_option, plots_option
 
 
@@ -34,28 +32,20 @@ class RunOutputs:
             require_mergeable(log)
 
 
-def run_outputs(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options; the command gets them as one RunOutputs, ``outputs``."""
-    names = [field.name for field in fields(RunOutputs)]
-
-    @functools.wraps(command)
-    def packed(**given: Any) -> Any:
-        return command(outputs=RunOutputs(**{name: given.pop(name) for name in names}), **given)
-
-    decorated: Callable[..., Any] = packed
-
-    options = (
+run_outputs = packed_options(
+    RunOutputs,
+    "outputs",
+    (
         plots_option("in the run directory and report.html, the page with them"),
         plot_format_option,
         html_option,
-        click.option(
+        option(
             "--mcap",
             type=click.Choice(["alone", "merge"]),
             help="Write track.mcap for Foxglove, Lichtblick or PlotJuggler: alone, or with a copy of LOG.",
         ),
-        click.option("--fnv", is_flag=True, help="Write track.fnv, navigation for MB-System."),
-        click.option("--parquet", is_flag=True, help="Write every CSV table as Parquet, too."),
-    )
-    for option in reversed(options):
-        decorated = option(decorated)
-    return decorated
+        option("--fnv", is_flag=True, help="Write track.fnv, navigation for MB-System.", rare=True),
+        option("--parquet", is_flag=True, help="Write every CSV table as Parquet, too.", rare=True),
+    ),
+)
+"""Add the options; the command gets them as one RunOutputs, ``outputs``."""

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from usbldr.io.stages import LOGGER
+from usbldr_cli.options.option import option
 
 EVERY_S = 0.5  # [s] between two JSON lines of progress: often enough to watch, rare enough to store
 PROGRESS = "usbldr.progress"  # key of the context
@@ -32,15 +33,22 @@ class Lines(logging.Handler):
 def verbose_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --verbose."""
     text = "Print to stderr what is read, what is chosen and why, and the time of each stage."
-    return click.option("--verbose", "-v", is_flag=True, expose_value=False, callback=_verbose, help=text)(command)
+    return option("--verbose", "-v", is_flag=True, expose_value=False, callback=_verbose, help=text, rare=True)(command)
 
 
 def progress_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --progress."""
     text = "Progress on stderr: a bar if it is a terminal, JSON lines for scripts, or none."
     kinds = click.Choice(["bar", "json", "none"])
-    return click.option(
-        "--progress", type=kinds, default="bar", show_default=True, expose_value=False, callback=_progress, help=text
+    return option(
+        "--progress",
+        type=kinds,
+        default="bar",
+        show_default=True,
+        expose_value=False,
+        callback=_progress,
+        help=text,
+        rare=True,
     )(command)
 
 

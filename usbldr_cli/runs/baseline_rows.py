@@ -1,7 +1,7 @@
 """The rows of a baseline as jobs: the options that a row states are those of the command line."""
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -54,6 +54,12 @@ def stated_options(folder: Path, options: Mapping[str, Option]) -> list[tuple[st
             beside = folder / str(value)
             found.append((name, str(beside) if name.replace("-", "_") in FILES and beside.exists() else value))
     return found
+
+
+def options_of_row(keys: Iterable[str]) -> list[click.Parameter]:
+    """Return the options that a row states by these keys."""
+    wanted = {f"--{key.replace('_', '-')}" for key in keys}
+    return [param for param in _run_of_a_row.params if wanted & set(param.opts)]
 
 
 def given_options() -> dict[str, Option]:

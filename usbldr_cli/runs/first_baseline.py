@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.filters.replay.methods import METHODS, Method
 from usbldr.io.settings.regression_baseline import Option
 from usbldr_cli.options.unused_options import unused_options
-from usbldr_cli.runs.baseline_rows import FILES, today, tool_text
+from usbldr_cli.runs.baseline_rows import FILES, options_of_row, today, tool_text
 from usbldr_cli.runs.job_store import JobResult
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Executor, Job
@@ -63,7 +63,7 @@ def _row(file: Path, job: Job, given: Mapping[str, Option], result: JobResult) -
     stated = {"name": f"{log} {job.method}", "log": log, "log_sha256": digest, "filter": job.method}
     lines = ["[[row]]", *(f"{key} = {_text(value)}" for key, value in stated.items() if value)]
     for key, value in given.items():
-        if not unused_options([key], [job.method], job.simulated):
+        if not unused_options(options_of_row([key]), [job.method], job.simulated):
             lines.append(f"{key} = {tomlkit.item(_stated(file, key, value)).as_string()}")
     lines.append("[row.metrics]")
     for name, limit in _limits(METHODS[job.method]).items():

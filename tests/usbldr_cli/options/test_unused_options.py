@@ -17,7 +17,9 @@ from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.session import RunSettings, replay
-from usbldr_cli.options.unused_options import USERS, unused_options
+from usbldr_cli.compare import compare
+from usbldr_cli.options.option import Option
+from usbldr_cli.options.unused_options import unused_options
 
 SHORT = dataclasses.replace(find_scenario("paper"), duration_s=20.0)
 OTHER: dict[str, Any] = {
@@ -29,6 +31,7 @@ OTHER: dict[str, Any] = {
     "guard": True,
 }
 """By option: another value than the default."""
+OPTIONS = {str(param.name): param for param in compare.params if isinstance(param, Option)}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,7 @@ def track(log: Log, method: str, **settings: Any) -> np.ndarray:
 
 
 def test_every_option_with_a_user_has_another_value_here() -> None:
-    assert set(OTHER) | {"seeds"} == set(USERS)
+    assert set(OTHER) | {"seeds"} == {name for name, option in OPTIONS.items() if option.used_by}
 
 
 @pytest.mark.parametrize("option", OTHER)
@@ -60,15 +63,17 @@ def test_an_option_is_unused_exactly_if_the_track_stays_the_same(log: Log, optio
 
     if option == "guard" and METHODS[method].multiple_hypotheses:
         return  # hypotheses begin with fixes that contradict the track, and here there are none
-    assert bool(unused_options([option], [method], drawn=False)) == same, (option, method)
+    assert bool(unused_options([OPTIONS[option]], [method], drawn=False)) == same, (option, method)
 
 
 def test_the_sentence_names_the_methods_that_use_the_option() -> None:
-    assert unused_options(["particles", "align"], ["ekf", "dr"], drawn=False) == [
+    assert unused_options([OPTIONS["particles"], OPTIONS["align"]], ["ekf", "dr"], drawn=False) == [
         "particles has no effect on ekf, dr (it is for cpf, upf, pf, pf-wekf)"
     ]
-    assert unused_options(["particles", "seed"], ["ekf", "cpf"], drawn=False) == []
-    assert unused_options(["seed", "seeds"], ["ekf"], drawn=True) == []  # each seed is a dive of its own
+    assert unused_options([OPTIONS["particles"], OPTIONS["seed"]], ["ekf", "cpf"], drawn=False) == []
+    assert (
+        unused_options([OPTIONS["seed"], OPTIONS["seeds"]], ["ekf"], drawn=True) == []
+    )  # each seed is a dive of its own
 
 
 @pytest.mark.long
