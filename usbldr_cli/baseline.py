@@ -26,7 +26,6 @@ DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and 
     type=FILTERS,
     metavar="LIST",
     default=DEFAULT_FILTERS,
-    show_default=True,
     help="A row for each of these methods.",
     group="Filter",
 )
@@ -37,7 +36,6 @@ DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and 
     type=click.Path(path_type=Path),
     callback=toml_name,
     default="baseline.toml",
-    show_default=True,
     metavar="FILE",
     help="File to write, NAME.toml.",
 )

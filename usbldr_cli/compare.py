@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     "--seeds",
     type=click.IntRange(min=1),
     default=5,
-    show_default=True,
     metavar="N",
     help="Runs of each method.",
     group="Filter",

@@ -45,7 +45,6 @@ DEFAULT_FILTERS = "adf,cpf"
     "--seeds",
     type=click.IntRange(min=1),
     default=3,
-    show_default=True,
     metavar="N",
     help="Runs of each method.",
     group="Filter",

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     "-f",
     "method",
     default="cpf",
-    show_default=True,
     type=FILTER,
     metavar="NAME",
     help="Method, see Filters below.",

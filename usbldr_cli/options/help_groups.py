@@ -13,7 +13,7 @@ class GroupedCommand(click.Command):
     """A command whose ``--help`` shows the common options, ``--help-all`` every option; the filters come last."""
 
     def __init__(self, *args: Any, **given: Any) -> None:
-        super().__init__(*args, **given, context_settings={"max_content_width": 100})
+        super().__init__(*args, **given, context_settings={"max_content_width": 100, "show_default": True})
         self.params.append(
             click.Option(
                 ["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=_show_all, help="All options."

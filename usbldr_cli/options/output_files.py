@@ -48,16 +48,14 @@ def toml_name(_: click.Context, option: click.Parameter, file: Path | None) -> P
 
 def plots_option(what: str, kinds: Sequence[str] = ("all", "none")) -> Callable[[Any], Any]:
     """Add --plots, which says whether figures are drawn; ``what`` they are; the first kind is the default."""
-    return option(
-        "--plots", type=click.Choice(kinds), default=kinds[0], show_default=True, help=f"Figures {what}.", rare=True
-    )
+    return option("--plots", type=click.Choice(kinds), default=kinds[0], help=f"Figures {what}.", rare=True)
 
 
 def plot_format_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --plot-format; the command gets it as ``plot_format``."""
     forms = click.Choice(["png", "svg", "pdf"])
     text = "Format of the figures; svg and pdf scale without loss."
-    return option("--plot-format", type=forms, default="png", show_default=True, help=text, rare=True)(command)
+    return option("--plot-format", type=forms, default="png", help=text, rare=True)(command)
 
 
 def write_json(target: str, content: object) -> None:

@@ -44,7 +44,6 @@ def progress_option(command: Callable[..., Any]) -> Callable[..., Any]:
         "--progress",
         type=kinds,
         default="bar",
-        show_default=True,
         expose_value=False,
         callback=_progress,
         help=text,
