@@ -5,7 +5,7 @@ zeros between records at speed, and spikes that no vehicle could follow. Jumps o
 families of the filters are made for what is only unlikely.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Self
 
@@ -98,13 +98,13 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     text = f"are exactly 0 between records at speed: the DVL has no lock then, although it calls them valid; {LEFT_OUT}"
     found = [Finding("DVL-ZERO", *_stretches(records, zero, text))] if zero.any() else []
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
-    records, spikes = _without_spikes(records, velocity_spikes(records.time_s, records.values), "m/s")
+    records, spikes = _without_spikes(records, velocity_spikes, "m/s")
     return records, [*found, *stuck_found, *spikes]
 
 
 def _compass(records: Records, tables: Tables) -> Judged:
     records, found = _without_stuck(records, tables, "headings")
-    records, spikes = _without_spikes(records, heading_spikes(records.time_s, records.values[:, 0]), "deg")
+    records, spikes = _without_spikes(records, lambda time_s, values: heading_spikes(time_s, values[:, 0]), "deg")
     records, jumps = _without_jumps(records)
     return records, [*found, *spikes, *jumps]
 
@@ -168,15 +168,20 @@ def _stretches(records: Records, which: Mask, text: str) -> tuple[str, str, floa
     )
 
 
-def _without_spikes(records: Records, deviation: Vector, unit: str) -> Judged:
-    if not deviation.any():
+def _without_spikes(records: Records, deviation_of: Callable[[Vector, Array], Vector], unit: str) -> Judged:
+    """Leave out spikes as long as there are any: where they are dense, some show once their neighbours are gone."""
+    count, worst = len(records.values), (0.0, 0.0)
+    while (deviation := deviation_of(records.time_s, records.values)).any():
+        worst = max(worst, _worst(records, deviation), key=lambda one: one[1])
+        records = records.without(deviation > 0)
+    if len(records.values) == count:
         return records, []
-    which, (time_s, size) = deviation > 0, _worst(records, deviation)
+    (time_s, size), left = worst, count - len(records.values)
     text = (
-        f"{records.topic}: {which.sum()} of {len(which)} records are far from their neighbours, the worst by "
+        f"{records.topic}: {left} of {count} records are far from their neighbours, the worst by "
         f"{size:.3g} {unit} at {time_s:.1f} s, and no vehicle moves there and back so fast; {LEFT_OUT}"
     )
-    return records.without(which), [Finding("SPIKES", text, records.topic, time_s, size, unit)]
+    return records, [Finding("SPIKES", text, records.topic, time_s, size, unit)]
 
 
 def _without_jumps(records: Records) -> Judged:

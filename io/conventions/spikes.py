@@ -23,6 +23,7 @@ SPIKE_RATIO = 10.0  # [-] deviation over the usual one: 6.7 sigma of normal nois
 NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between two records: 3.4 sigma of one
 MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
 MIN_SPIKE_MPS = 0.5  # [m/s] likewise
+AGREEING = 0.8  # [-] by judgement: share of the records beside a jump that do not scatter
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
@@ -58,7 +59,7 @@ def heading_jumps(time_s: Vector, heading_deg: Vector) -> tuple[Indices, Vector]
     """Return the records (j,) to which the headings (n,) jump and stay there as no vehicle turns, and degrees (j,).
 
     A jump is the difference of the medians after and before, less the turn that goes on there: a record that is off
-    alone is none.
+    alone is none, and beside records that scatter as widely themselves there is none.
     """
     turn, jumps = np.zeros(len(heading_deg)), dict[int, float]()
     for rows in blocks(len(turn) - 1):
@@ -73,8 +74,13 @@ def heading_jumps(time_s: Vector, heading_deg: Vector) -> tuple[Indices, Vector]
             continue
         around = np.arange(max(0, k - half), min(len(turn), k + half))
         straight = continuous[around] - np.median(turn[around]) * around
-        step = wrapped(np.median(straight[around >= k]) - np.median(straight[around < k]), 180.0)
-        if abs(step) > possible:
+        sides = straight[around < k], straight[around >= k]
+        levels = [float(np.median(side)) for side in sides]
+        step = wrapped(levels[1] - levels[0], 180.0)
+        scatter = max(
+            float(np.quantile(np.abs(side - level), AGREEING)) for side, level in zip(sides, levels, strict=True)
+        )
+        if abs(step) > possible and scatter < least:
             jumps[k] = float(step)
     return np.array(list(jumps), dtype=np.intp), np.array(list(jumps.values()))
 
