@@ -69,10 +69,11 @@ def heading_jumps(time_s: Vector, heading_deg: Vector) -> tuple[Indices, Vector]
     large = np.flatnonzero((turn > least) | (turn < -least))
     half, continuous = _window(time_s) // 2, np.cumsum(turn) if len(large) else turn
     for k in large.tolist():
+        around = np.arange(max(0, k - half), min(len(turn), k + half))
+        least = max(MIN_SPIKE_DEG, SPIKE_RATIO * max(usual, float(np.median(np.abs(turn[around])))))
         possible = max(least, MAX_TURN_DPS * (time_s[k] - time_s[max(0, k - 1)]))
         if abs(turn[k]) <= possible:
             continue
-        around = np.arange(max(0, k - half), min(len(turn), k + half))
         straight = continuous[around] - np.median(turn[around]) * around
         sides = straight[around < k], straight[around >= k]
         levels = [float(np.median(side)) for side in sides]
