@@ -311,6 +311,27 @@ def test_a_simulation_without_noise_repeats_itself(dive: Log) -> None:
     assert without_implausible(log) is log
 
 
+def test_dense_spikes_show_once_their_neighbours_are_gone(dive: Log) -> None:
+    every = np.arange(0, len(times(dive, "compass")), 5)  # at 2 Hz, where a window of 13 records lasts for 6 s
+    table = dive.tables["compass"].iloc[every].reset_index(drop=True)
+    slow = replace(dive, tables={**dive.tables, "compass": table})
+    off = np.random.default_rng(0).random(len(table)) < 0.17
+    off[[0, -1]] = False  # nothing shows the way back there
+
+    log = without_implausible(turned(slow, off, 84.0))
+
+    np.testing.assert_array_equal(times(log, "compass"), table["time_s"].to_numpy()[~off])
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], table["heading_deg"].to_numpy()[~off])
+
+
+@pytest.mark.parametrize("sd_deg", [5.0, 15.0, 40.0])
+def test_a_compass_that_grows_noisy_has_no_jumps(dive: Log, sd_deg: float) -> None:
+    late = times(dive, "compass") > 500
+    noise = np.random.default_rng(1).normal(0.0, sd_deg, len(late))
+
+    assert "HEADING-JUMP" not in found(turned(dive, late, noise))
+
+
 # ---- from a file
 
 
