@@ -12,6 +12,7 @@ UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more t
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 STRONG_ODDS = 20.0  # [-] from which on evidence is strong: Kass and Raftery, see evidence.py
 MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
+EARLY_SIGMAS = 3.0  # [-] by which stamps of fixes are early before it is said
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 
 
@@ -111,6 +112,7 @@ class Identification:
                 for text in self.change_texts
             ),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
+            *([f"USBL-LATENCY: {text}"] if (text := self._early_fixes_text) else []),
             *([f"LEVER-OR-LATENCY: {text}"] if (text := self.lever_or_latency_text) else []),
             *(
                 f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} "
@@ -119,6 +121,19 @@ class Identification:
                 for one in self.noise_changes
                 if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
             ),
+        )
+
+    @property
+    def _early_fixes_text(self) -> str:
+        """Return what may be late instead if stamps of the fixes are early; "" if they are not."""
+        latency = self.estimates.get("usbl_latency_s")
+        if latency is None or -latency.value < EARLY_SIGMAS * latency.sd:
+            return ""
+        early = f"{-latency.value:.2f}"
+        return (
+            f"stamps of the fixes are {early} ± {latency.sd:.2f} s early by DVL and compass; if those two are late "
+            f"instead, so is the track: state latency_s = -{early} under [usbl], or {early} under both [dvl] and "
+            "[compass]"
         )
 
     @property

@@ -8,7 +8,7 @@ import pytest
 
 from usbldr.filters.identification.conclusions import Choice, explanations
 from usbldr.filters.identification.evidence import _present, identify, subsets_of
-from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification
+from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
@@ -214,6 +214,17 @@ def test_a_latency_far_beyond_the_usual_is_no_lever_arm_if_the_vehicle_turns() -
     assert set(found.estimates) == {"usbl_latency_s"}
     assert found.estimates["usbl_latency_s"].value == pytest.approx(5.0, abs=4 * found.estimates["usbl_latency_s"].sd)
     assert found.estimates["usbl_latency_s"].sd < 0.2
+
+
+@pytest.mark.parametrize(("latency_s", "said"), [(-0.8, True), (-0.2, False), (0.8, False)])
+def test_early_stamps_of_fixes_may_be_a_late_compass_and_then_the_track_is_late(latency_s: float, said: bool) -> None:
+    latency = (ErrorEstimate("usbl_latency_s", latency_s, 0.1),)
+    found = Identification(ASSUMED, (SensorErrorEvidence("latency", 9.0, True, latency),))
+
+    warned = [text for text in found.warnings if text.startswith("USBL-LATENCY: ")]
+
+    assert len(warned) == said
+    assert all("stamps of the fixes are 0.80 ± 0.10 s early by DVL and compass" in text for text in warned)
 
 
 @pytest.mark.parametrize(("late_s", "ahead_m", "unusual"), [(5.0, 6.0, True), (2.0, 2.4, False)])
