@@ -61,7 +61,8 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command and its arguments; raise UsageError for a name that no command has."""
         if args[0] == "check" and "--init" in args:
-            raise UsageError("check --init is now a command of its own: usbldr baseline LOG... --output FILE")
+            click.echo("usbldr: check --init is now: usbldr baseline LOG... --output FILE", err=True)
+            args = ["baseline", *(re.sub("^--baseline", "--output", word) for word in args[1:] if word != "--init")]
         if args[0] not in COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
             hint = did_you_mean(args[0], [*COMMANDS, "--help", "--version"])
             hint = f"; did you mean usbldr info {args[0]}?" if os.path.exists(args[0]) else hint

@@ -120,7 +120,6 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         ("compare paper --filters cpf,dr --gate 0.99", 2, "--gate is for ekf, ckf, ukf"),
         ("compare paper --calibrate speed", 2, "unknown sensor error 'speed' to calibrate (known: scale,"),
         ("compare paper --truth x.csv", 2, "paper: a scenario takes no --truth"),
-        ("check --init dive_db3", 2, "check --init is now a command of its own: usbldr baseline LOG... --output FILE"),
         ("baseline dive_db3 --smooth", 2, "--smooth is a flag, which the row of a baseline cannot hold"),
         ("baseline dive_db3 dive_db3", 2, "LOG"),
         ("baseline dive_db3 -o gate.yaml", 2, "gate.yaml: --output writes TOML: choose NAME.toml"),

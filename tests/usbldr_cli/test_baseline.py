@@ -77,3 +77,12 @@ def test_one_log_that_is_not_there_leaves_no_baseline_of_the_others(dive: Path, 
     assert (done.returncode, list(tmp_path.iterdir())) == (3, [])
     assert done.stderr.startswith(f"usbldr: {tmp_path / 'gone.bag'}: no such file, folder or scenario")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_command_of_before_is_read_and_says_what_it_is_now(dive: Path, tmp_path: Path) -> None:
+    target = tmp_path / "gate.toml"
+
+    first = finished("check", "--init", dive, "--baseline", target, "--filters", "usbl")
+
+    assert (first.returncode, target.is_file()) == (0, True)
+    assert first.stderr == "usbldr: check --init is now: usbldr baseline LOG... --output FILE\n"
