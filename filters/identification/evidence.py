@@ -174,7 +174,7 @@ def _choice(timeline: Timeline, member: Member, stated: Parameters) -> Choice:
 def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
     edges = np.flatnonzero(np.diff(false.astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
     t = timeline.fix_time_s
-    return tuple(FalseRun(float(t[first]), float(t[end - 1]), end - first) for first, end in edges)
+    return tuple(FalseRun(float(t[first]), float(t[end - 1]), end - first, end == len(t)) for first, end in edges)
 
 
 def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> Choice:

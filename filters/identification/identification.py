@@ -77,6 +77,7 @@ class FalseRun(NamedTuple):
     start_s: float  # of the first and the last of them
     end_s: float
     fixes: int
+    last: bool = False  # no fix follows them
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,10 +193,13 @@ class Identification:
                 f"a USBL fix at {longest.start_s:.0f} s lies beside the track that dead reckoning and the other fixes "
                 "give: it was left out as false, and later fixes decided this, too; check for an echo",
             )
+        decided = "and later fixes decided this, too"
+        if self.false_runs[-1].last:
+            decided = "but no fix follows the last of them: perhaps dead reckoning is wrong from there on"
         if len(self.false_runs) > 1:
             where = f"in {len(self.false_runs)} runs, the longest {where}"
         return (
             f"{count} USBL fixes ({where}) lie together beside the track that dead reckoning and the other fixes give: "
-            "they were left out as false, and later fixes decided this, too; check for echoes, a second beacon, or "
-            "positions that were written before the first reply",
+            f"they were left out as false, {decided}; check for echoes, a second beacon, or positions that were "
+            "written before the first reply",
         )

@@ -8,7 +8,13 @@ import pytest
 
 from usbldr.filters.identification.conclusions import Choice, explanations
 from usbldr.filters.identification.evidence import _present, identify, subsets_of
-from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
+from usbldr.filters.identification.identification import (
+    ErrorEstimate,
+    Explanation,
+    FalseRun,
+    Identification,
+    SensorErrorEvidence,
+)
 from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
@@ -225,6 +231,17 @@ def test_early_stamps_of_fixes_may_be_a_late_compass_and_then_the_track_is_late(
 
     assert len(warned) == said
     assert all("stamps of the fixes are 0.80 ± 0.10 s early by DVL and compass" in text for text in warned)
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning(last: bool) -> None:
+    runs = (FalseRun(10.0, 50.0, 40), FalseRun(660.0, 856.0, 50, last))
+
+    (text,) = Identification(ASSUMED, false_runs=runs).warnings
+
+    assert text.startswith("90 USBL fixes (in 2 runs, the longest from 660 to 856 s) ")
+    assert ("no fix follows the last of them: perhaps dead reckoning is wrong" in text) == last
+    assert ("later fixes decided this" in text) != last
 
 
 @pytest.mark.parametrize(("late_s", "ahead_m", "unusual"), [(5.0, 6.0, True), (2.0, 2.4, False)])
