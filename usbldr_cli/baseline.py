@@ -5,11 +5,12 @@ from typing import Any
 
 import click
 
-from usbldr_cli.options.completion import FILE, FILTERS
+from usbldr_cli.options.completion import FILE
+from usbldr_cli.options.filter_list import filter_list, filters_option, refuse_repeats
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, read_request, selection_options
 from usbldr_cli.options.option import option
-from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
+from usbldr_cli.options.output_files import refuse_file, toml_option, write_file
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
@@ -20,25 +21,9 @@ DEFAULT_FILTERS = "usbl,dr,cpf"  # readers and conventions, dead reckoning, and 
 @click.command(cls=GroupedCommand)
 @click.argument("logs", metavar="LOG...", type=FILE, nargs=-1, required=True)
 @selection_options
-@option(
-    "--filters",
-    "-f",
-    type=FILTERS,
-    metavar="LIST",
-    default=DEFAULT_FILTERS,
-    help="A row for each of these methods.",
-    group="Filter",
-)
+@filters_option("A row for each of these methods.", DEFAULT_FILTERS)
 @run_options
-@option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    callback=toml_name,
-    default="baseline.toml",
-    metavar="FILE",
-    help="File to write, NAME.toml.",
-)
+@toml_option("--output", "-o", help="File to write, NAME.toml.", default="baseline.toml")
 @option("--force", is_flag=True, help="Replace an existing file.")
 @worker_options
 @verbose_option
@@ -61,7 +46,6 @@ def baseline(
     $ usbldr baseline dive.mcap --output gate.toml
     $ usbldr check gate.toml
     """
-    from usbldr_cli.options.filter_list import filter_list, refuse_repeats
     from usbldr_cli.runs.baseline_rows import given_options
     from usbldr_cli.runs.executors import executor
     from usbldr_cli.runs.first_baseline import first_baseline

@@ -12,7 +12,7 @@ from usbldr_cli.options.output_files import (
     json_option,
     refuse_file,
     require_free,
-    toml_name,
+    toml_option,
     write_file,
 )
 from usbldr_cli.options.verbosity import verbose_option
@@ -40,14 +40,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="1-sigma of --transponder-depth.",
 )
-@click.option(
-    "--write",
-    "write_to",
-    type=click.Path(path_type=Path),
-    callback=toml_name,
-    metavar="FILE",
-    help="Write a configuration with the installation that was found.",
-)
+@toml_option("--write", "write_to", help="Write a configuration with the installation that was found.")
 @folder_option("Folder for figures, page and report.json.  [default: none]")
 @json_option("calibration")
 @click.option("--plan", is_flag=True, help="LOG is a survey's scenario: print the sigmas that it will reach.")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
-from usbldr_cli.options.completion import FILTERS, LOG
-from usbldr_cli.options.filter_list import filter_list, refuse_repeats
+from usbldr_cli.options.completion import LOG
+from usbldr_cli.options.filter_list import filter_list, filters_option, refuse_repeats, seeds_option
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import read_request, request_provenance, selection_options
@@ -39,23 +39,8 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("logs", metavar="LOG...", type=LOG, nargs=-1, required=True)
 @selection_options
-@option(
-    "--filters",
-    "-f",
-    type=FILTERS,
-    metavar="LIST",
-    help="Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]",
-    group="Filter",
-)
-@option(
-    "--seeds",
-    type=click.IntRange(min=1),
-    default=5,
-    metavar="N",
-    help="Runs of each method.",
-    group="Filter",
-    used_by="draws",
-)
+@filters_option("Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]")
+@seeds_option(5)
 @run_options
 @option(
     "--fixes",

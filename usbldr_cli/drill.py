@@ -11,9 +11,8 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.drills.kinds import KINDS
-from usbldr_cli.options.completion import FILTERS
 from usbldr_cli.options.fault_options import chosen_drills, fault_options
-from usbldr_cli.options.filter_list import filter_list
+from usbldr_cli.options.filter_list import filter_list, filters_option, seeds_option
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import log_options, request_provenance
@@ -33,23 +32,8 @@ DEFAULT_FILTERS = "adf,cpf"
 @click.command(cls=GroupedCommand)
 @log_options
 @fault_options
-@option(
-    "--filters",
-    "-f",
-    type=FILTERS,
-    metavar="LIST",
-    help=f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]",
-    group="Filter",
-)
-@option(
-    "--seeds",
-    type=click.IntRange(min=1),
-    default=3,
-    metavar="N",
-    help="Runs of each method.",
-    group="Filter",
-    used_by="draws",
-)
+@filters_option(f"Methods, see Filters below.  [default: {DEFAULT_FILTERS}]")
+@seeds_option(3)
 @run_options
 @folder_option("Folder for tables, figures and finished runs.")
 @option("--force", is_flag=True, help="Replace the tables of other drills in this folder.")

@@ -7,20 +7,13 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.log_options import inputs, log_options, read_request
-from usbldr_cli.options.output_files import refuse_file, toml_name, write_file
+from usbldr_cli.options.output_files import refuse_file, toml_option, write_file
 from usbldr_cli.options.verbosity import verbose_option
 
 
 @click.command()
 @log_options
-@click.option(
-    "--output",
-    "-o",
-    type=click.Path(path_type=Path),
-    callback=toml_name,
-    metavar="FILE",
-    help="File to write, NAME.toml.  [default: the configuration file beside LOG]",
-)
+@toml_option("--output", "-o", help="File to write, NAME.toml.  [default: the configuration file beside LOG]")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @verbose_option
 def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:

@@ -11,7 +11,14 @@ from usbldr_cli.options.completion import FILE, FILTER, LOG
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
 from usbldr_cli.options.option import option
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free, toml_name, write_file
+from usbldr_cli.options.output_files import (
+    folder_option,
+    json_option,
+    refuse_file,
+    require_free,
+    toml_option,
+    write_file,
+)
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.options.unused_options import warn_of_unused_options
@@ -44,14 +51,7 @@ if TYPE_CHECKING:
 @folder_option("Run directory.  [default: LOG-FILTER]")
 @option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
-@option(
-    "--write-calibration",
-    type=click.Path(path_type=Path),
-    callback=toml_name,
-    metavar="FILE",
-    help="Write the estimated sensor errors as a configuration.",
-    rare=True,
-)
+@toml_option("--write-calibration", help="Write the estimated sensor errors as a configuration.", rare=True)
 @option(
     "--leave-one-out",
     type=click.IntRange(min=1),

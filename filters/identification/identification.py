@@ -188,18 +188,15 @@ class Identification:
             return ()
         longest = max(self.false_runs, key=lambda run: run.fixes)
         count, where = sum(run.fixes for run in self.false_runs), f"from {longest.start_s:.0f} to {longest.end_s:.0f} s"
-        if count == 1:
-            return (
-                f"a USBL fix at {longest.start_s:.0f} s lies beside the track that dead reckoning and the other fixes "
-                "give: it was left out as false, and later fixes decided this, too; check for an echo",
-            )
-        decided = "and later fixes decided this, too"
-        if self.false_runs[-1].last:
-            decided = "but no fix follows the last of them: perhaps dead reckoning is wrong from there on"
         if len(self.false_runs) > 1:
             where = f"in {len(self.false_runs)} runs, the longest {where}"
+        lie, were = f"{count} USBL fixes ({where}) lie together", "they were"
+        if count == 1:
+            lie, were = f"a USBL fix at {longest.start_s:.0f} s lies", "it was"
+        decided = "and later fixes decided this, too"
+        if any(run.last for run in self.false_runs):
+            decided = "but no fix follows: perhaps dead reckoning is wrong from there on"
         return (
-            f"{count} USBL fixes ({where}) lie together beside the track that dead reckoning and the other fixes give: "
-            f"they were left out as false, {decided}; check for echoes, a second beacon, or positions that were "
-            "written before the first reply",
+            f"{lie} beside the track that dead reckoning and the other fixes give: {were} left out as false, {decided}"
+            "; check for echoes, a second beacon, or positions that were written before the first reply",
         )

@@ -24,9 +24,7 @@ UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
 BEYOND_DEG = "beyond 90 or 360 degrees"
 EXCHANGED = "latitude and longitude are probably exchanged"
-GRID_M = (
-    100_000.0  # no vehicle goes so far from the origin of its map; eastings and northings begin at 0.1 to 10 million
-)
+GRID_M = 100_000.0  # no vehicle goes so far from the origin of its map, and eastings begin at 0.1 to 10 million
 MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
 VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")

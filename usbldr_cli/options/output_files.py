@@ -39,11 +39,15 @@ def folder_option(what: str) -> Callable[[Any], Any]:
     return option("--output", "-o", type=place, metavar="DIR", callback=checked, help=what)
 
 
-def toml_name(_: click.Context, option: click.Parameter, file: Path | None) -> Path | None:
-    """Return the file of an option, as its callback; raise UsageError for a name with another ending than .toml."""
-    if file is not None and has_ending(file) and file.suffix.lower() != ".toml":
-        raise UsageError(f"{file}: {option.opts[0]} writes TOML: choose NAME.toml")
-    return file
+def toml_option(*names: str, **given: Any) -> Callable[[Any], Any]:
+    """Add an option that names a file of TOML to write; another ending is refused."""
+
+    def checked(_: click.Context, __: click.Parameter, file: Path | None) -> Path | None:
+        if file is not None and has_ending(file) and file.suffix.lower() != ".toml":
+            raise UsageError(f"{file}: {names[0]} writes TOML: choose NAME.toml")
+        return file
+
+    return option(*names, type=click.Path(path_type=Path), callback=checked, metavar="FILE", **given)
 
 
 def plots_option(what: str, kinds: Sequence[str] = ("all", "none")) -> Callable[[Any], Any]:

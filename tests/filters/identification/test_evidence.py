@@ -234,13 +234,25 @@ def test_early_stamps_of_fixes_may_be_a_late_compass_and_then_the_track_is_late(
 
 
 @pytest.mark.parametrize("last", [True, False])
-def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning(last: bool) -> None:
-    runs = (FalseRun(10.0, 50.0, 40), FalseRun(660.0, 856.0, 50, last))
+@pytest.mark.parametrize(
+    ("runs", "begins"),
+    [
+        (
+            [(10.0, 50.0, 40), (660.0, 856.0, 50)],
+            "90 USBL fixes (in 2 runs, the longest from 660 to 856 s) lie",
+        ),
+        ([(660.0, 660.0, 1)], "a USBL fix at 660 s lies beside the track"),
+    ],
+)
+def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning(
+    runs: list[tuple[float, float, int]], begins: str, last: bool
+) -> None:
+    found = [FalseRun(*run) for run in runs]
 
-    (text,) = Identification(ASSUMED, false_runs=runs).warnings
+    (text,) = Identification(ASSUMED, false_runs=(*found[:-1], found[-1]._replace(last=last))).warnings
 
-    assert text.startswith("90 USBL fixes (in 2 runs, the longest from 660 to 856 s) ")
-    assert ("no fix follows the last of them: perhaps dead reckoning is wrong" in text) == last
+    assert text.startswith(begins)
+    assert ("but no fix follows: perhaps dead reckoning is wrong" in text) == last
     assert ("later fixes decided this" in text) != last
 
 
