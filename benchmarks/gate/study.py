@@ -122,32 +122,31 @@ def table(rows: Sequence[ReseededRow], losses: Sequence[float]) -> str:
 
 
 TEXT = """\
-# How often the gate is wrong
+# False alarms of the gate
 
 `usbldr check sample_logs/baseline.toml` with {seeds} other seeds (1 to {seeds}; the baseline has 0), usbldr {version}.
 Made by `python benchmarks/gate/study.py --seeds {seeds}`.
 
-A gate alarms falsely if it reports a regression although nothing got worse. {fixed} of the {count} rows have no random
-numbers: they repeat to the bit on one machine and within 1e-9 on another, far inside their limits of 0.1 % and 1 %, so
-they never do. The others are run here with other random numbers. That is the worst case: on another machine a few draws
-may fall to the other side, here all draws are others. On the machine of the baseline, with its seed, they repeat to the
-bit, too.
+A false alarm is a regression although nothing got worse. {fixed} of the {count} rows have no random numbers. They
+repeat to the bit on one machine and within 1e-9 on another, far inside their limits of 0.1 % and 1 %, so they give no
+false alarm. The others are run here with other random numbers. This is the worst case: on another machine only a few
+draws may differ. On the machine of the baseline, with its seed, they repeat to the bit, too.
 
-A loss is every error 1.05, 1.10 or 1.20 times as large on the same track (NEES grows by the square). It is found if a
-metric of the row is a regression.
+A loss means that every error on the same track is 1.05, 1.10 or 1.20 times as large (NEES grows by the square). It is
+found if a metric of the row is a regression.
 
 ## Rows with particles, on the same log
 
 {particles}
 
-One of these rows alarms falsely in {gate} of the gate runs.
+At least one of these rows gives a false alarm in {gate} of the gate runs.
 
-## Rows whose every seed is a dive of its own, one dive each
+## Rows with another dive for each seed, one dive each
 
 {dives}
 
-Another dive is another problem: its errors scatter by far more than the limits. So a gate keeps its seeds and its logs,
-which is why the baseline names their SHA-256; and methods on several dives are compared by seed, as `compare` does it.
+The errors of different dives scatter by far more than the limits. So keep the seeds and the logs of a gate; the
+baseline states their SHA-256. To compare methods on several dives, compare them seed by seed, as `compare` does.
 """
 
 
