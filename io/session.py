@@ -34,7 +34,7 @@ from usbldr.filters.replay.run import run
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.filters.windows import TimeWindow
-from usbldr.io.conventions.implausible import without_implausible
+from usbldr.io.conventions.examined import examined
 from usbldr.io.doctor.message_evidence import RAW_FIELDS
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Log
@@ -83,7 +83,7 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
         raise LogError(f"{log}: no such file, folder or scenario{hint} (scenarios: {', '.join(names)})")
     if request not in (DEFAULT_REQUEST, UNCONFIGURED):
         raise UsageError(f"{log}: a scenario takes no --truth, --with, --set or topics, and no --config but none")
-    made = without_implausible(simulated_log(find_scenario(str(log)), seed))
+    made = examined(simulated_log(find_scenario(str(log)), seed))
     return made if request == DEFAULT_REQUEST else replace(made, parameters=Parameters(calibrate=(AUTO,)))
 
 

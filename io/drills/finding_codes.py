@@ -13,12 +13,12 @@ FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
     "dvl": ("SPIKES",),
 }
 NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "sd": {"usbl": ("USBL-NOISE",)},
+    "sd": {"usbl": ("USBL-NOISE",), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
     "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT", "SENSOR-CHANGE")},
     "bias": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
     "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "SENSOR-CHANGE")},
     "lever": {"dvl": ("DVL-LEVER", "LEVER-OR-LATENCY"), "usbl": ("DVL-LEVER", "LEVER-OR-LATENCY")},
-    "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES)},
+    "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
     "spike": FALSE_RECORDS,
     "outlier": FALSE_RECORDS,
     "cluster": {"usbl": FALSE_FIXES},

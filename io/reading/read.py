@@ -12,7 +12,7 @@ from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass
 from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.converted import ConvertedTable
-from usbldr.io.conventions.implausible import without_implausible
+from usbldr.io.conventions.examined import examined
 from usbldr.io.conventions.positions import EXCHANGED
 from usbldr.io.conventions.sanity import (
     position_findings,
@@ -113,7 +113,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         raws=sensors.raws,
     )
     say(*_choices(log))
-    return without_implausible(log)
+    return examined(log)
 
 
 def _choices(log: Log) -> list[str]:

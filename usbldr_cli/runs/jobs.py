@@ -112,11 +112,11 @@ def _read(
     digest: str | None,
 ) -> _Source:
     """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
-    from usbldr.io.conventions.implausible import without_implausible
+    from usbldr.io.conventions.examined import examined
     from usbldr.io.reading.epochs import timeline
 
     of_dive, of_faults = seeds
-    found = without_implausible(damaged(_open(log, selection, of_dive, digest), drill, of_faults))
+    found = examined(damaged(_open(log, selection, of_dive, digest), drill, of_faults))
     found = choices.edited(found)
     dive_timeline = timeline(found, choices.fast_hz, choices.slow_hz)
     return _Source(found, dive_timeline, _digest(found, dive_timeline))

@@ -1,0 +1,82 @@
+"""Sigmas of DVL and compass that are smaller than their records scatter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import usbldr
+from usbldr.io.conventions.examined import examined
+from usbldr.io.conventions.shown_noise import with_shown_noise
+from usbldr.io.drills.drill import Drill, damaged
+from usbldr.io.drills.fault_text import fault_of
+from usbldr.io.log import Log
+from usbldr.io.scenarios.shipped import scenario_names
+
+
+@pytest.fixture(scope="module")
+def dive() -> Log:
+    return usbldr.open_log("lawnmower")
+
+
+def with_table(log: Log, role: str, **columns: object) -> Log:
+    return replace(log, tables={**log.tables, role: log.tables[role].assign(**columns)})
+
+
+@pytest.mark.parametrize("role", ["compass", "dvl"])
+@pytest.mark.parametrize("factor", [5.0, 20.0])
+def test_records_that_scatter_more_get_that_sigma(dive: Log, role: str, factor: float) -> None:
+    """Three columns of white noise of a known sigma, in the middle third of the dive."""
+    columns, name = {"compass": (["heading_deg"], "sd_deg"), "dvl": (["starboard_mps", "forward_mps"], "sd_mps")}[role]
+    table = dive.tables[role]
+    sd, t = float(table[name].iloc[0]), table["time_s"].to_numpy()
+    noisy = (t > t[-1] / 3) & (t < t[-1] * 2 / 3)
+    extra = np.random.default_rng(7).normal(0, sd * np.sqrt(factor**2 - 1), (len(t), len(columns)))
+    values = table[columns].to_numpy() + np.where(noisy[:, None], extra, 0)
+    log = with_table(dive, role, **dict(zip(columns, values.T, strict=True)))
+    found = with_shown_noise(log)
+    raised = found.tables[role][name].to_numpy() / sd
+    inside = noisy & (t > t[-1] / 3 + 20) & (t < t[-1] * 2 / 3 - 20)
+    outside = (t < t[-1] / 3 - 60) | (t > t[-1] * 2 / 3 + 60)
+    assert np.median(raised[inside]) == pytest.approx(factor, rel=0.1)
+    assert np.all(raised[outside] == 1)
+    (finding,) = (one for one in found.findings if one.code == "NOISE-LARGER")
+    assert finding.topic == log.provenance[role].topic
+    assert f"not by the {sd:.2g}" in finding.text
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_sigmas_that_are_right_stay(name: str) -> None:
+    log = usbldr.open_log(name)
+
+    assert "NOISE-LARGER" not in [one.code for one in log.findings]
+
+
+def test_unknown_sigmas_and_short_logs_stay(dive: Log) -> None:
+    unknown = with_table(dive, "dvl", sd_mps=np.nan)
+    short = replace(dive, tables={role: table.head(99) for role, table in dive.tables.items()})
+    loud = with_table(short, "compass", heading_deg=np.random.default_rng(1).uniform(0, 360, 99))
+
+    assert with_shown_noise(unknown) is unknown
+    assert with_shown_noise(loud) is loud
+
+
+def test_headings_about_north_and_stamps_that_repeat_are_no_noise(dive: Log) -> None:
+    t = np.repeat(np.arange(500) / 5, 2)
+    heading = (360 + np.random.default_rng(3).normal(0, 0.3, len(t))) % 360
+    table = pd.DataFrame({"time_s": t, "received_s": t, "heading_deg": heading, "sd_deg": 0.3})
+    log = replace(dive, tables={**dive.tables, "compass": table})
+
+    assert with_shown_noise(log) is log
+
+
+def test_a_compass_that_scatters_by_20_degrees_costs_little(dive: Log) -> None:
+    """The 155 m of a vehicle in lanes at 2 m/s were those of a filter that believed the stated half degree."""
+    noisy = damaged(dive, Drill("scatter", (fault_of("scatter", "compass:20deg"),)), 0)
+    auto = [replace(log, parameters=usbldr.Parameters(calibrate=("auto",))) for log in (dive, examined(noisy))]
+    clean_m, noisy_m = (
+        report.horizontal.mean_m for log in auto if (report := usbldr.score(log, usbldr.timeline(log), "adf").report)
+    )
+
+    assert noisy_m < 3 * clean_m
