@@ -32,6 +32,7 @@ NEWTON_STEPS = 8  # from 30 degrees to far below a compass's resolution
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
 VERTICAL = ("vertical_starboard", "vertical_forward", "vertical_up")  # columns of an attitude
 MIN_CONSTANT_RECORDS = 100  # fewer may be equal by chance
+LARGEST_DEG = 400.0  # of a heading: a whole turn, and a declination that was added to it; 511 is no data in AIS
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +119,9 @@ def _clockwise(
     unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "deg")
     unit_note = ""
     angle, findings = raw.number("angle"), [*findings, *more]
-    largest = float(np.max(np.abs(angle[np.isfinite(angle)]), initial=0.0))
+    size = np.abs(angle[np.isfinite(angle)])
+    within = size[size <= LARGEST_DEG]  # a larger one means no data
+    largest = float(np.max(within if len(within) else size, initial=0.0))
     if unit == BY_RANGE:
         unit, unit_by, unit_note = ("deg" if largest > 7.0 else "rad"), "values", f"up to {largest:.3g}"
     in_degrees = raw.number("unit_code") == DEGREES if unit == PER_RECORD else np.full(len(angle), unit == "deg")
@@ -129,10 +132,23 @@ def _clockwise(
         findings = [*findings, raw.finding("HEADING-UNIT", text)]
     causes = {
         "not a number": ~np.isfinite(angle),
+        "far beyond a whole turn": _beyond_a_turn(raw, angle, unit),
         "from the north of a UTM grid": raw.number("north_code") == UTM_GRID,
     }
     chosen.append(Convention("unit", unit, "records" if unit == PER_RECORD else unit_by, note=unit_note))
     return np.where(from_east, 90.0 - angle, angle), causes, chosen, findings
+
+
+def _beyond_a_turn(raw: RawRecords, angle_deg: Vector, unit: str) -> Mask:
+    """Return which angles (n,) are on no circle, as -9999 for no data; raise LogError if most are."""
+    beyond = np.abs(angle_deg) > LARGEST_DEG
+    if 2 * np.count_nonzero(beyond) > np.count_nonzero(np.isfinite(angle_deg)):
+        largest_deg = float(np.max(np.abs(angle_deg[beyond])))
+        raise raw.fault(
+            f"most headings are far beyond a whole turn, up to {largest_deg:g} deg if their unit is {unit}; "
+            "they have another unit, or count turns; convert them to degrees from 0 to 360"
+        )
+    return beyond
 
 
 def _magnetometer(

@@ -110,6 +110,25 @@ def test_a_value_that_means_no_data_is_none(tmp_path: Path, case: str) -> None:
         logged(tmp_path, [row(kind, values)], topics={"compass": "/heading"})
 
 
+@pytest.mark.parametrize("no_data", [-9999.0, 511.0])
+def test_a_number_that_is_no_angle_of_a_circle_is_left_out(tmp_path: Path, no_data: float) -> None:
+    angles = [1.0, no_data, 2.0, no_data, 3.0]
+    rows = [row(VECTOR, {"vector.z": angle}, k) for k, angle in enumerate(angles)]
+
+    log = logged(tmp_path, rows, topics={"compass": "/heading"})
+
+    assert heading(log) == pytest.approx([(90 - math.degrees(angle)) % 360 for angle in (1.0, 2.0, 3.0)])
+    text = "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
+    assert [finding.text for finding in log.findings if finding.code == "COMPASS-INVALID"] == [text]
+
+
+def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: Path) -> None:
+    rows = [row("old_ds_sensor_msgs/msg/Gyro", {"heading": angle}, k) for k, angle in enumerate([3599.0, 20.0, 1350.0])]
+
+    with pytest.raises(LogError, match="most headings are far beyond a whole turn, up to 3599 deg if their unit is deg"):
+        logged(tmp_path, rows)
+
+
 def test_each_azimuth_is_read_by_its_own_unit_and_sense(tmp_path: Path) -> None:
     angles = [(math.pi / 2, 0, 0), (0.0, 1, 0), (0.0, 1, 1), (math.pi, 0, 1)]  # angle; degrees?; clockwise from north?
     rows = [
