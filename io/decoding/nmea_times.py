@@ -10,6 +10,7 @@ from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
 
+from usbldr.filters.types import Indices
 from usbldr.io.reader import Nanoseconds
 
 SECOND = 1_000_000_000  # fixed: nanoseconds
@@ -94,9 +95,10 @@ def on_nearest_date(time_of_day: Nanoseconds, near_ns: Nanoseconds) -> Nanosecon
 def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tuple[Nanoseconds, bool]:
     """Return log times (n,) of sentences without a log time, and whether any holds a date.
 
-    A sentence with a time of day uses it; midnight passes if it jumps back by more than half a day. The others
-    are spaced evenly between; before the first and after the last, as far apart as the mean. ``midnight`` (n,) is
-    NO_TIME if a sentence holds no date. Raises ValueError if no sentence holds a time.
+    A sentence with a time of day uses it, on the date of the nearest sentence that holds one; from there on, midnight
+    passes if the time of day jumps back by more than half a day. So dates that go back are those of the log. The other
+    sentences are spaced evenly between; before the first and after the last, as far apart as the mean. ``midnight``
+    (n,) is NO_TIME if a sentence holds no date. Raises ValueError if no sentence holds a time.
     """
     timed = np.flatnonzero(time_of_day != NO_TIME)
     if not len(timed):
@@ -105,13 +107,23 @@ def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tup
     jumps = np.diff(day)
     days = np.concatenate([[0], np.cumsum(np.where(jumps < -DAY // 2, 1, np.where(jumps > DAY // 2, -1, 0)))])
     running = day + days * DAY
+    mean_ns = max(0, int(running[-1] - running[0])) / max(1, timed[-1] - timed[0])
     dated = np.flatnonzero(midnight[timed] != NO_TIME)
-    base = int(midnight[timed][dated[0]] - days[dated[0]] * DAY) if len(dated) else 0
+    if len(dated):
+        nearest = _nearest(running, dated)
+        running = running + midnight[timed][nearest] - days[nearest] * DAY
     first = int(running[0])
     since = (running - first).astype(np.float64)
     lines = np.arange(len(time_of_day))
     outside = np.minimum(lines - timed[0], 0) + np.maximum(lines - timed[-1], 0)
-    between = np.interp(lines, timed, since) + outside * since[-1] / max(1, timed[-1] - timed[0])
-    received = np.rint(between).astype(np.int64)
+    received = np.rint(np.interp(lines, timed, since) + outside * mean_ns).astype(np.int64)
     received[timed] = running - first  # these exactly
-    return received + first + base, bool(len(dated))
+    return received + first, bool(len(dated))
+
+
+def _nearest(times: Nanoseconds, some: Indices) -> Indices:
+    """Return of each row (n,) that of ``some`` rows before or behind it whose time is nearer."""
+    rows = np.arange(len(times))
+    before = some[np.maximum(np.searchsorted(some, rows, side="right") - 1, 0)]
+    behind = some[np.minimum(np.searchsorted(some, rows), len(some) - 1)]
+    return np.where(np.abs(times - times[behind]) < np.abs(times - times[before]), behind, before)

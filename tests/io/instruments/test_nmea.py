@@ -74,6 +74,34 @@ def test_without_log_times_midnight_is_the_jump_back_of_the_clock(tmp_path: Path
     np.testing.assert_allclose(log.tables["gps"]["time_s"], [0, 1])
 
 
+@pytest.mark.parametrize("order", [("GPRMC", "GPGGA"), ("GPGGA", "GPRMC")])
+@pytest.mark.parametrize("dates", [("010126", "020126"), ("010126", "180506")])
+def test_without_log_times_each_date_is_that_of_the_sentences_around_it(
+    tmp_path: Path, order: Sequence[str], dates: Sequence[str]
+) -> None:
+    """A receiver that was off for a day and ten minutes, and one whose count of weeks begins again: 2026 is 2006."""
+    lines: list[str] = []
+    for minute, date in zip(("1200", "1210"), dates, strict=True):
+        for second in range(20):
+            place = f"{minute}{second:02d}.00", "4500.000,N,00700.000,E"
+            both = {
+                "GPRMC": f"GPRMC,{place[0]},A,{place[1]},1.0,90.0,{date},,,A",
+                "GPGGA": f"GPGGA,{place[0]},{place[1]},1,10,0.8,1.0,M,48.0,M,,",
+            }
+            lines += [sentence(both[name]) for name in order]
+    (tmp_path / "gps.nmea").write_text("\n".join([*lines, sentence("HEHDT,1.0,T")]) + "\n", encoding="utf-8")
+
+    log = open_log(tmp_path / "gps.nmea")
+    read = log.read({"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
+
+    starts = [np.datetime64(f"20{d[4:]}-{d[2:4]}-{d[:2]}T12:{m}", "ns") for d, m in zip(dates, ("00", "10"), strict=True)]
+    expected = [int(start.astype(int)) + k * SECOND for start in starts for k in range(20)]
+    for topic in ("/GPGGA", "/GPRMC"):
+        assert read[topic].received_ns.tolist() == expected
+        assert read[topic].columns["header.stamp"].tolist() == expected
+    assert read["/HEHDT"].received_ns[0] == pytest.approx(expected[-1], abs=20 * SECOND)
+
+
 def test_without_any_date_the_first_day_is_1970_and_is_reported(tmp_path: Path) -> None:
     log = logged_nmea(tmp_path, RECORDED_GGA)
 
