@@ -25,6 +25,7 @@ from usbldr.io.decoding.nmea_times import (
     NO_TIME,
     date_ns,
     on_nearest_date,
+    prefixed_clock_ns,
     prefixed_ns,
     time_of_day_ns,
     times_from_sentences,
@@ -39,6 +40,7 @@ SUBTYPE = re.compile(r"[A-Z_]{2,}")
 """First field of a vendor's sentence that is its type: $PIXSE,ATITUD."""
 TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
 SAMPLE = 20  # [sentences] from which the fields of a kind are taken
+FEW = 20  # [sentences] that may be logged at one time: a short file
 CRC8_POLYNOMIAL = 0x07  # fixed: of Water Linked's serial protocol
 SATELLITES = frozenset(("GP", "GN", "GL", "GA", "GB", "BD", "GQ", "GI"))
 """Talkers by which a receiver says whose satellites it used: fixed by NMEA 0183."""
@@ -141,6 +143,7 @@ class _FoundSentence(NamedTuple):
     checked: bool
     line: int
     logged: int  # NO_TIME if unknown
+    clock: int  # time of day with which its line begins, NO_TIME without one
     time_of_day: int
     midnight: int
     has_fix: bool | None  # whether a receiver has a fix, and so the time; None: not stated
@@ -166,16 +169,19 @@ def find_sentences(
         return SentenceSet({}, tuple(findings))
     rows, joined = _of_one_receiver(source, topic, rows)
     time, midnight = _receiver_times(rows)
-    received, more = _received(source, np.array([row.logged for row in rows]), time, midnight)
+    logged, clock = (np.array([getattr(row, name) for row in rows]) for name in ("logged", "clock"))
+    if received_ns is None and len(rows) >= FEW and np.all(logged == logged[0]):
+        logged = np.full(len(rows), NO_TIME)  # a number that stays the same is none
+    received, more = _received(source, logged, clock, time, midnight)
     own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
     by_name: dict[str, Sentences] = {}
     for name in dict.fromkeys(row.name for row in rows):
         indices = [i for i, row in enumerate(rows) if row.name == name]
-        kind, logged = rows[indices[0]].kind, received[indices]
+        kind, arrived = rows[indices[0]].kind, received[indices]
         stamps = stamp_ns[[rows[i].line for i in indices]] if stamp_ns is not None else None
         if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
-            stamps = np.where(time[indices] == NO_TIME, logged if stamps is None else stamps, own[indices])
-        by_name[name] = Sentences(kind, [rows[i].content for i in indices], logged, stamps)
+            stamps = np.where(time[indices] == NO_TIME, arrived if stamps is None else stamps, own[indices])
+        by_name[name] = Sentences(kind, [rows[i].content for i in indices], arrived, stamps)
     return SentenceSet(by_name, (*findings, *joined, *more))
 
 
@@ -210,7 +216,9 @@ def _scan_lines(
         for match in form.finditer(line):
             name, body, checksum = match.groups()
             content = f"{name},{body}"
-            logged = prefixed_ns(line[begin : match.start()]) if received_ns is None else int(received_ns[number])
+            prefix = line[begin : match.start()]
+            logged = prefixed_ns(prefix) if received_ns is None else int(received_ns[number])
+            clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
             last = logged if logged != NO_TIME else last
             begin = match.end()
             kind = name if form is WORD_LINE else kind_of(name)
@@ -220,7 +228,8 @@ def _scan_lines(
             else:
                 full, *_ = sentence_time
                 name = name.removesuffix(kind) + full
-                found.append(_FoundSentence(name, full, content, bool(checksum), number, last, *sentence_time[1:]))
+                times = last, clock, *sentence_time[1:]
+                found.append(_FoundSentence(name, full, content, bool(checksum), number, *times))
         without += begin == 0 and bool(line.strip())
     return found, wrong, without
 
@@ -277,18 +286,20 @@ def _subtype(fields: Sequence[str]) -> str:
 
 
 def _received(
-    source: str, logged: Nanoseconds, time: Nanoseconds, midnight: Nanoseconds
+    source: str, logged: Nanoseconds, clock: Nanoseconds, time: Nanoseconds, midnight: Nanoseconds
 ) -> tuple[Nanoseconds, list[Finding]]:
-    """Return the log times (n,): if no line holds any, those from the sentences."""
+    """Return the log times (n,): if no line holds any, those from the sentences, else from the times of day before."""
     known = logged != NO_TIME
     if known.any():
         return np.where(known, logged, logged[known][0]), []
+    of_sentences = bool(np.any(time != NO_TIME))
     try:
-        received, dated = times_from_sentences(time, midnight)
+        received, dated = times_from_sentences(time if of_sentences else clock, midnight)
     except ValueError:
         text = f"{source}: neither its lines nor its sentences contain a time; they are taken as 1 s apart"
         return np.arange(len(logged), dtype=np.int64) * 1_000_000_000, [Finding("NMEA-TIME", text)]
-    text = "lines without log time: sentences are timed by the time they contain, the others evenly between"
+    which = "the time they contain" if of_sentences else "the time of day before them"
+    text = f"lines without log time: sentences are timed by {which}, the others evenly between"
     findings = [Finding("NMEA-TIME", f"{source}: {text}")]
     if not dated:
         text = f"{source}: no sentence contains a date; the first day is taken as 1970-01-01; state date under [[file]]"

@@ -16,19 +16,28 @@ from usbldr.io.reader import Nanoseconds
 SECOND = 1_000_000_000  # fixed: nanoseconds
 DAY = 86_400 * SECOND  # fixed
 NO_TIME = int(np.iinfo(np.int64).min)  # fixed: a sentence holds no time
+CENTURY = 946_684_800 * SECOND  # fixed: the year 2000
 LATEST = 230 * 366 * DAY  # [ns] digits beyond 2200, or before 1970, are not a date
 
 ISO = re.compile(
     r"(\d{4})[-/](\d\d)[-/](\d\d)[T _,;]+(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII
 )
-EPOCH = re.compile(r"(?<![\d.:])(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|(\d{18,19}))(?![\d:])", re.ASCII)
+DAY_FIRST = re.compile(r"(?<!\d)(\d\d)\.(\d\d)\.(\d{4})(?=[T _,;]+\d\d:)", re.ASCII)
+CLOCK = re.compile(r"(?<![\d.:])(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?![\d:])", re.ASCII)
+EPOCH = re.compile(
+    r"(?:(?<![A-Za-z\d.:])|(?<=[\\,]c:))(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|(\d{18,19}))(?![\d:])", re.ASCII
+)
+"""Digits behind a letter are a serial number, those behind "c:" the time of a tag block of NMEA 4."""
 
 
 def prefixed_ns(prefix: str) -> int:
-    """Return the log time before a sentence, NO_TIME without one: ISO 8601, or s, ms, us, ns since 1970."""
+    """Return the log time before a sentence, NO_TIME without one.
+
+    It is as in ISO 8601 or 31.12.2025 12:00:00, or s, ms, us, ns since 1970 that are a time of this century.
+    """
     if len(prefix) < 9:
         return NO_TIME
-    iso = ISO.search(prefix)
+    iso = ISO.search(DAY_FIRST.sub(r"\3-\2-\1", prefix))
     if iso:
         year, month, day, hour, minute, second, fraction, zone = iso.groups()
         try:
@@ -41,9 +50,14 @@ def prefixed_ns(prefix: str) -> int:
     if epoch is None:
         return NO_TIME
     seconds, fraction, ms, us, ns = epoch.groups()
-    if seconds:
-        return int(seconds) * SECOND + _fraction_ns(fraction)
-    return _plausible_date(int(ms) * 1_000_000 if ms else int(us) * 1000 if us else int(ns))
+    whole_ns = int(seconds) * SECOND if seconds else int(ms) * 1_000_000 if ms else int(us) * 1000 if us else int(ns)
+    return _plausible_date(whole_ns + _fraction_ns(fraction)) if whole_ns >= CENTURY else NO_TIME
+
+
+def prefixed_clock_ns(prefix: str) -> int:
+    """Return the time of day before a sentence, NO_TIME without one: [12:00:00.100]."""
+    clock = CLOCK.search(prefix)
+    return NO_TIME if clock is None else time_of_day_ns("{}{}{}.{}".format(*clock.groups("0")))
 
 
 def _plausible_date(time_ns: int) -> int:

@@ -94,7 +94,9 @@ def test_without_log_times_each_date_is_that_of_the_sentences_around_it(
     log = open_log(tmp_path / "gps.nmea")
     read = log.read({"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
 
-    starts = [np.datetime64(f"20{d[4:]}-{d[2:4]}-{d[:2]}T12:{m}", "ns") for d, m in zip(dates, ("00", "10"), strict=True)]
+    starts = [
+        np.datetime64(f"20{d[4:]}-{d[2:4]}-{d[:2]}T12:{m}", "ns") for d, m in zip(dates, ("00", "10"), strict=True)
+    ]
     expected = [int(start.astype(int)) + k * SECOND for start in starts for k in range(20)]
     for topic in ("/GPGGA", "/GPRMC"):
         assert read[topic].received_ns.tolist() == expected
@@ -128,6 +130,11 @@ def test_sentences_without_a_time_are_spaced_evenly_between_those_with_one() -> 
         ("2020/09/13 12:26:40,5\t", T0 + SECOND // 2),
         ("2020-09-13 14:26:40+02:00 ", T0),
         ("2020-09-13 09:56:40 -0230 ", T0),
+        ("13.09.2020 12:26:40,5 ", T0 + SECOND // 2),
+        ("\\s:GP0001,c:1600000000*4A\\", T0),
+        ("\\c:1600000000500*4A\\", T0 + SECOND // 2),
+        ("SN1600000001 ", NO_TIME),
+        ("no. 100012345 ", NO_TIME),
         ("9999-09-13 12:26:40 ", NO_TIME),
         ("9999999999999999999,", NO_TIME),
         ("12:26:40 ", NO_TIME),
@@ -136,6 +143,34 @@ def test_sentences_without_a_time_are_spaced_evenly_between_those_with_one() -> 
 )
 def test_lines_begin_with_their_log_time_in_many_ways(prefix: str, time_ns: int) -> None:
     assert prefixed_ns(prefix) == time_ns
+
+
+def test_a_number_that_stays_the_same_before_all_sentences_is_no_time(tmp_path: Path) -> None:
+    lines = [
+        f"COM3 1234567890 {sentence(f'GPGGA,1226{k:02d}.00,4500.0,N,00700.0,E,1,10,0.8,1.0,M,48.0,M,,')}"
+        for k in range(40, 60)
+    ]
+
+    assert read_times(tmp_path, lines, "/GPGGA") == [(12 * 3600 + 26 * 60 + 40 + k) * SECOND for k in range(20)]
+
+
+def test_lines_with_a_time_of_day_are_timed_by_it(tmp_path: Path) -> None:
+    tenths = [*range(30), *range(50, 60)]
+    lines = [f"[23:59:{57 + k // 10}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in tenths if k < 30]
+    lines += [f"[00:00:{k // 10 - 3:02d}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in tenths if k >= 30]
+
+    start = DAY - 3 * SECOND
+    assert read_times(tmp_path, lines, "/HEHDT") == [start + k * SECOND // 10 for k in tenths]
+    texts = {finding.code: finding.text for finding in open_log(tmp_path / "a.nmea").findings()}
+    assert "timed by the time of day before them" in texts["NMEA-TIME"]
+    assert "no sentence contains a date" in texts["NMEA-DATE"]
+
+
+def read_times(folder: Path, lines: Sequence[str], topic: str) -> list[int]:
+    """Return the log times of a file of such lines."""
+    (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    times: list[int] = open_log(folder / "a.nmea").read({topic: ["1"]})[topic].received_ns.tolist()
+    return times
 
 
 NO_FIX = sentence("GPGGA,075618.34,,,,,0,00,,,M,,M,,")

@@ -125,7 +125,9 @@ def test_a_number_that_is_no_angle_of_a_circle_is_left_out(tmp_path: Path, no_da
 def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: Path) -> None:
     rows = [row("old_ds_sensor_msgs/msg/Gyro", {"heading": angle}, k) for k, angle in enumerate([3599.0, 20.0, 1350.0])]
 
-    with pytest.raises(LogError, match="most headings are far beyond a whole turn, up to 3599 deg if their unit is deg"):
+    with pytest.raises(
+        LogError, match="most headings are far beyond a whole turn, up to 3599 deg if their unit is deg"
+    ):
         logged(tmp_path, rows)
 
 
