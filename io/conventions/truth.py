@@ -176,7 +176,8 @@ def read_truth_file(
     cells = {key: texts[name][rows.start :] for key, name in columns.items()}
     lines = read_table.lines[rows.start :]
     time_ns = _times(cells, columns, start_ns).checked(file, lines)
-    x, y = (numbers(cells[axis], columns[axis]).checked(file, lines) for axis in "xy")
+    by_commas = read_table.by_commas
+    x, y = (numbers(cells[axis], columns[axis], by_commas).checked(file, lines) for axis in "xy")
     sd = numbers(cells["sd_m"], columns["sd_m"]).checked(file, lines) if "sd_m" in cells else np.full(len(x), np.nan)
     on_grid = [Convention("grid", section.grid, "configuration")] if section.grid else []
     if section.grid:

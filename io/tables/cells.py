@@ -23,6 +23,8 @@ ANGLE = re.compile(
     re.IGNORECASE,
 )
 """Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
+GROUPED, UNGROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}"), re.compile(r"[+-]?[1-9]\d{0,2}")
+"""Numbers as they are if points part thousands."""
 Number = TypeVar("Number", int, float)
 
 
@@ -72,10 +74,16 @@ def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> Pa
     return _parsed(texts, name, exact, 0, what)
 
 
-def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
-    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0."""
+def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedColumn:
+    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0.
+
+    ``by_commas``: commas part the columns; else all cells are faults if their points may part thousands.
+    """
     if isinstance(texts, NumberColumn):
         return ParsedColumn(texts.numbers(), {})
+    if not by_commas and (unclear := _unclear_points(texts)):
+        text = f"{name} holds {unclear}: is that a thousands separator or a decimal point? Write all numbers alike"
+        return ParsedColumn(np.full(len(texts), np.nan), dict.fromkeys(range(len(texts)), text))
 
     def number(text: str) -> float:
         try:
@@ -84,6 +92,19 @@ def numbers(texts: Sequence[str], name: str) -> ParsedColumn:
             return _degrees(text)
 
     return _parsed(texts, name, number, float("nan"), "a number")
+
+
+def _unclear_points(texts: Sequence[str]) -> str:
+    """Return two cells that show that points may part thousands, empty if they do not: 1.170 beside 788."""
+    grouped, ungrouped = "", set[str]()
+    for text in texts:
+        if GROUPED.fullmatch(text):
+            grouped = grouped or text
+        elif UNGROUPED.fullmatch(text):
+            ungrouped.add(text)
+        elif text not in ("", "0"):
+            return ""
+    return f'"{grouped}" and "{min(ungrouped)}"' if grouped and len(ungrouped) > 1 else ""  # one may mean no data
 
 
 def _degrees(text: str) -> float:

@@ -196,7 +196,7 @@ class CsvLog:
         cells = self._cells(source, name)
         if path in WORDS | sheet.texts:
             return ParsedColumn(np.array(list(cells)), {})
-        parsed = numbers(cells, name)
+        parsed = numbers(cells, name, self._table(source.file).by_commas)
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
     def findings(self) -> tuple[Finding, ...]:

@@ -211,7 +211,7 @@ def read_texts(file: Path) -> TextTable:
             _add(texts, rows, separator)
             rows = []
     _add(texts, rows, separator)
-    return TextTable(texts, numbered, left_out, cut)
+    return TextTable(texts, numbered, left_out, cut, separator in (",", None))
 
 
 def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:

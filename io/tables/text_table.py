@@ -48,6 +48,7 @@ class TextTable(NamedTuple):
     lines: Sequence[int]  # line of each row
     left_out: Mapping[int, str]  # line -> why it is not a row
     cut_line: int = 0  # last line, if it has no line end and may be cut; 0: it has
+    by_commas: bool = True  # else a comma in a number was a decimal comma, and has become a point
 
 
 def listed(names: Sequence[str]) -> str:

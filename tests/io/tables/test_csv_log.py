@@ -1,5 +1,6 @@
 """The canonical CSV folder: written by hand, read back, and broken in the ways people break it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables import csv_text
 from usbldr.io.tables.csv_log import CsvLog
@@ -166,6 +168,31 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
 
     np.testing.assert_array_equal(dvl["starboard_mps"], [0.5, 0.25])
     np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
+
+
+@pytest.mark.parametrize(
+    ("forward", "shown"),
+    [(["1.170", "788", "849"], '"1.170" and "788"'), (["0", "1,170", "-788", "849"], '"1.170" and "-788"')],
+)
+def test_a_point_that_may_part_thousands_is_asked_about(tmp_path: Path, forward: Sequence[str], shown: str) -> None:
+    rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(forward, start=1))
+    (tmp_path / "dvl.csv").write_text(f"time_ns;forward_mps;starboard_mps\n{rows}", encoding="utf-8")
+
+    with pytest.raises(LogError) as caught:
+        read_log(tmp_path / "dvl.csv")
+
+    said = f"line 2: forward_mps holds {shown}: is that a thousands separator or a decimal point?"
+    assert caught.value.text.startswith(said)
+
+
+@pytest.mark.parametrize("forward", [["1.170", "788", "849", "0.5"], ["1,170", "0,788", "2"], ["1,170", "2", "2"]])
+def test_a_point_beside_other_decimals_parts_no_thousands(tmp_path: Path, forward: Sequence[str]) -> None:
+    rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(forward, start=1))
+    (tmp_path / "usbl.csv").write_text(f"time_ns;east_m;north_m\n{rows}", encoding="utf-8")
+
+    east = open_log(tmp_path / "usbl.csv").read({"/usbl": ["east_m"]})["/usbl"].columns["east_m"]
+
+    assert east.tolist() == [float(cell.replace(",", ".")) for cell in forward]
 
 
 @pytest.mark.parametrize("rows", [1, 6, 7])
