@@ -149,6 +149,9 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
         return None
 
 
+FIXED_ADVICE = "the names of its columns say how it was read; check them, and the signs of their values"
+
+
 def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     """Return a finding for each convention, mounting or clock if another fits clearly better; change nothing."""
     if not {*SENSORS} <= log.tables.keys():
@@ -192,7 +195,9 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         ("MAP-FRAME", "usbl", "frame", read.frame, best.frame),
     ):
         if old != new:
-            topic, text = topic_of(log, role), _interpretation_text(read, best, key, old, new, result)
+            by_columns = log.convention(role, key).chosen_by == "column names"
+            advice = FIXED_ADVICE if by_columns else f'state {key} = "{new}" under [{role}]'
+            topic, text = topic_of(log, role), f"{_interpretation_text(read, best, key, old, new, result)}; {advice}"
             found.append(Finding(code, f"{topic}: {text}", topic, None, read.residual_m, "m"))
     usbl = topic_of(log, "usbl")
     if result.contradicting and result.decided_by is not None:
@@ -232,13 +237,11 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
 def _interpretation_text(
     read: Interpretation, best: Interpretation, key: str, old: str, new: str, result: InterpretationResult
 ) -> str:
-    section = {"axes": "dvl", "convention": "compass", "frame": "usbl"}[key]
     by = result.decided_by
     mirrored = f"mirror image excluded by: {by.name}" if by else "its mirror image fits equally well, not excluded"
     return (
         f"read as {key} {old}, but {new} fits better; dead-reckoning-to-fix residual: {read.residual_m:.2f} m RMS as "
-        f"read, {best.residual_m:.2f} m with {best.description}; {mirrored}; "
-        f'state {key} = "{new}" under [{section}]'
+        f"read, {best.residual_m:.2f} m with {best.description}; {mirrored}"
     )
 
 

@@ -12,7 +12,7 @@ from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import CLOCK, LEVER
 from usbldr.io.conventions.timestamps import LOG_TIME
-from usbldr.io.doctor.cross_check import heading_offset
+from usbldr.io.doctor.cross_check import FIXED_ADVICE, heading_offset
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value
@@ -163,6 +163,8 @@ def _convention(log: Log, result: InterpretationResult | None, role: str, key: s
     if result is None or not value:
         return recorded_line(log, role, key)
     best = {"axes": result.best.axes, "convention": result.best.convention, "frame": result.best.frame}[key]
+    if best != value and log.convention(role, key).chosen_by == "column names":
+        return f'# {key} = "{value}"', f"CHECK: {who}, but {best} fits the fixes better; {FIXED_ADVICE}"
     return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
 
 

@@ -22,7 +22,7 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, open_configure
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, keys_since_1970
+from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, keys_since_1970, side_columns
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
@@ -178,6 +178,7 @@ def _proposal(topic: TopicInfo, found: Mapping[str, NamedColumn], others: tuple[
                 columns[keys[0]] = column.name
         elif key != "received":
             columns[KEYS.get(key, key)] = column.name
+    columns |= side_columns(columns, dict(topic.first_row))
     signs = {key: round(column.rule.sign) for key, column in found.items()}
     named = [(key, signs.get(key, 1)) for key in ("forward_mps", "starboard_mps", "up_mps")]
     axes = "".join(AXES.get(one, "D") for one in named) if "forward_mps" in found else ""

@@ -26,6 +26,7 @@ PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
 """A date and time."""
+TEXTS = ("target", "lat_side", "lon_side")  # keys of ``columns`` whose cells are no numbers
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
@@ -190,16 +191,36 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     stamp, *arrived = (TimeColumn(one.name, *(_unit(one, cells) or (SECOND_NS, 0))) for one in (*stamps, *arrivals))
     taken = {same[0].name for columns in found.values() for same in columns.values()}
     own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
+    named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
+    sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
     return {
         sensor: Sheet(
             CANONICAL + sensor,
-            {key: same[0].name for key, same in columns.items()} | {name: name for name in own[sensor]},
+            named[sensor] | sides[sensor] | {name: name for name in own[sensor]},
             arrived[0] if arrived else stamp,
             stamp,
+            texts=frozenset(sides[sensor]),
             scale={key: same[0].factor for key, same in columns.items()},
         )
         for sensor, columns in found.items()
     }
+
+
+def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[str, str]:
+    """Return the columns of N or S and of E or W for those of a latitude and a longitude; empty if there are not both.
+
+    ``cells``: those of the first row by column. Of several, it is the one beside, else the first one behind.
+    """
+    if not columns.keys() >= {"lat_deg", "lon_deg"} or not cells:
+        return {}
+    found: dict[str, str] = {}
+    names = list(cells)
+    for key, of, letters in (("lat_side", "lat_deg", ("N", "S")), ("lon_side", "lon_deg", ("E", "W"))):
+        place = names.index(columns[of])
+        fitting = [k for k, cell in enumerate(cells.values()) if cell.strip().upper() in letters]
+        if fitting:
+            found[key] = names[min(fitting, key=lambda k: (abs(k - place) != 1, k < place, abs(k - place)))]
+    return found if len(found) == 2 else {}
 
 
 def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cells: Mapping[str, str]) -> str:
@@ -275,7 +296,7 @@ def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str]
         arrivals = [TimeColumn(fields[key], unit_ns) for key, unit_ns in ARRIVALS.items() if key in fields]
         clocks.setdefault((arrivals[0] if arrivals else stamp, stamp), stated.sensor)
         columns |= {name: name for name in fields.values()}
-        texts |= {fields["target"]} if "target" in fields else set()
+        texts |= {fields[key] for key in TEXTS if key in fields}
     if len(clocks) > 1:
         which = " and ".join(f"[{sensor}]" for sensor in clocks.values())
         raise UsageError(f"{which} name different times of one file; name the same", path=file)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from commands import output_of, run
+from commands import findings, output_of, run
 from usbldr_cli.main import cli
 
 LENGTH_S = 200.0
@@ -101,6 +101,15 @@ MINUTES: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = ME
     "usbl": {"Lat": sides("lat_deg", "N", "S"), "Lon": sides("lon_deg", "E", "W")},
     "gps": {"Latitude": sides("lat_deg", "N", "S", True), "Longitude": sides("lon_deg", "E", "W", True)},
 }
+HEMISPHERES: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METRIC | {
+    sensor: {
+        f"{name} Latitude": "lat_deg",
+        "N/S": lambda table: np.where(table["lat_deg"] < 0, "S", "N"),
+        f"{name} Longitude": lambda table: table["lon_deg"].abs(),
+        "E/W": lambda table: np.where(table["lon_deg"] < 0, "W", "E"),
+    }
+    for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
+}
 NOTES = {
     "dvl": {"Velocity Forward [m/s]": "forward_mps", "Velocity Starboard [m/s]": "starboard_mps"},
     "compass": {"Gyro Heading (T)": "heading_deg"},
@@ -127,28 +136,54 @@ EXPORTS = {
     "time_first": Export(one("Time", "%H:%M:%S.%f %d/%m/%y"), METRIC),
     "elapsed": Export(lambda t: {"elapsed_s": (t - pd.Timestamp(DAY)).dt.total_seconds()}, METRIC),
     "sides": Export(one("UTC Time", "%Y-%m-%d %H:%M:%S.%f"), MINUTES),
+    "hemispheres": Export(one("UTC Time", "%Y-%m-%d %H:%M:%S.%f"), HEMISPHERES),
     "gps_week": Export(gps_week("GPS Week", "TOW [s]"), SNAKE),
     "gps_week_ms": Export(gps_week("GPSWeek", "GPSTimeOfWeek", 1e-3), METRIC),
     "notes": Export(one("Timestamp (UTC)", "%d %b %Y %H:%M:%S.%f"), NOTES),
 }
 
 
-@pytest.mark.parametrize("name", EXPORTS)
-@pytest.mark.long
-def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.DataFrame], tmp_path: Path) -> None:
-    export = EXPORTS[name]
+def write(folder: Path, export: Export, dive: Mapping[str, pd.DataFrame]) -> None:
+    """Write a CSV file for each sensor."""
+    folder.mkdir()
     for sensor, table in dive.items():
         columns = {
             head: table[value] if isinstance(value, str) else value(table)
             for head, value in export.names[sensor].items()
         }
         written = pd.DataFrame(export.time(table["t"]) | columns)
-        (tmp_path / "log").mkdir(exist_ok=True)
-        written.to_csv(tmp_path / "log" / f"{sensor}.csv", index=False, sep=export.separator,
+        written.to_csv(folder / f"{sensor}.csv", index=False, sep=export.separator,
                        decimal="," if export.separator == ";" else ".")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+@pytest.mark.long
+def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.DataFrame], tmp_path: Path) -> None:
+    write(tmp_path / "log", EXPORTS[name], dive)
 
     said = output_of("init", tmp_path / "log")
     assert "written" in said
     line = run("replay", tmp_path / "log", "-f", "adf", "--plots", "none", "-q", "-o", tmp_path / "run").stdout
 
     assert "adf: mean horizontal error 0.2" in line or "adf: mean horizontal error 0.1" in line, line
+
+
+@pytest.mark.long
+def test_init_states_no_axes_that_the_names_of_columns_contradict(
+    dive: dict[str, pd.DataFrame], tmp_path: Path
+) -> None:
+    names = METRIC | {
+        sensor: METRIC[sensor] | {f"{name} Longitude [deg]": lambda table: -table["lon_deg"]}
+        for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
+    }
+    write(tmp_path / "log", Export(since_1970("unix_time", 1e9), names), dive)
+
+    output_of("init", tmp_path / "log", "-o", tmp_path / "found.toml")
+    text = (tmp_path / "found.toml").read_text(encoding="utf-8")
+
+    (line,) = [line for line in text.splitlines() if "axes =" in line]
+    assert line.startswith('# axes = "SFU"')
+    assert "but PFD fits the fixes better; the names of its columns say how it was read" in line
+    said = findings(tmp_path / "log", "--config", str(tmp_path / "found.toml"))
+    assert "KEY-UNUSED" not in said
+    assert "state axes" not in said["DVL-AXES"]["text"]

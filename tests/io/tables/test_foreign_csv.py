@@ -98,6 +98,21 @@ def test_ranges_and_fixes_are_those_of_the_usbl(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("Latitude [deg],N/S,Longitude [deg],E/W", "45.5,S,30.25,W"),
+        ("NS,Latitude [deg],EW,Longitude [deg],mode", "S,45.5,W,30.25,A"),
+        ("Latitude [deg],Longitude [deg],lat dir,lon dir", "-45.5,-30.25,S,W"),
+        ("Latitude [deg],Longitude [deg],ok,mode", "-45.5,-30.25,N,A"),
+    ],
+)
+def test_sides_beside_a_position_are_its_signs(tmp_path: Path, header: str, row: str) -> None:
+    log = logged_csv(tmp_path, "", gps=f"Time,{header}\n2026-01-01T00:00:00Z,{row}")
+
+    assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy() == pytest.approx(np.array([[-45.5, -30.25]]))
+
+
+@pytest.mark.parametrize(
     ("header", "why"),
     [
         ("Time [s],Heading [gon]", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
