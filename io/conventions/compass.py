@@ -145,8 +145,8 @@ def _beyond_a_turn(raw: RawRecords, angle_deg: Vector, unit: str) -> Mask:
     if 2 * np.count_nonzero(beyond) > np.count_nonzero(np.isfinite(angle_deg)):
         largest_deg = float(np.max(np.abs(angle_deg[beyond])))
         raise raw.fault(
-            f"most headings are far beyond a whole turn, up to {largest_deg:g} deg if their unit is {unit}; "
-            "they have another unit, or count turns; convert them to degrees from 0 to 360"
+            f"most headings of {raw.topic.name} are far beyond a whole turn, up to {largest_deg:g} deg "
+            f"if their unit is {unit}; they have another unit, or count turns; convert them to degrees from 0 to 360"
         )
     return beyond
 

@@ -168,7 +168,7 @@ def read_truth_file(
     NaN. Raises LogError for a missing column, a broken number or an unknown plane; UsageError if the columns are
     unnamed.
     """
-    read_table = read_texts(file)
+    read_table = read_texts(file, units_are_row=section.skip_rows > 0)  # the user counts a line of units
     texts = read_table.columns
     columns, frame = _columns(file, texts, section)
     row_count = len(texts[columns["x"]])

@@ -4,7 +4,6 @@ A proposal, which the user has to confirm: a name states neither axes nor, in mo
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.messages.configured import TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
-from usbldr.io.messages.roles import ROLES
+from usbldr.io.messages.roles import ROLES, SENSORS
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile, Request, open_configured
@@ -74,25 +73,35 @@ class Proposal:
         ]
 
 
-def examine_with_proposals(path: Path, request: Request) -> tuple[Examination, Mapping[str, Proposal]]:
+def examine_with_proposals(
+    path: Path, request: Request
+) -> tuple[Examination, Mapping[str, Proposal], Mapping[str, str]]:
     """Examine a log without a configuration, with proposed columns for the sensors that it lacks.
 
-    If these cannot be read, why is a finding. Raises LogError if the log cannot be opened.
+    If these cannot be used, the log is examined without them; then also why, for each sensor without which it cannot be
+    replayed. Raises LogError if the log cannot be opened.
     """
     proposals = proposed_columns(path, request)
     sections = {
         role: {"topic": one.topic.name, "columns": dict(one.columns), **({"axes": one.axes} if one.axes else {})}
         for role, one in proposals.items()
     }
-    tried = None
+    tried, fault = None, ""
     if proposals:
         stated = ConfigurationFile(None, msgspec.convert(sections, Configuration))
-        with suppress(UsbldrError):  # the names misled
+        try:
             tried = examine(path, replace(request, configuration=stated))
+        except UsbldrError as err:  # the names misled
+            fault = err.text_beside(path)
         if tried is not None and tried.log is not None:
-            return tried, proposals
+            return tried, proposals, {}
     without = examine(path, request)
-    return (without, {}) if tried is None or without.log is not None else (tried, proposals)
+    if tried is not None and without.log is None:
+        return tried, proposals, {}
+    if tried is not None:
+        fault = next((one.text for one in tried.findings if one.code == "UNUSABLE"), "")
+    why = f"the columns that the names suggest cannot be used: {fault}"
+    return without, {}, {role: why for role in proposals if role in SENSORS and fault}
 
 
 def unread_sensors(path: Path, request: Request) -> Mapping[str, str]:

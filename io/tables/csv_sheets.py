@@ -47,7 +47,6 @@ class Sheet:
     received: TimeColumn | None = None  # log time; None: the file cannot be read because of problem
     stamp: TimeColumn | None = None  # "header.stamp"; None: records have log time only
     problem: str = ""
-    lacks_time: bool = False  # whether the problem is that there is no column of times by usbldr's own name
     texts: frozenset[str] = frozenset()  # field paths that are texts
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # field path -> factor to its own unit
 
@@ -156,7 +155,7 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
     if missing:
         problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
-        return Sheet(CANONICAL + sensor, columns, problem=problem, lacks_time=missing == ["time_ns"])
+        return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"
     return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))
 
@@ -235,6 +234,8 @@ def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cel
 
 
 def _unknown_time(name: str, cell: str) -> str:
+    if not cell:  # binary files show dates alone
+        return f'has a column {name} of which neither a unit nor a date is known; write the unit behind it ("Time [s]")'
     with suppress(ValueError):
         float(cell)
         return f'has a column {name} without a known unit; write it behind the name ("Time [s]")'

@@ -15,6 +15,7 @@ from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
+from usbldr.io.units import named_unit
 
 PREAMBLE = 100  # [lines] among which the column names are looked for
 COMMENT = "# "  # what the column names may follow
@@ -112,19 +113,21 @@ def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
     first, lines, *_ = _begun(file)
     separator = _separator(first)
-    return [name.strip() for name in _cells(first, separator)], _cells(next(lines, ""), separator)
+    return [name.strip() for name in _cells(first, separator)], _cells(
+        next((line for line in lines if line.strip()), ""), separator
+    )
 
 
 class _Begin(NamedTuple):
     """The beginning of a file."""
 
     names: str  # the line of its column names
-    lines: Iterator[str]  # behind it
-    number: int  # of that line
-    spoilt: Mapping[int, str]  # line before it -> why it is none
+    lines: Iterator[str]  # behind it, and behind a line of their units
+    number: int  # of the last line before these
+    spoilt: Mapping[int, str]  # line before them -> why it is none
 
 
-def _begun(file: Path) -> _Begin:
+def _begun(file: Path, units_are_row: bool = False) -> _Begin:
     """Return the beginning of a file: what is before its column names, if it is text, is a title or comments."""
     lines = text_lines(file)
     begun = list(islice(lines, PREAMBLE))
@@ -135,7 +138,23 @@ def _begun(file: Path) -> _Begin:
     place = _header_place([line.replace("\0", "") for line in begun])
     first = begun[place].replace("\0", "").lstrip(COMMENT) if begun else ""
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
-    return _Begin(first, chain(begun[place + 1 :], lines), comments + place + 1, spoilt)
+    rows = place + 1
+    if not units_are_row and rows < len(begun) and (why := _unit_fault(first, begun[rows])) is not None:
+        rows += 1
+        spoilt |= {comments + rows: why} if why else {}
+    return _Begin(first, chain(begun[rows:], lines), comments + rows, spoilt)
+
+
+def _unit_fault(first: str, line: str) -> str | None:
+    """Return what is wrong with the line behind the column names, if it holds their units or dashes; None if not."""
+    separator = _separator(first)
+    names, cells = _cells(first, separator), [cell.strip("[]()") for cell in _cells(line, separator)]
+    units = {name: unit for name, unit in zip(names, cells, strict=False) if named_unit(f"x [{unit}]").dimension}
+    nothing = not any(cell.strip("-") for cell in cells) and len(cells) > 1
+    if len(names) != len(cells) or any(map(_is_value, cells)) or not (units or nothing):
+        return None
+    lacking = [f"{name} [{unit}]" for name, unit in units.items() if not named_unit(name).unit]
+    return f"it holds units, which are read behind the names only ({listed(lacking)})" if lacking else ""
 
 
 class _Rows:
@@ -172,13 +191,14 @@ class _Rows:
         return self._other
 
 
-def read_texts(file: Path) -> TextTable:
+def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
     A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
-    file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows.
+    file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor is a line
+    of units behind the names, unless ``units_are_row``.
     """
-    first, lines, begin, spoilt = _begun(file)
+    first, lines, begin, spoilt = _begun(file, units_are_row)
     separator = _separator(first) if _separator(first) in first else None
     header = plain_names([name.strip() for name in _cells(first, separator)])
     known = unnamed_columns(file, header if separator is None else ())

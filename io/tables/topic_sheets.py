@@ -67,8 +67,8 @@ def _foreign(table: TableHead) -> Mapping[str, Sheet]:
 
 
 def _own(table: TableHead) -> Sheet | None:
-    """Return how usbldr's names interpret a table; if they lack only the time, the problem is that of its times."""
-    if table.own is None or not table.own.lacks_time or table.first_row is None:
+    """Return how usbldr's names interpret a table; the problem of one that has no time_ns is that of other names."""
+    if table.own is None or table.first_row is None or "time_ns" in plain_names(table.names):
         return table.own
     sheets = foreign_sheets(table.stem, table.names, table.first_row).values()
     return replace(table.own, problem=next((sheet.problem for sheet in sheets if sheet.problem), table.own.problem))

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from commands import findings, output_of, run
+from usbldr.filters.errors import LogError
 from usbldr_cli.main import cli
 
 LENGTH_S = 200.0
@@ -187,3 +188,21 @@ def test_init_states_no_axes_that_the_names_of_columns_contradict(
     said = findings(tmp_path / "log", "--config", str(tmp_path / "found.toml"))
     assert "KEY-UNUSED" not in said
     assert "state axes" not in said["DVL-AXES"]["text"]
+
+
+@pytest.mark.long
+def test_init_says_why_the_columns_that_it_would_propose_cannot_be_used(
+    dive: dict[str, pd.DataFrame], tmp_path: Path
+) -> None:
+    in_mm = {
+        name: lambda table, own=own: 1000 * table[own]
+        for name, own in (("Fwd", "forward_mps"), ("Stbd", "starboard_mps"))
+    }
+    write(tmp_path / "log", Export(since_1970("unix_time", 1e9), METRIC | {"dvl": in_mm}), dive)
+
+    with pytest.raises(LogError) as caught:
+        output_of("init", tmp_path / "log", "-o", tmp_path / "found.toml")
+
+    why = "the columns that the names suggest cannot be used: all 1000 records of /dvl (dvl) are invalid: 1000 faster"
+    assert caught.value.text.startswith(why)
+    assert f"CHECK: {why}" in (tmp_path / "found.toml").read_text(encoding="utf-8")

@@ -126,7 +126,7 @@ def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: 
     rows = [row("old_ds_sensor_msgs/msg/Gyro", {"heading": angle}, k) for k, angle in enumerate([3599.0, 20.0, 1350.0])]
 
     with pytest.raises(
-        LogError, match="most headings are far beyond a whole turn, up to 3599 deg if their unit is deg"
+        LogError, match="most headings of /heading are far beyond a whole turn, up to 3599 deg if their unit is deg"
     ):
         logged(tmp_path, rows)
 

@@ -133,6 +133,57 @@ def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path: Path, he
 
 
 @pytest.mark.parametrize(
+    ("header", "cells", "why"),
+    [
+        ("Time,Heading [deg]", "2026-01-01 02:00:00 CEST,1",
+         'has "2026-01-01 02:00:00 CEST" in the first row of the column Time, which is neither a date and time nor a'),
+        ("Time,Heading [deg]", ",1", "has a column Time of which neither a unit nor a date is known; write the unit"),
+        ("Time [s],Heading [gon]", "1,1", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
+        ("Time [s],Heading [deg],Heading [deg]", "1,1,1", "has columns for the same quantity (Heading [deg], Heading"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_named_for_its_sensor_says_which_of_its_columns_stops_it(
+    tmp_path: Path, header: str, cells: str, why: str
+) -> None:
+    folder = write_csv(tmp_path / "dive", compass=f"{header}\n{cells}", depth=f"time_ns,depth_m\n{T0},3")
+
+    (problem,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}
+    assert problem.startswith(f"compass.csv {why}")
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "lost"),
+    [
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "s,m/s,m/s", ""),
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "[s],[m/s],", ""),
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "-,-,-", ""),
+        ("time_ns,forward_mps,starboard_mps", "ns,m/s,m/s", ""),
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s],Roll", "s,m/s,m/s,deg",
+         "line 2: it holds units, which are read behind the names only (Roll [deg])"),
+    ],
+)  # fmt: skip
+def test_a_line_of_units_is_no_row(tmp_path: Path, names: str, units: str, lost: str) -> None:
+    rows = [",".join([str(T0 // SECOND + k), "1.5", "0.5", "3"][: len(names.split(","))]) for k in range(2)]
+    (tmp_path / "dvl.csv").write_text("\n".join([names, units, *rows]) + "\n", encoding="utf-8")
+
+    log = open_log(tmp_path / "dvl.csv")
+    dvl = log.read({"/dvl": ["forward_mps"]})["/dvl"]
+
+    assert dvl.columns["forward_mps"].tolist() == [1.5, 1.5]
+    left_out = [finding.text for finding in log.findings() if finding.lost_data]
+    assert left_out == ([f"dvl.csv: 1 of 3 rows are left out: {lost}"] if lost else [])
+
+
+def test_lines_may_end_in_two_returns(tmp_path: Path) -> None:
+    text = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\n"
+    (tmp_path / "compass.csv").write_bytes(text.replace("\n", "\r\r\n").encode())
+
+    read = open_log(tmp_path / "compass.csv").read({"/compass": ["heading_deg"]})["/compass"]
+
+    assert read.columns["heading_deg"].tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
     "header",
     ["t_s,Yaw (deg)", "t_s,Heading Rate (deg)", "t_s,Ship Heading (deg)", "t_s,Easting [m],Northing [m]",
      "t_s,Surge [m/s],Sway [m/s]", "t_s,Forward [m/s]", "t_s,x [m],y [m]", "t_s,Water X [m/s],Water Y [m/s]",
