@@ -21,7 +21,7 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, open_configure
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, keys_since_1970, side_columns
+from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, keys_since_1970, of_gps, side_columns
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
@@ -165,6 +165,8 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     cell = dict(topic.first_row).get(column.name, "") if column else ""
     if column is None or ISO.fullmatch(cell) or not is_number(cell):
         return "time_unix_s" if ISO.fullmatch(cell) else None
+    if of_gps(column, cell):
+        return None
     units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
     own_clock = "time_s" if "time_s" in units and abs(float(cell)) * 1e9 < SINCE_NS else None
     return next((key for key in keys_since_1970(cell) if key in units), own_clock)

@@ -1,6 +1,7 @@
 """Read a file to a Log."""
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from usbldr.io.settings.configuration import parameters
 from usbldr.io.stages import say, stage
 
 SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less time: stamps are of another unit
+DAY_NS = 86_400_000_000_000  # fixed
 USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
 
 
@@ -90,6 +92,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
     stated = [Finding("SET", f"{text}, by --set") for text in request.set_keys]
     findings = [*stated, *roles.findings, *sensors.findings, *truth.findings]
+    findings += _future_findings(path, start_ns)
     findings += position_findings(tables, provenance, sensors.origin)
     if truth.truth is not None and truth.truth.kind == "gps":
         findings += truth_underwater_findings(truth.truth, provenance, tables)
@@ -138,6 +141,16 @@ def _start_ns(tables: Mapping[str, pd.DataFrame], topics: Sequence[TopicInfo]) -
     if used:
         return min(int(table["stamp_ns"].min()) for table in used)
     return min(topic.first_ns for topic in topics if topic.first_ns is not None)
+
+
+def _future_findings(path: Path, start_ns: int) -> list[Finding]:
+    """Report a log that begins after today: its times count from another moment than they were taken to."""
+    if start_ns <= time.time_ns() + DAY_NS:
+        return []
+    text = f"{path.name}: its records begin at {utc(start_ns)}, after today by the clock of this computer"
+    return [
+        Finding("CLOCK-FUTURE", f"{text}; do their times count from another moment than 1970, as from 1904 (LabVIEW)?")
+    ]
 
 
 def _refuse_unit(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.gps_time import WEEK_S
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
-from usbldr.io.messages.field_names import NamedColumn, sensors_by_name
+from usbldr.io.messages.field_names import TIME_OF_WEEK, NamedColumn, sensors_by_name, words_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.units import spellings
 
@@ -24,6 +25,7 @@ SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the ye
 DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer, in general
 PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
+IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
 """A date and time."""
 TEXTS = ("target", "lat_side", "lon_side")  # keys of ``columns`` whose cells are no numbers
@@ -228,6 +230,8 @@ def _no_time(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cel
             names = ", ".join(column.name for column in columns) or "none"
             return f"has not one column of {what} ({names}); {NAME_THEM}"
         for column in columns:
+            if of_gps(column, cells.get(column.name, "")):
+                return f"has a column {column.name} that may count from 1970 or, as GPS time, from 1980; {IF_1970}"
             if _unit(column, cells) is None:
                 return _unknown_time(column.name, cells.get(column.name, ""))
     return ""
@@ -250,6 +254,15 @@ def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, int] | No
         return round(column.factor) if column.known else SECOND_NS, 0
     key = next(iter(keys_since_1970(cell)), None)
     return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
+
+
+def of_gps(column: NamedColumn, cell: str) -> bool:
+    """Return whether a number is named for GPS time and no time of the week: it may count from 1970 or from 1980."""
+    if not re.search(rf"(^|_)({TIME_OF_WEEK})$", words_of(column.unit.label)):
+        return False
+    with suppress(ValueError):
+        return float(cell) * column.factor > WEEK_S * SECOND_NS if column.known else bool(keys_since_1970(cell))
+    return False
 
 
 def keys_since_1970(cell: str) -> list[str]:

@@ -95,6 +95,19 @@ def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Pa
     )
 
 
+def test_a_log_that_begins_after_today_is_named(tmp_path: Path) -> None:
+    labview_ns = (2_082_844_800 + T0 // SECOND) * SECOND  # as many seconds since 1904
+    dives = {"now": T0, "future": labview_ns}
+    logs = {
+        name: read_log(write_csv(tmp_path / name, compass=f"time_ns,heading_deg\n{ns},1")) for name, ns in dives.items()
+    }
+
+    found = {name: [f.text for f in log.findings if f.code == "CLOCK-FUTURE"] for name, log in logs.items()}
+
+    assert found["now"] == []
+    assert found["future"][0].startswith("future: its records begin at 2086-09-14T12:26:40.000Z, after today")
+
+
 def test_gps_without_any_fix_is_a_finding_not_an_error(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 0.0, 0.0, status=-1)])
 

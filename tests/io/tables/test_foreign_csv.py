@@ -138,6 +138,8 @@ def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path: Path, he
         ("Time,Heading [deg]", "2026-01-01 02:00:00 CEST,1",
          'has "2026-01-01 02:00:00 CEST" in the first row of the column Time, which is neither a date and time nor a'),
         ("Time,Heading [deg]", ",1", "has a column Time of which neither a unit nor a date is known; write the unit"),
+        ("gps_time,Heading [deg]", "1451260818.5,1", "has a column gps_time that may count from 1970 or, as GPS time,"),
+        ("GPS seconds [s],Heading [deg]", "1451260818.5,1", "has a column GPS seconds [s] that may count from 1970 or"),
         ("Time [s],Heading [gon]", "1,1", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
         ("Time [s],Heading [deg],Heading [deg]", "1,1,1", "has columns for the same quantity (Heading [deg], Heading"),
     ],
