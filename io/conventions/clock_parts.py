@@ -1,4 +1,4 @@
-"""The parts of a log whose clock goes back: which record is in which, and the one chosen, or all of them joined.
+"""The parts of a log whose clock goes back, or far forward: which record is in which; the one chosen, or all joined.
 
 A computer that starts again, or whose clock is set, logs a stretch of time twice: sorted, one would lie within the
 other. So stretches are never merged. A clock that does not go back there is another one: its records are used for the
@@ -101,7 +101,7 @@ class _Part(NamedTuple):
 
     first_ns: int
     last_ns: int
-    shift_ns: int  # to count on from the part before
+    shift_ns: int  # to count on from the part before, or up to the one behind if the clock was set forward
 
     def holds(self, times_ns: Nanoseconds) -> Mask:
         """Return which times (n,) are within it."""
@@ -116,15 +116,18 @@ def _chosen(
     parts = _parts(sensors, numbers, first.steps)
     number = str(part) if part is not None else ""
     stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
-    sizes = ", ".join(f"{step.size_ns / SECOND:.3f} s after {utc(step.before_ns)}" for step in first.steps)
+    sizes = ", ".join(
+        f"{'back' if step.size_ns > 0 else 'forward'} by {abs(step.size_ns) / SECOND:.3f} s after {utc(step.before_ns)}"
+        for step in first.steps
+    )
     listed = "; ".join(f"part {k}: {utc(p.first_ns)} to {utc(p.last_ns)}" for k, p in enumerate(parts, start=1))
-    text = f"{', '.join(stepped)}: the clock goes back by {sizes}, at record {first.steps[0].row + 1}; {listed}"
+    text = f"{', '.join(stepped)}: the clock goes {sizes}, at record {first.steps[0].row + 1}; {listed}"
     if number != JOINED and number not in map(str, range(1, len(parts) + 1)):
         advice = f"choose one with --part N or part = N in the configuration; {JOINED} in place of N lets it count on"
         if part is not None:
             raise UsageError(f"there is no part {part}: {text}; {advice}", path=first.raw.log)
         error = PartsError(f"{text}; {advice}", path=first.raw.log)
-        error.finding = Finding("CLOCK-BACK", text, first.raw.topic.name)
+        error.finding = _finding(first, text)
         raise error
     made: dict[str, RawRecords] = {}
     for role, one in sensors.items():
@@ -137,7 +140,13 @@ def _chosen(
             if rows.any():
                 made[role] = one.raw.part(rows)
     what = "the parts are joined" if number == JOINED else f"only part {number} is used"
-    return made, Finding("CLOCK-BACK", f"{text}; {what}", first.raw.topic.name)
+    return made, _finding(first, f"{text}; {what}")
+
+
+def _finding(first: _Sensor, text: str) -> Finding:
+    if any(step.size_ns > 0 for step in first.steps):
+        return Finding("CLOCK-BACK", text, first.raw.topic.name)
+    return Finding("CLOCK-FORWARD", text, first.raw.topic.name)
 
 
 def _clock(one: _Sensor) -> Nanoseconds:
@@ -182,7 +191,8 @@ def _parts(
         if k:
             shift_ns += steps[k - 1].size_ns
         found.append(_Part(min(int(t.min()) for t in times), max(int(t.max()) for t in times), shift_ns))
-    return found
+    set_ns = min(part.shift_ns for part in found)  # below 0 if a clock was set forward: the time after that is right
+    return [part._replace(shift_ns=part.shift_ns - set_ns) for part in found]
 
 
 def _joined(one: _Sensor, numbers: Indices, parts: Sequence[_Part]) -> RawRecords:

@@ -1,6 +1,7 @@
 """Clocks that go back within a log, found in the order of the file, before anything is sorted. Integer nanoseconds.
 
-A lasting step back is that of a computer that started again, or whose clock was set; of a counter that is full and
+So is a lasting step forward by more than any log lasts: a clock that counted from its start until it was set. A lasting
+step back is that of a computer that started again, or whose clock was set; of a counter that is full and
 begins again it is put right. Single wrong times are counted.
 """
 
@@ -14,6 +15,7 @@ from usbldr.io.reader import Nanoseconds
 
 SECOND = 1_000_000_000  # fixed: nanoseconds
 STEP_NS = SECOND  # a smaller step back is the order in which a recorder writes
+LONGEST_LOG_NS = 30 * 86_400 * SECOND  # a longer span means a wrong stamp, and its epochs would fill the memory
 LASTING = 10  # [records] before and after a step: fewer are single wrong times
 USUAL_OF = 100_000  # [records] whose median interval is the usual one
 BINARY_NS = ((2**32 * 1_000, "32-bit counter of microseconds"), (2**32 * 1_000_000, "32-bit counter of milliseconds"))
@@ -28,7 +30,7 @@ CALENDAR_NS = (
 
 
 class ClockStep(NamedTuple):
-    """A place at which a clock goes back."""
+    """A place at which a clock goes back, or forward by more than any log lasts."""
 
     row: int  # the first record after it
     before_ns: int
@@ -37,7 +39,7 @@ class ClockStep(NamedTuple):
 
     @property
     def size_ns(self) -> int:
-        """By how much the clock was set back."""
+        """By how much the clock was set back; negative: forward."""
         return self.before_ns + self.usual_ns - self.after_ns
 
 
@@ -60,21 +62,33 @@ def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None) -> 
         steps = sorted(step._replace(row=int(rows[step.row])) for rows, part in parts for step in part.steps)
         wraps = {name: count for _, part in parts for name, count in part.wraps.items()}
         return Examined(whole, steps, sum(part.single for _, part in parts), wraps)
-    rows = _backward(times_ns)
-    if not len(rows) or np.all(times_ns[1:] <= times_ns[:-1]):  # a table whose newest row is the first
+    rows, ahead = _backward(times_ns), _far_forward(times_ns)
+    if not (len(rows) or len(ahead)) or np.all(times_ns[1:] <= times_ns[:-1]):  # a table whose newest row is the first
         return Examined(times_ns, [], 0, {})
     intervals = np.diff(times_ns[:USUAL_OF])
     usual_ns = int(np.median(intervals[intervals > 0])) if np.any(intervals > 0) else 0
     times_ns, wraps = _without_wraps(times_ns, rows, usual_ns)
     rows = _backward(times_ns)
     lasting = _lasting(times_ns, rows, usual_ns)
-    steps = [ClockStep(row, int(times_ns[row - 1]), int(times_ns[row]), usual_ns) for row in rows[lasting].tolist()]
+    places = np.sort(np.concatenate([rows[lasting], _far_forward(times_ns)]))
+    steps = [ClockStep(row, int(times_ns[row - 1]), int(times_ns[row]), usual_ns) for row in places.tolist()]
     return Examined(times_ns, steps, int(np.sum(~lasting)), wraps)
 
 
 def _backward(times_ns: Nanoseconds) -> Indices:
     rows = np.flatnonzero(times_ns[1:] < times_ns[:-1]) + 1  # no copy of the times of a dense log
     return rows[times_ns[rows] < times_ns[rows - 1] - STEP_NS]
+
+
+def _far_forward(times_ns: Nanoseconds) -> Indices:
+    """Return the first rows behind lasting steps forward that are longer than any log."""
+    if not len(times_ns) or times_ns.max() - times_ns.min() <= LONGEST_LOG_NS:
+        return np.empty(0, dtype=np.intp)
+    rows = np.flatnonzero(np.diff(times_ns) > LONGEST_LOG_NS) + 1
+    rows = rows[(rows >= LASTING) & (rows + LASTING <= len(times_ns))]
+    ahead = np.arange(LASTING)
+    before, behind = times_ns[rows[:, np.newaxis] - 1 - ahead], times_ns[rows[:, np.newaxis] + ahead]
+    return rows[np.min(behind, axis=1) > np.max(before, axis=1) + LONGEST_LOG_NS]
 
 
 def _without_wraps(times_ns: Nanoseconds, rows: Indices, usual_ns: int) -> tuple[Nanoseconds, dict[str, int]]:

@@ -27,6 +27,7 @@ FIRST_VERSION = {"time", "vx", "vy", "vz", "velocity_valid"}
 FIRST_LINES = 20  # [lines] among which a report is looked for
 SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
+SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
 LATEST_S = 4e9  # [s] the year 2096
 EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
 
@@ -64,7 +65,8 @@ class JsonLinesLog:
             last = logged if logged != NO_TIME else _own_time(value, last)
             if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
                 since_ns = _since_last_ns(value)
-                counted, last = counted or (since_ns > 0 and last == NO_TIME), max(last, 0) + since_ns
+                counted = counted or (since_ns > 0 and last == NO_TIME)
+                last = _since_power_on_ns(value) or max(last, 0) + since_ns
             if kind in WATER_LINKED and last == NO_TIME:
                 untimed += 1
             elif kind:
@@ -72,7 +74,8 @@ class JsonLinesLog:
                 time_ns = number * 1_000_000_000 if last == NO_TIME else last
                 found.setdefault(kind, []).append((time_ns, text.encode()))
         if counted:
-            self._lost.append(Finding("NO-DATE", f"{self.path.name}: {COUNTED}"))
+            set_later = last >= EARLIEST_S * 1e9
+            self._lost.append(Finding("NO-DATE", f"{self.path.name}: {SET_LATER if set_later else COUNTED}"))
         if bad:
             text = f"{self.path.name}: {bad} lines are no JSON, the first is line {first_bad}; left out"
             self._lost.append(Finding("UNDECODED", text, lost_data=True))
@@ -156,11 +159,17 @@ def _since_last_ns(value: Mapping[str, Any]) -> int:
     return round(since_ms * 1e6) if isinstance(since_ms, int | float) and 0 < since_ms < LATEST_S else 0
 
 
+def _since_power_on_ns(value: Mapping[str, Any]) -> int:
+    """Return the time since power-on that a report states before its clock is set, 0 if it does not."""
+    sent_us = value.get("time_of_transmission", value.get("time_of_validity"))
+    return sent_us * 1000 if isinstance(sent_us, int) and 0 < sent_us <= EARLIEST_S * 1e6 else 0
+
+
 def _own_time(value: Mapping[str, Any], last: int) -> int:
     """Return the time that a report states in nanoseconds since 1970, else that of the line before."""
     sent_us, seconds = value.get("time_of_transmission", value.get("time_of_validity")), value.get("ts")
     if isinstance(sent_us, int) and EARLIEST_S * 1e6 < sent_us < LATEST_S * 1e6:
         return sent_us * 1000
-    if isinstance(seconds, float) and EARLIEST_S < seconds < LATEST_S:
+    if isinstance(seconds, int | float) and EARLIEST_S < seconds < LATEST_S:
         return round(seconds * 1e6) * 1000  # microseconds: a float has no more
     return last

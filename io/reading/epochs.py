@@ -18,6 +18,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import robust_sd
 from usbldr.filters.models.usual_velocity import LONGEST_GAP_S, VelocityHistory
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
+from usbldr.io.conventions.clock_steps import LONGEST_LOG_NS
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.conventions.time_series import unwrap
@@ -29,7 +30,6 @@ USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both:
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
 MAX_EPOCHS = 20_000_000  # 46 days at 5 Hz
-LONGEST_LOG_S = 30 * 86400.0  # a longer span means a wrong stamp, and its epochs would fill the memory
 
 
 def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
@@ -54,7 +54,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     if not ends_s:
         raise LogError(missing_sensor_text(log, "dvl"), path=log.path)
     last_s = max(ends_s)
-    if last_s > LONGEST_LOG_S:
+    if last_s > LONGEST_LOG_NS / 1e9:
         raise LogError(f"stamps span {last_s / 86400:.0f} days; one of them must be wrong", path=log.path)
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it

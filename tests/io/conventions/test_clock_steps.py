@@ -192,6 +192,33 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
     np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=2e-5)  # of .alog's digits
 
 
+@pytest.mark.parametrize("container", ["mcap", "bag", "csv", "hdf5", "lsf"])
+@pytest.mark.parametrize("cut", [10, 37, COUNT - 10])
+def test_a_clock_that_counts_from_its_start_until_it_is_set_makes_two_parts(
+    tmp_path: Path, container: str, cut: int
+) -> None:
+    """As of a computer without a battery, before NTP answers. The time after that is right for all."""
+    times = T0 + np.arange(COUNT) * STEP
+    times[:cut] -= T0 - 30 * SECOND
+    log = CONTAINERS[container](tmp_path, times)
+
+    with pytest.raises(PartsError, match=r"goes forward by 15999999\d\d\.\d{3} s .*part 1: 1970-.*; part 2: "):
+        read_log(log)
+    parts = [read_log(log, Request(part=part)) for part in ("1", "2", "joined")]
+
+    assert [finding.code for finding in survey(log, Request()).findings].count("CLOCK-FORWARD") == 1
+    assert [headings(part) for part in parts] == [[*range(cut)], [*range(cut, COUNT)], [*range(COUNT)]]
+    np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=1e-5)
+    assert abs(parts[2].start_ns - T0) < SECOND // 1000
+
+
+def test_a_few_times_far_ahead_make_no_parts() -> None:
+    times = T0 + np.arange(COUNT) * STEP
+    times[20:29] += 10**9 * SECOND
+
+    assert examined(times).steps == []
+
+
 @settings(max_examples=20)
 @given(
     container=st.sampled_from(sorted(CONTAINERS)),

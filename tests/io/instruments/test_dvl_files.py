@@ -132,6 +132,21 @@ def test_reports_of_water_linked_are_read(tmp_path: Path) -> None:
             read_log(file, Request(topics={role: "/position_local"}))
 
 
+def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) -> None:
+    lines = [json.loads(line) for line in write_json(tmp_path / "a.jsonl").read_text(encoding="utf-8").splitlines()]
+    reports = [line for line in lines if line.get("type") == "velocity"]
+    for k, report in enumerate(reports[:20]):
+        report |= {"time_of_validity": 30_000_000 + 200_000 * k, "time_of_transmission": 30_050_000 + 200_000 * k}
+    (tmp_path / "b.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in reports), encoding="utf-8")
+
+    log = open_log(tmp_path / "b.jsonl")
+    read = log.read({"/velocity": ["time_of_validity"]})["/velocity"]
+
+    assert read.received_ns[:20].tolist() == [30_050_000_000 + 200_000_000 * k for k in range(20)]
+    (text,) = [finding.text for finding in log.findings() if finding.code == "NO-DATE"]
+    assert text.startswith("b.jsonl: its clock was set later")
+
+
 def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> None:
     place = {
         "cog": -1,
@@ -145,6 +160,10 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     }
     lines = [json.dumps({**place, "lat": 63.4 + k * 1e-6}) for k in range(COUNT)]
     (tmp_path / "bare.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "whole.txt").write_text(
+        "".join(f"{json.dumps({**json.loads(line), 'ts': T0 // SECOND + k})}\n" for k, line in enumerate(lines)),
+        encoding="utf-8",
+    )
     (tmp_path / "timed.txt").write_text(
         "".join(f"2020-09-13T12:26:40.{k:02d}Z {line}\n" for k, line in enumerate(lines)), encoding="utf-8"
     )
@@ -154,6 +173,9 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     log = read_log(tmp_path / "timed.txt", Request(topics={"usbl": "/global"}))
     assert len(log.tables["usbl"]) == COUNT
     assert log.start_ns == T0
+    whole = open_log(tmp_path / "whole.txt")
+    assert whole.read({"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
+    assert not whole.findings()
 
 
 def test_each_file_is_a_log(tmp_path: Path) -> None:
