@@ -6,10 +6,11 @@ takes that of the line before. Any other object is a topic by its "type"; withou
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
@@ -28,13 +29,15 @@ FIRST_LINES = 20  # [lines] among which a report is looked for
 SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
+REMAINS = re.compile(r"[\"}]")  # behind an object: of one that was damaged
+DECODER = json.JSONDecoder()
 LATEST_S = 4e9  # [s] the year 2096
 EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
 
 
 def looks_like_json_lines(head: bytes) -> bool:
     """Return whether one of the first lines holds a report or a position of Water Linked's, or most any object."""
-    kinds = [_kind(_parsed(line)[1]) for line in head_lines(head)[:FIRST_LINES]]
+    kinds = [_kind(_first(line)) for line in head_lines(head)[:FIRST_LINES]]
     return any(kind in WATER_LINKED for kind in kinds) or sum(map(bool, kinds)) > len(kinds) / 2
 
 
@@ -53,15 +56,12 @@ class JsonLinesLog:
         """Return log time and text of each line by kind; record what was lost."""
         found: dict[str, list[tuple[int, bytes]]] = {}
         untimed, numbered, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
-        for number, line in enumerate(text_lines(self.path), start=1):
-            if not line.strip():
-                continue
-            text, value = _parsed(line)
+        for count, (number, before, text, value) in enumerate(_objects(text_lines(self.path)), start=1):
             if value is None or is_damaged(text):
                 bad, first_bad = bad + 1, first_bad or number
                 continue
             kind = _kind(value)
-            logged = prefixed_ns(line[: line.find("{")])
+            logged = prefixed_ns(before)
             last = logged if logged != NO_TIME else _own_time(value, last)
             if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
                 since_ns = _since_last_ns(value)
@@ -71,7 +71,7 @@ class JsonLinesLog:
                 untimed += 1
             elif kind:
                 numbered += last == NO_TIME
-                time_ns = number * 1_000_000_000 if last == NO_TIME else last
+                time_ns = count * 1_000_000_000 if last == NO_TIME else last
                 found.setdefault(kind, []).append((time_ns, text.encode()))
         if counted:
             set_later = last >= EARLIEST_S * 1e9
@@ -124,14 +124,31 @@ class JsonLinesLog:
         return (*self._lost, *self._unfit.values())
 
 
-def _parsed(line: str) -> tuple[str, Mapping[str, Any] | None]:
-    """Return the text of the object that a line holds, and the object; None if it holds none."""
-    text = line[line.find("{") :].strip() if "{" in line else ""
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError):
-        return text, None
-    return text, cast("Mapping[str, Any]", value) if isinstance(value, dict) else None
+def _objects(lines: Iterable[str]) -> Iterator[tuple[int, str, str, Mapping[str, Any] | None]]:
+    """Yield the line's number, what stands before an object, its text and the object; None for what is none.
+
+    A line may hold several objects, as an array on one line does, and a remark behind them.
+    """
+    for number, line in enumerate(lines, start=1):
+        end, place = 0, line.find("{")
+        while place >= 0:
+            try:
+                value, behind = DECODER.raw_decode(line, place)
+            except (ValueError, RecursionError):
+                break
+            if end and REMAINS.search(line[end:place]):
+                yield number, "", line[end:place], None
+            yield number, line[end:place], line[place:behind], value
+            end, place = behind, line.find("{", behind)
+        rest = line[end:].strip("[], \r\n\t")
+        if rest and (not end or place >= 0 or is_damaged(rest) or REMAINS.search(rest)):
+            yield number, "", rest, None
+
+
+def _first(line: str) -> Mapping[str, Any] | None:
+    """Return the object that ends a line, or with which it begins; None if there is none: else it is within a cell."""
+    _, before, text, value = next(_objects([line]), (0, "", "", None))
+    return value if line.rstrip().endswith(text) or not before.strip("[ ") else None
 
 
 def _kind(value: Mapping[str, Any] | None) -> str:

@@ -132,6 +132,37 @@ def test_reports_of_water_linked_are_read(tmp_path: Path) -> None:
             read_log(file, Request(topics={role: "/position_local"}))
 
 
+@pytest.mark.parametrize("form", ["array", "rows of an array", "two on a line", "text behind"])
+def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -> None:
+    whole = write_json(tmp_path / "a.jsonl")
+    lines = whole.read_text(encoding="utf-8").splitlines()
+    text = {
+        "array": f"[{', '.join(lines)}]",
+        "rows of an array": "[\n" + ",\n".join(lines) + "\n]",
+        "two on a line": "\n".join(map("".join, zip(lines[::2], [*lines[1::2], ""], strict=True))),
+        "text behind": "\n".join(f"{line} # rx 212 bytes" for line in lines),
+    }[form]
+    (tmp_path / "b.json").write_text(text + "\n", encoding="utf-8")
+
+    logs = [open_log(whole), open_log(tmp_path / "b.json")]
+
+    read = [log.read({"/velocity": ["vx", "time_of_validity"]})["/velocity"] for log in logs]
+    np.testing.assert_array_equal(read[1].received_ns, read[0].received_ns)
+    np.testing.assert_array_equal(read[1].columns["vx"], read[0].columns["vx"])
+    assert [finding.text for finding in logs[1].findings()] == []
+
+
+@pytest.mark.parametrize("cut", ['"vx"', '"type"', "}"])
+def test_a_report_that_ends_early_is_named(tmp_path: Path, cut: str) -> None:
+    lines = write_json(tmp_path / "a.jsonl").read_text(encoding="utf-8").splitlines()
+    lines[4] = lines[4].replace(f", {cut}", f"}} {cut}", 1) if cut != "}" else lines[4][:-1]
+    (tmp_path / "b.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    assert "lines are no JSON, the first is line 5" in next(
+        finding.text for finding in open_log(tmp_path / "b.jsonl").findings() if finding.lost_data
+    )
+
+
 def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) -> None:
     lines = [json.loads(line) for line in write_json(tmp_path / "a.jsonl").read_text(encoding="utf-8").splitlines()]
     reports = [line for line in lines if line.get("type") == "velocity"]
