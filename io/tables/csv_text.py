@@ -3,6 +3,7 @@
 import csv
 import re
 from array import array
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, islice, pairwise
 from pathlib import Path
@@ -18,6 +19,8 @@ from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.units import named_unit
 
 PREAMBLE = 100  # [lines] among which the column names are looked for
+SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # of Excel, before the column names
+MOST_BREAKS = 20  # [lines] of a row whose quoted cell has line breaks
 COMMENT = "# "  # what the column names may follow
 REMARKS = ("#", "%", ";", "//")  # with which a line before the column names begins that is none
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
@@ -85,7 +88,7 @@ def _header_place(lines: Sequence[str]) -> int:
 
     Comments and a title may precede them, units follow. If no row is found, it is the first line that is not blank.
     """
-    filled = [k for k, line in enumerate(lines) if line.strip()]
+    filled = [k for k, line in enumerate(lines) if line.strip() and not SEPARATOR_LINE.fullmatch(line)]
     names, width = filled[0] if filled else 0, 0
     for k, following in pairwise(filled):
         separator = _separator(lines[k])
@@ -217,7 +220,7 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     left_out: dict[int, str] = dict(spoilt if known is None else {})
     cut = 0
     table = _Rows(header, separator)
-    for number, line in enumerate(lines, start=begin + 1):
+    for number, line in _whole_rows(enumerate(lines, start=begin + 1), len(header), separator):
         if not line.strip() or line.startswith("#") or (known is not None and line.split() == header):
             continue
         cut = 0 if line.endswith("\n") or known is not None else number
@@ -232,6 +235,27 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
             rows = []
     _add(texts, rows, separator)
     return TextTable(texts, numbered, left_out, cut, separator in (",", None))
+
+
+def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | None) -> Iterator[tuple[int, str]]:
+    """Yield the lines with their numbers; those that are one row, by line breaks in a quoted cell, as one with blanks.
+
+    A row is so many cells wide, and no line of it is so alone: else a quotation mark is missing.
+    """
+    ahead: deque[tuple[int, str]] = deque()
+    while (one := ahead.popleft() if ahead else next(lines, None)) is not None:
+        number, line = one
+        if line.count('"') % 2 and separator is not None:
+            ahead.extend(islice(lines, MOST_BREAKS - len(ahead)))
+            last = next((k for k, (_, later) in enumerate(ahead) if later.count('"') % 2), None)
+            if last is not None:
+                whole = " ".join([line.rstrip(), *(ahead[k][1].rstrip() for k in range(last)), ahead[last][1]])
+                rows = any(ahead[k][1].count(separator) == width - 1 for k in range(last + 1))
+                if not rows and len(_cells(whole, separator)) == width:
+                    line = whole
+                    for _ in range(last + 1):
+                        ahead.popleft()
+        yield number, line
 
 
 def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:

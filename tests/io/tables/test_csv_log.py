@@ -170,6 +170,35 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
     np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
 
 
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;"])
+def test_a_line_that_names_the_separator_is_none_of_the_columns(tmp_path: Path, first: str) -> None:
+    (tmp_path / "compass.csv").write_text(f"{first}\ntime_ns;heading_deg\n1;0,5\n2;1,5\n", encoding="utf-8")
+
+    assert read_log(tmp_path / "compass.csv").tables["compass"]["heading_deg"].tolist() == [0.5, 1.5]
+
+
+@pytest.mark.parametrize("remark", ['"bottom, lost\nagain"', '"one\n\ntwo ""three""\nfour"'])
+def test_a_line_break_in_a_quoted_cell_ends_no_row(tmp_path: Path, remark: str) -> None:
+    text = f"time_ns,heading_deg,remark\n1,0.5,\n2,1.5,{remark}\n3,2.5,\n"
+    (tmp_path / "compass.csv").write_text(text, encoding="utf-8")
+
+    log = read_log(tmp_path / "compass.csv")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [0.5, 1.5, 2.5]
+    assert not any(finding.lost_data for finding in log.findings)
+
+
+def test_a_missing_quotation_mark_costs_its_own_row_alone(tmp_path: Path) -> None:
+    text = 'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n'
+    (tmp_path / "compass.csv").write_text(text, encoding="utf-8")
+
+    log = read_log(tmp_path / "compass.csv")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 3.5]
+    (finding,) = [finding for finding in log.findings if finding.lost_data]
+    assert "line 2: a quotation mark is missing; so are lines 4" in finding.text
+
+
 @pytest.mark.parametrize(
     ("forward", "shown"),
     [(["1.170", "788", "849"], '"1.170" and "788"'), (["0", "1,170", "-788", "849"], '"1.170" and "-788"')],
