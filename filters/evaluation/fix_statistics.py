@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.evaluation.slow_noise import SlowNoise, slow_noise
+from usbldr.filters.evaluation.slow_noise import MOST, SlowNoise, slow_noise
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import TO_SD
@@ -175,7 +175,7 @@ def columns_at(time_s: Vector, known_s: Vector, values: Array) -> Array:
 
 
 def _noise(time_s: Vector, position_m: Array, moved_m: Array, used: Mask, axis: Array) -> SlowNoise | None:
-    """Return the noise of fixes along an axis, (2,) or one for each fix (n, 2); None if there are too few."""
+    """Return the noise of fixes along an axis, (2,) or one for each fix (n, 2); None: too few, or too few times."""
     if int(used.sum()) < MIN_FIXES:
         return None
     axis = np.broadcast_to(axis, position_m.shape)[used]
@@ -189,7 +189,8 @@ def _noise(time_s: Vector, position_m: Array, moved_m: Array, used: Mask, axis: 
     share = ((t[1:-1] - t[:-2]) / np.maximum(t[2:] - t[:-2], 1e-9))[:, None]
     bend = np.sum((error[1:-1] - (1 - share) * error[:-2] - share * error[2:]) * axis[1:-1], axis=1)
     kept = np.append(np.append(True, np.abs(bend) <= FALSE_SIGMAS * TO_SD * np.median(np.abs(bend)) + 1e-12), True)
-    return slow_noise(t[kept], values[kept], shapes[kept]) if int(kept.sum()) >= MIN_FIXES else None
+    enough = int(kept.sum()) >= MIN_FIXES and np.any(np.diff(t[kept][:MOST]) > 0)
+    return slow_noise(t[kept], values[kept], shapes[kept]) if enough else None
 
 
 def _by_range(lengths_m: Vector, good: Mask) -> tuple[RangeShare, ...]:

@@ -16,7 +16,7 @@ from usbldr.filters.types import Array, Vector
 
 RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 10.0, 24)])  # [1] of the sigma of the slow part over the white one
 CONSTANTS = 8  # of time, tried from SHORTEST to LONGEST
-SHORTEST = 3.0  # [1] median intervals: a faster process is white to these fixes
+SHORTEST = 3.0  # [1] median intervals, of those above zero: a faster process is white to these fixes
 LONGEST = 0.5  # [1] of the span: a slower one is a shape that was projected out, an offset or a drift
 MOST = 3000  # of a series, from its beginning: half a second of computing, and an hour or more of fixes
 STEP = 0.0635  # of a sigma: what the steps between RATIOS leave of the slow one
@@ -39,12 +39,12 @@ class SlowNoise(NamedTuple):
 
 
 def slow_noise(time_s: Vector, values: Vector, shapes: Array) -> SlowNoise:
-    """Return the parts of the noise of values (n,) with shapes (n, p), at ascending times."""
+    """Return the parts of the noise of values (n,) with shapes (n, p), at ascending times, of which some differ."""
     time_s, values, shapes = time_s[:MOST], values[:MOST], shapes[:MOST]
     left, size, _ = np.linalg.svd(shapes / np.maximum(np.linalg.norm(shapes, axis=0), 1e-300), full_matrices=False)
     data = np.column_stack([values, left[:, size > SINGULAR * size[0]]])
     step_s = np.diff(time_s)
-    interval_s, span_s = float(np.median(step_s)), float(time_s[-1] - time_s[0])
+    interval_s, span_s = float(np.median(step_s[step_s > 0])), float(time_s[-1] - time_s[0])
     shortest_s = SHORTEST * interval_s
     constants_s = np.geomspace(shortest_s, max(LONGEST * span_s, 2 * shortest_s), CONSTANTS)
     ratio, constant_s = (grid.ravel() for grid in np.meshgrid(RATIOS, constants_s, indexing="ij"))

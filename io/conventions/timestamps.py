@@ -10,8 +10,10 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
-from usbldr.io.reader import Nanoseconds
+from usbldr.io.reader import MAX_TIME_NS, Nanoseconds
 
+COARSE_SHARE = 0.2  # [-] of records with the stamp of the next, at least: times are too coarse for the sensor's rate
+COARSE_RECORDS = 10  # with the stamp of the next, at least: a few may be sent twice
 LOG_TIME = "log time"  # times records that have no stamp
 TIMES = ("time_ns", "received_ns", "stamp_ns")
 """Columns of a table in the making: time of validity, arrival, and the stamp before latency was subtracted."""
@@ -135,12 +137,22 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
         table = table[~repeated].reset_index(drop=True)
     shared = _same_as_next(table)
     if shared.any():
-        what = "all are kept" if sensor == "usbl" else "records of one stamp are averaged"
-        text = f"{topic}: {shared.sum()} of {len(table)} records have another's stamp and other values; {what}"
-        findings.append(Finding("SAME-STAMP", text, topic))
+        findings.append(_same_stamp(table["time_ns"].to_numpy(), int(shared.sum()), topic, sensor))
         if sensor != "usbl":
             table = _averaged(table)
     return table, findings
+
+
+def _same_stamp(time_ns: Nanoseconds, count: int, topic: str, sensor: str) -> Finding:
+    """Report that some of the records have the time of the next, in order of time (n,), and times that are coarse."""
+    what = "all are kept" if sensor == "usbl" else "records of one stamp are averaged"
+    text = f"{topic}: {count} of {len(time_ns)} records have another's stamp and other values; {what}"
+    if count < max(COARSE_RECORDS, COARSE_SHARE * len(time_ns)):
+        return Finding("SAME-STAMP", text, topic)
+    steps_ns = np.diff(time_ns)
+    step_s = float(steps_ns[steps_ns > 0].min(initial=MAX_TIME_NS)) / 1e9
+    steps = f"its times have steps of {step_s:g} s or more" if np.any(steps_ns) else "all its times are the same"
+    return Finding("COARSE-TIMES", f"{text}; {steps}: export them with more digits", topic)
 
 
 def _same_as_next(table: pd.DataFrame) -> Mask:

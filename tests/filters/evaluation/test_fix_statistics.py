@@ -130,6 +130,15 @@ def test_the_scatter_is_that_of_the_residuals():
     assert known(time_s, place, None, np.ones(150, dtype=bool), circling()).scatter is None
 
 
+def test_fixes_whose_times_are_coarse_have_the_noise_of_those_times():
+    """Most steps between them are zero; of fixes at one moment, no part of the noise can be told."""
+    time_s, place, away = dive(1)
+    coarse_s = np.floor(time_s / 10) * 10
+    found = known(coarse_s, place, away, np.ones(150, dtype=bool), circling())
+    assert there(found.east_m).time_constant_s >= 10.0
+    assert known(coarse_s[:1].repeat(150), place, away, np.ones(150, dtype=bool), circling()).east_m is None
+
+
 def test_a_track_without_velocity_has_no_statistics():
     time_s, place, away = dive(3)
     plain = Trajectory("usbl", ("x", "y"), TIME_S, np.zeros((len(TIME_S), 2)), None)

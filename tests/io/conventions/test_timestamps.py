@@ -63,6 +63,24 @@ def test_usbl_fixes_of_one_stamp_are_all_kept(tmp_path: Path) -> None:
     assert codes(log)["SAME-STAMP"] == ("/usbl: 1 of 2 records have another's stamp and other values; all are kept")
 
 
+@pytest.mark.parametrize(
+    ("step_s", "shared", "times"),
+    [(10, 72, "its times have steps of 10 s or more"), (1000, 79, "all its times are the same")],
+)
+def test_times_with_too_few_digits_are_a_warning_that_names_their_step(
+    tmp_path: Path, step_s: int, shared: int, times: str
+) -> None:
+    log = logged(tmp_path, [point(T0 + k // step_s * step_s * SECOND, k, 0) for k in range(80)])
+
+    (found,) = (finding for finding in log.findings if finding.code == "COARSE-TIMES")
+    assert found.text == (
+        f"/usbl: {shared} of 80 records have another's stamp and other values; all are kept; {times}: export them with "
+        "more digits"
+    )
+    assert found.level == "warning"
+    assert "SAME-STAMP" not in codes(log)
+
+
 def test_zero_stamps_are_timed_by_log_time_and_counted(tmp_path: Path) -> None:
     time_ns, topic, kind, values = twist(T0 + SECOND, 1.0, 0.0)
 
