@@ -1,6 +1,7 @@
 """Open the files of a log: regular ones only, for a pipe would be waited for forever; faults are sentences."""
 
 import codecs
+import os
 import re
 import stat
 from collections.abc import Generator, Iterator
@@ -29,6 +30,11 @@ CONTROL_BYTES = bytes(k for k in range(0x1C) if CONTROL.match(chr(k)))  # in UTF
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
 ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
+
+
+def real_path(path: Path) -> Path:
+    """Return where a path leads, links followed as far as they lead anywhere: one may be a link to itself."""
+    return Path(os.path.realpath(path))
 
 
 @contextmanager

@@ -194,7 +194,7 @@ def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]
 def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] = ()) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file.
 
-    ``apart``: resolved paths of files that a folder leaves out, because they are read in their own right.
+    ``apart``: real paths of files that a folder leaves out, because they are read in their own right.
     """
     head, place = b"", 0
     try:

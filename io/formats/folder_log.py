@@ -5,6 +5,7 @@ from itertools import islice
 from pathlib import Path
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.file_access.open_file import real_path
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import ENDINGS, compressed_log
 from usbldr.io.limits import limit
@@ -61,10 +62,10 @@ RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
 def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collection[Path] = ()) -> Reader | None:
     """Return the log of a folder, None if it holds none; ``open_file`` opens one of its files.
 
-    ``apart``: resolved paths of files that are read in their own right, although they lie in the folder.
+    ``apart``: real paths of files that are read in their own right, although they lie in the folder.
     """
     files = [file for file in sorted(path.iterdir()) if not (file.name.startswith(".") or _is_other_folder(file))]
-    files = [file for file in files if file.resolve() not in apart] if apart else files
+    files = [file for file in files if real_path(file) not in apart] if apart else files
     if len(files) > limit(FILES):
         raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
     readers, used = _together(path, open_file, apart)
@@ -101,9 +102,9 @@ def _together(
     """Return the readers of the files that are one log by their format, and these files."""
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
-    texts = [file for file in text_files(path) if file.resolve() not in apart]
-    packed = {file: kind for file, kind in compressed_texts(path).items() if file.resolve() not in apart}
-    tables = [file for file in parquet_files(path) if file.resolve() not in apart]
+    texts = [file for file in text_files(path) if real_path(file) not in apart]
+    packed = {file: kind for file, kind in compressed_texts(path).items() if real_path(file) not in apart}
+    tables = [file for file in parquet_files(path) if real_path(file) not in apart]
     readers: list[Reader] = []
     if packed:
         readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
@@ -115,7 +116,7 @@ def _together(
     damaged = [
         file
         for file in path.glob("*.parquet")
-        if file not in tables and file.resolve() not in apart and file.stat().st_size
+        if file not in tables and real_path(file) not in apart and file.stat().st_size
     ]
     more, unread = _readable(damaged, open_file)
     return [*readers, *more], {*texts, *packed, *tables, *copied, *(set(damaged) - unread)}

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.truth import find_truth_file
+from usbldr.io.file_access.open_file import real_path
 from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, stated_layouts
 
 
@@ -42,9 +43,9 @@ def output_conflict(place: Path, read: Iterable[Path], inside: bool) -> str | No
 
     With ``inside``, it must not be inside an input folder, either.
     """
-    target = place.resolve()
+    target = real_path(place)
     for k, path in enumerate(read):
-        own = path.resolve()
+        own = real_path(path)
         if target == own or (os.path.exists(target) and os.path.exists(own) and os.path.samefile(target, own)):
             return "is the log" if k == 0 else "is also an input"
         if target in own.parents:

@@ -11,7 +11,7 @@ from typing import Literal
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
-from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.open_file import opened, real_path
 from usbldr.io.formats.detect import open_log
 from usbldr.io.instruments.nmea_log import with_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
@@ -109,9 +109,9 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     stated = configuration_of(path, request)
     configuration = stated.settings
     folder = path.resolve().parent
-    sections = {(folder / f.path).resolve(): f for f in configuration.file}
-    paths = {path.resolve(): path} | {(folder / f.path).resolve(): folder / f.path for f in configuration.file}
-    paths |= {Path(name).resolve(): Path(name) for name in request.joined}
+    sections = {real_path(folder / f.path): f for f in configuration.file}
+    paths = {real_path(path): path} | {real_path(folder / f.path): folder / f.path for f in configuration.file}
+    paths |= {real_path(Path(name)): Path(name) for name in request.joined}
     parts = [_part(_opened(paths[real], configuration, request, paths), sections.get(real)) for real in paths]
     (first, *others) = parts
     reader = first.reader

@@ -132,7 +132,7 @@ def test_what_is_no_file_of_a_log_and_named_like_a_sensor_is_named(
     make(folder / "gps.csv")
     (folder / "photos").mkdir()
 
-    (lost,) = open_log(folder).findings()
+    (lost,) = open_configured(folder, Request()).reader.findings()
 
     assert lost.text.startswith("gps.csv is not read: ")
     assert why in lost.text
