@@ -18,7 +18,7 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"\x89MCAP0\r\r\n": f"an MCAP file whose {CONVERTED}",
     b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
-    b"PK\x03\x04": "a zip archive; unpack it first (unzip)",
+    b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""
 BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut

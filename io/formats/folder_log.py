@@ -1,6 +1,6 @@
 """A folder as a log: a rosbag2 recording, tables (CSV, Parquet), or files of instruments; what is not read is named."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -15,46 +15,27 @@ from usbldr.io.recordings.joined import JoinedLog, LogPart
 from usbldr.io.recordings.rosbag2_log import holds_recording, open_rosbag2, recording_files
 from usbldr.io.tables.csv_log import CsvLog
 from usbldr.io.tables.csv_text import compressed_texts, text_files
-from usbldr.io.tables.parquet_tables import NAME, parquet_files, parquet_table
+from usbldr.io.tables.parquet_tables import ENDING, NAME, is_parted, parquet_files, parquet_table, parted_table
 from usbldr.io.tables.table_log import TableLog
 
 FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
 SHOWN = 5  # [files] that a sentence names
-OF_LOGS = (
-    *(
-        "",
-        ".csv",
-        ".tsv",
-        ".txt",
-        ".log",
-        ".dat",
-        ".nmea",
-        ".json",
-        ".jsonl",
-        ".tum",
-        ".fnv",
-        ".parquet",
-        ".h5",
-        ".hdf5",
-    ),
-    *(
-        ".nc",
-        ".mat",
-        ".mcap",
-        ".bag",
-        ".active",
-        ".db3",
-        ".tlog",
-        ".bin",
-        ".alog",
-        ".lsf",
-        ".pd0",
-        ".pd4",
-        ".pd5",
-        ".pd6",
-    ),
+LEVELS = 3  # of folders within a folder in which files like those of a log are looked for
+NO_RECORDS = frozenset(
+    ending
+    for endings in (
+        ".png .jpg .jpeg .gif .bmp .tif .tiff .webp .heic .svg .eps .ico .psd .xcf .cr2 .nef .arw .dng",  # pictures
+        ".mp4 .mov .avi .mkv .wmv .webm .m4v .mts .mp3 .wav .flac .ogg .m4a .srt",  # films and sounds
+        ".md .rst .pdf .doc .docx .odt .rtf .tex .bib .ppt .pptx .odp .html .htm .css .url .eml .msg",  # papers
+        ".toml .yaml .yml .ini .cfg .conf .xml .xsd .urdf .xacro .launch .rviz .lock .env",  # settings
+        ".py .pyc .ipynb .m .mlx .r .jl .c .h .cc .cpp .hpp .java .js .ts .go .rs .sh .bat .ps1 .cmd .idl .srv",  # code
+        ".exe .dll .so .msi .deb .whl .lnk .swp .bak .old .orig .db3-wal .db3-shm .db3-journal",  # of computers
+        ".kml .kmz .geojson .npz .pkl",  # results
+    )
+    for ending in endings.split()
 )
-"""Endings of files that hold records; files with others may be named like a sensor, too, as a picture of it."""
+"""Endings of files that cannot hold records, although they may be named like a sensor, as a picture of it."""
+OF_COMPUTERS = ("._", "Thumbs.db")  # with which the names of files begin that no user knows of
 RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
 """Formats of which a file is a log by itself: several in a folder are several dives, unless the user joins them."""
 
@@ -64,7 +45,7 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
 
     ``apart``: real paths of files that are read in their own right, although they lie in the folder.
     """
-    files = [file for file in sorted(path.iterdir()) if not (file.name.startswith(".") or _is_other_folder(file))]
+    files = [file for file in sorted(path.iterdir()) if not (_is_hidden(file) or _is_other_folder(file))]
     files = [file for file in files if real_path(file) not in apart] if apart else files
     if len(files) > limit(FILES):
         raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
@@ -85,11 +66,31 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
     return JoinedLog(path, _formats(parts), tuple(parts), tuple(findings))
 
 
+def _is_hidden(file: Path) -> bool:
+    """Return whether a file is none of the user's; one with a dot before the name of a sensor is a hidden log."""
+    if not file.name.startswith("."):
+        return file.name.startswith(OF_COMPUTERS)
+    return file.is_dir() or file.name.startswith(OF_COMPUTERS) or not _named_like_a_sensor(file)
+
+
 def _is_other_folder(file: Path) -> bool:
     """Return whether this is a folder without files of logs: pictures, runs."""
-    if not file.is_dir() or (file / "report.json").is_file():
-        return file.is_dir()
-    return not any(_is_of_logs(inner) and inner.suffix for inner in islice(file.iterdir(), FILES))
+    return file.is_dir() and not any(inner.suffix for inner in _inner(file))
+
+
+def _inner(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder that may hold records, also those of folders within it; a run holds none."""
+    yield from islice((file for file in _files_within(folder, LEVELS) if _may_hold_records(file)), FILES)
+
+
+def _files_within(folder: Path, levels: int) -> Iterator[Path]:
+    if (folder / "report.json").is_file():
+        return
+    for file in sorted(folder.iterdir()):
+        if not file.is_dir():
+            yield file
+        elif levels > 1 and not file.name.startswith("."):
+            yield from _files_within(file, levels - 1)
 
 
 def _formats(parts: Sequence[LogPart]) -> str:
@@ -102,10 +103,13 @@ def _together(
     """Return the readers of the files that are one log by their format, and these files."""
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
+    if is_parted(path):
+        return [*parted_table(path)], set(path.iterdir())
     texts = [file for file in text_files(path) if real_path(file) not in apart]
     packed = {file: kind for file, kind in compressed_texts(path).items() if real_path(file) not in apart}
     tables = [file for file in parquet_files(path) if real_path(file) not in apart]
-    readers: list[Reader] = []
+    parted = [folder for folder in sorted(path.iterdir()) if real_path(folder) not in apart and is_parted(folder)]
+    readers: list[Reader] = [part for folder in parted for part in parted_table(folder)]
     if packed:
         readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
     elif texts:
@@ -115,11 +119,11 @@ def _together(
     copied = {file.with_name(file.name + ending) for file in (*texts, *tables) for ending in ENDINGS}
     damaged = [
         file
-        for file in path.glob("*.parquet")
-        if file not in tables and real_path(file) not in apart and file.stat().st_size
+        for file in path.glob(f"*{ENDING}")
+        if file not in tables and real_path(file) not in apart and file.is_file() and file.stat().st_size
     ]
     more, unread = _readable(damaged, open_file)
-    return [*readers, *more], {*texts, *packed, *tables, *copied, *(set(damaged) - unread)}
+    return [*readers, *more], {*texts, *packed, *tables, *parted, *copied, *(set(damaged) - unread)}
 
 
 def _readable(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> tuple[list[Reader], set[Path]]:
@@ -139,7 +143,7 @@ def _alone(
 ) -> tuple[tuple[LogPart, ...], list[Finding]]:
     """Return the files of a folder that are read one by one, and findings on the others."""
     filled = [file for file in files if file.is_file() and file.stat().st_size]
-    readers, _ = _readable([file for file in filled if _is_of_logs(file)], open_file)
+    readers, _ = _readable([file for file in filled if _may_hold_records(file)], open_file)
     recordings = [reader.path.name for reader in readers if reader.format.startswith(RECORDINGS)]
     if len(recordings) > 1:
         names = ", ".join(recordings[:SHOWN])
@@ -150,18 +154,18 @@ def _alone(
     return tuple(LogPart(reader) for reader in readers), _not_read(left, open_file)
 
 
-def _is_of_logs(file: Path) -> bool:
+def _may_hold_records(file: Path) -> bool:
     ending = file.suffix.lower()
-    return (Path(file.stem).suffix.lower() if ending in ENDINGS else ending) in OF_LOGS
+    return (Path(file.stem).suffix.lower() if ending in ENDINGS else ending) not in NO_RECORDS
 
 
 def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> list[Finding]:
     """Name the files that are not read: a loss if one is named like a sensor."""
-    sensors = [file for file in files if _is_of_logs(file) and _named_like_a_sensor(file)]
+    sensors = [file for file in files if _may_hold_records(file) and _named_like_a_sensor(file)]
     findings = [
         Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=True) for file in sensors
     ]
-    others = [file.name for file in files if file not in sensors and _is_of_logs(file)]
+    others = [file.name for file in files if file not in sensors and _may_hold_records(file)]
     if others:
         more = f" and {len(others) - SHOWN} more" if len(others) > SHOWN else ""
         text = f"not read of this folder: {', '.join(others[:SHOWN])}{more}; --with FILE adds one"
@@ -170,20 +174,20 @@ def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> lis
 
 
 def _named_like_a_sensor(file: Path) -> bool:
-    """Return whether a file, a folder or a file of that folder is named like a sensor."""
-    stem = file.name.partition(".")[0]
+    """Return whether a file, a folder or a file within that folder is named like a sensor."""
+    stem = file.name.lstrip(".").partition(".")[0]
     if suggested_sensors(stem) or stem.lower().split("__")[-1] == "truth":
         return True
-    return file.is_dir() and any(
-        _is_of_logs(one) and _named_like_a_sensor(one) for one in islice(file.iterdir(), FILES)
-    )
+    return file.is_dir() and any(map(_named_like_a_sensor, _inner(file)))
 
 
 def _why(file: Path, open_file: Callable[[Path], Reader]) -> str:
     if file.is_symlink() and not file.exists():
         return "it is a link to a file that is not there"
     if file.is_dir():
-        return f"it is a folder of files like those of a log; --with {file.name} adds them"
+        inner = sorted(_inner(file), key=_named_like_a_sensor)[-1]
+        place = inner.parent.relative_to(file.parent)
+        return f"it is a folder of files like those of a log; --with {place} adds them"
     if file.is_file() and not file.stat().st_size:
         return "the file is empty"
     try:

@@ -23,6 +23,7 @@ from usbldr.io.settings.sensor_sections import Configuration, FileSection
 from usbldr.io.settings.set_keys import with_set_keys
 from usbldr.io.settings.validation import read_document
 from usbldr.io.stages import say, stage
+from usbldr.io.tables.parquet_tables import is_parted
 
 DAY_NS = 86_400_000_000_000  # fixed
 
@@ -162,7 +163,7 @@ def digest_paths(paths: Sequence[Path]) -> str:
 def _sha256(path: Path) -> str:
     """Return the digest of a file; of a folder, the digest of its files' digests by name, without its configuration."""
     if path.is_dir():
-        files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix != ".toml"]
+        files = [f for f in sorted(path.iterdir()) if (f.is_file() and f.suffix != ".toml") or is_parted(f)]
         return hashlib.sha256("\n".join(_sha256(file) for file in files).encode()).hexdigest()
     with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,7 @@
-"""Tables in Parquet files: a file is a table, a folder of files is a log. Members of structures are named with dots."""
+"""Tables in Parquet files: a file, or a folder named .parquet, is a table, a folder of files is a log.
+
+Members of structures are named with dots.
+"""
 
 from collections.abc import Iterator
 from io import SEEK_END
@@ -11,15 +14,18 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.table_library import library, reading
-from usbldr.io.tables.table_log import Table
+from usbldr.io.tables.table_log import Table, TableLog
 
 MAGIC = b"PAR1"
 NAME = "Parquet"
+ENDING = ".parquet"
 
 
 def parquet_files(folder: Path) -> Iterator[Path]:
-    """Yield the Parquet files of a folder by name that begin and end as such."""
-    for file in sorted(folder.glob("*.parquet")):
+    """Yield the Parquet files of a folder by name: those that begin and end as such, whatever they are called."""
+    for file in sorted(folder.iterdir()):
+        if file.name.startswith(".") or not file.is_file() or not file.stat().st_size:
+            continue  # of endless files of the system the size is zero, too
         with opened(file) as content:
             begin = content.read(len(MAGIC))
             content.seek(-min(len(MAGIC), file.stat().st_size), SEEK_END)
@@ -27,8 +33,24 @@ def parquet_files(folder: Path) -> Iterator[Path]:
                 yield file
 
 
-def parquet_table(file: Path) -> Table:
-    """Return the table of a file; raise LogError if it cannot be read, UsageError without pyarrow."""
+def is_parted(folder: Path) -> bool:
+    """Return whether a folder is one table in parts, as Spark and Dask write it: named .parquet, and of such files."""
+    if folder.suffix != ENDING or not folder.is_dir():
+        return False
+    parts = {*parquet_files(folder)}
+    return bool(parts) and all(file in parts for file in folder.iterdir() if file.is_dir() or file.suffix == ENDING)
+
+
+def parted_table(folder: Path) -> list[TableLog]:
+    """Return the parts of one table, each a log with the topic that the folder names."""
+    return [TableLog(folder, NAME, [parquet_table(file, folder.stem)]) for file in parquet_files(folder)]
+
+
+def parquet_table(file: Path, name: str = "") -> Table:
+    """Return the table of a file, by its own or another name.
+
+    Raises LogError if it cannot be read, UsageError without pyarrow.
+    """
     arrow = library("pyarrow", "Parquet files", "parquet", file)
     budget = UnpackingBudget(file, file.stat().st_size)
     parquet = library("pyarrow.parquet", "Parquet files", "parquet", file)
@@ -49,7 +71,7 @@ def parquet_table(file: Path) -> Table:
         return _values(arrow, read.column(0).combine_chunks())
 
     columns = {path: lambda path=path: column(path) for path in places}
-    return Table(file, file.stem.replace("__", "/"), rows, columns, dated)
+    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated)
 
 
 def _values(arrow: Any, column: Any) -> Column:

@@ -39,7 +39,7 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; convert it to version 2.0 first "
          "(rosbag fix IN.bag OUT.bag)"),
         (b"dive.mcap".ljust(257, b"\0") + b"ustar", "is a tar archive; unpack it first (tar -xf)"),
-        (b"PK\x03\x04rest", "is a zip archive; unpack it first (unzip)"),
+        (b"PK\x03\x04rest", "is a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV"),
         (b"\x89MCAP0\nrest", "is an MCAP file whose " + CONVERTED),
         (b"\x89MCAP0\r\r\nrest", "is an MCAP file whose " + CONVERTED),
         (b"#ROSBAG V2.0\r\nrest", "is a ROS 1 bag whose " + CONVERTED),

@@ -162,6 +162,71 @@ def test_tables_of_several_kinds_are_one_log(tmp_path: Path, before: bytes) -> N
     assert any(finding.lost_data for finding in log.findings) == bool(before.strip(b"\0"))
 
 
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("gps.xlsx", "is a zip archive, or a spreadsheet"),
+        ("dvl_2.ad2cp", "unknown format"),
+        ("usbl.raw", "unknown format"),
+        (".gps_2.csv", "it is a log of its own (CSV file); --with .gps_2.csv adds it"),
+        ("day1/raw/gps.csv", "it is a folder of files like those of a log; --with day1/raw adds them"),
+    ],
+)
+def test_a_file_named_like_a_sensor_is_named_unless_its_ending_says_that_it_holds_no_records(
+    tmp_path: Path, name: str, why: str
+) -> None:
+    folder = dive(tmp_path / "dive")
+    for beside in ("dvl.png", "usbl.py", "._gps.csv", ".gitignore", ".git/dvl.csv", "dvl_photos/usbl.jpg"):
+        (folder / beside).parent.mkdir(exist_ok=True)
+        (folder / beside).write_bytes(b"\1\2")
+    (folder / "runs" / "dive-cpf").mkdir(parents=True)
+    (folder / "runs" / "dive-cpf" / "report.json").write_text("{}", encoding="utf-8")
+    (folder / "runs" / "dive-cpf" / "fixes.csv").write_text(GPS, encoding="utf-8")
+    assert open_log(folder).findings() == ()
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_bytes(GPS.encode() if name.endswith(".csv") else b"PK\3\4" if name.endswith("x") else b"\1\2")
+
+    (lost,) = open_log(folder).findings()
+
+    assert lost.text.startswith(f"{name.split('/')[0]} is not read: ")
+    assert why in lost.text
+    assert lost.lost_data
+
+
+def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(tmp_path: Path) -> None:
+    folder = dive(tmp_path / "dive")
+    parquet.write_table(pa.table({"time_ns": TIMES, "depth_m": [1.0] * COUNT}), folder / "depth.pq")
+    (folder / "profile.svp").write_bytes(b"\1\2")
+
+    log = open_log(folder)
+
+    assert [(f.text, f.lost_data) for f in log.findings()] == [
+        ("not read of this folder: profile.svp; --with FILE adds one", False)
+    ]
+    assert {topic.name: topic.count for topic in log.topics()}["/depth"] == COUNT
+
+
+def test_a_folder_named_parquet_is_one_table_in_parts(tmp_path: Path) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "gps.csv").unlink()
+    (folder / "gps.parquet").mkdir()
+    (folder / "gps.parquet" / "_SUCCESS").touch()
+    table = pa.table({"time_ns": TIMES, "lat_deg": [45 + k / 1e5 for k in range(COUNT)], "lon_deg": [7.0] * COUNT})
+    for k in range(3):
+        parquet.write_table(table[100 * k : 100 * k + 100], folder / "gps.parquet" / f"part-0000{k}.parquet")
+
+    log, alone = read_log(folder), open_log(folder / "gps.parquet")
+
+    assert log.provenance["gps"].used == COUNT
+    np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 45 + np.arange(COUNT) / 1e5, atol=1e-9)
+    assert log.findings == ()
+    assert [(topic.name, topic.count) for topic in alone.topics()] == [("/gps", COUNT)]
+    (folder / "gps.parquet" / "year=2027").mkdir()
+    dive(folder / "gps.parquet" / "year=2027")
+    (lost,) = open_log(folder).findings()
+    assert lost.text.startswith("gps.parquet is not read: it is a folder of files like those of a log")
+
+
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
