@@ -82,6 +82,17 @@ class Truth:
     velocity_mps: Array | None = None  # (T, 2) starboard, forward
     place_unknown: bool = False  # its origin on the map of the fixes is not stated: errors share an unknown shift
 
+    def only(self, rows: Mask) -> "Truth":
+        """Return the truth with some of its points, (T,)."""
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            position_m=self.position_m[rows],
+            sd_m=self.sd_m[rows],
+            yaw_rad=None if self.yaw_rad is None else self.yaw_rad[rows],
+            velocity_mps=None if self.velocity_mps is None else self.velocity_mps[rows],
+        )
+
 
 OUTCOMES = ("used", "down-weighted", "rejected")  # of an update, from good to bad
 

@@ -37,6 +37,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "USBL-NOISE": "info",
     "REPEATED": "info",
     "USBL-REPEATED": "info",
+    "GPS-HELD": "info",
     "OUT-OF-ORDER": "info",
     "NO-HEADER": "info",
     "SAME-STAMP": "info",

@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.filters.types import Array, Indices, Mask, Truth, Vector
 from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import heading_jumps, heading_spikes, velocity_spikes, without_jumps
 from usbldr.io.findings import Finding
@@ -84,7 +84,20 @@ def without_implausible(log: Log) -> Log:
             columns_kept = {str(name): column.to_numpy()[rows] for name, column in tables[role].items()}
             tables[role] = pd.DataFrame(columns_kept, copy=False)
             provenance[role] = replace(provenance[role], used=provenance[role].used - np.count_nonzero(~rows))
-    return replace(log, tables=tables, provenance=provenance, findings=(*log.findings, *found)) if found else log
+    if not found:
+        return log
+    truth = _of_kept_gps(log, tables)
+    return replace(log, tables=tables, provenance=provenance, truth=truth, findings=(*log.findings, *found))
+
+
+def _of_kept_gps(log: Log, tables: Tables) -> Truth | None:
+    """Return the truth of a log; if that is its GPS, without the fixes that are no longer in the tables."""
+    truth = log.truth
+    if truth is None or "gps" not in tables or truth.source != log.provenance["gps"].topic:
+        return truth
+    before_s, kept_s = (of["gps"]["time_s"].to_numpy(dtype=float) for of in (log.tables, tables))
+    left_out_s = np.setdiff1d(before_s, kept_s) - log.settings.truth.latency_s
+    return truth.only(~np.isin(truth.time_s, left_out_s)) if len(left_out_s) else truth
 
 
 def _replaced(column: Vector, good: Mask, values: Vector) -> Vector:
@@ -117,6 +130,13 @@ def _usbl(records: Records, tables: Tables) -> Judged:
     return records.without(copied), found
 
 
+def _gps(records: Records, tables: Tables) -> Judged:
+    copied = _while_moving(copied_fixes(records.values), records.time_s, tables)
+    text = f"repeat the previous fix to the last digit; {LEFT_OUT}, also of a truth that is the GPS"
+    found = [Finding("GPS-HELD", *_stretches(records, copied, text))] if copied.any() else []
+    return records.without(copied), found
+
+
 def _depth(records: Records, tables: Tables) -> Judged:
     """Name stuck depths; they have served already, for slant ranges."""
     return records, _without_stuck(records, tables, "depths")[1]
@@ -126,6 +146,7 @@ CHECKS = {
     "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first: it shows when the vehicle is at rest
     "compass": (("heading_deg",), _compass),
     "usbl": (("east_m", "north_m"), _usbl),
+    "gps": (("lat_deg", "lon_deg"), _gps),  # in degrees, in which they were rounded
     "depth": (("depth_m",), _depth),
 }
 

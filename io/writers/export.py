@@ -55,7 +55,7 @@ def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | Non
     inside = (truth.time_s >= start_s) & (truth.time_s <= end_s)
     if not inside.any():
         return None
-    return replace(truth, time_s=truth.time_s[inside], position_m=truth.position_m[inside], sd_m=truth.sd_m[inside])
+    return truth.only(inside)
 
 
 def export(

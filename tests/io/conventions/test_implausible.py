@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from logs import codes, logged
 from recordings import SECOND, T0, short_dive, yaw
-from usbldr.filters.types import Mask, Vector
+from usbldr.filters.types import Mask, Truth, Vector
 from usbldr.io.conventions import spikes
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor.doctor import examine
@@ -120,6 +120,29 @@ def test_of_fixes_that_are_polled_faster_than_the_usbl_pings_each_is_used_once(d
     log = changed(dive, "usbl", PLACE, dive.tables["usbl"][PLACE].to_numpy()[every // 3 * 3])
 
     assert lost(log) == {"usbl": times(log, "usbl")[every % 3 != 0].tolist()}
+
+
+def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> None:
+    """A table with a row for each DVL record shows each GPS fix several times, as if the vehicle stopped for it."""
+    rows = np.arange(len(times(dive, "dvl"))) // 5 * 5
+    place, time_s = (
+        np.cumsum(np.random.default_rng(0).normal(0.2, 0.1, (len(rows), 2)), axis=0)[rows],
+        times(dive, "dvl"),
+    )
+    fixes = pd.DataFrame({"time_s": time_s, "received_s": time_s, "east_m": place[:, 0], "north_m": place[:, 1]})
+    fixes = fixes.assign(sd_m=1.0, lat_deg=45 + fixes["north_m"] * 9e-6, lon_deg=7 + fixes["east_m"] * 13e-6)
+    provenance = {**dive.provenance, "gps": replace(dive.provenance["usbl"], topic="/gps")}
+    truth = Truth(time_s, place, fixes["sd_m"].to_numpy(), "gps", "/gps")
+    log = replace(dive, tables={**dive.tables, "gps": fixes}, provenance=provenance, truth=truth)
+
+    kept = without_implausible(log)
+
+    assert found(log) == ["GPS-HELD"]
+    assert kept.tables["gps"]["time_s"].tolist() == time_s[::5].tolist()
+    assert kept.truth is not None
+    assert kept.truth.time_s.tolist() == time_s[::5].tolist()
+    other = replace(log, truth=replace(truth, source="reference.csv"))
+    assert without_implausible(other).truth is other.truth
 
 
 @pytest.mark.parametrize(("from_s", "to_s"), [(300, 360), (300, 300.2), (0, 50), (700, np.inf)])
