@@ -33,7 +33,9 @@ _SPELLINGS: Mapping[str, str] = {
     "km/h": "kmh kph km_h",
     "ft/s": "ft_s",
     "knots": "knot kn kt kts",
-    "deg": "degs degree degrees ° degt °t degtrue",
+    "deg": "degs degree degrees ° degt °t degtrue "
+    "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
+    "degrees_east degree_east degrees_e degree_e degreese degreee",
     "rad": "rads radian radians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
     "m": "meter meters metre metres",

@@ -5,7 +5,7 @@ Source: CF conventions, time coordinate (cfconventions.org).
 
 import re
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,8 @@ from usbldr.io.reader import MAX_TIME_NS, Column
 
 SINCE = re.compile(
     r"\s*([a-z]+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})"
-    r"(?:[t\s]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(?:\.(\d{1,9})\d*)?)?)?\s*(?:z|utc|gmt|[+-]?0{1,2}:?(?:00)?)?\s*",
+    r"(?:[t\s]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(?:\.(\d{1,9})\d*)?)?)?"
+    r"\s*(?:z|utc|gmt)?\s*(?:([+-])(\d{1,2}):?(\d{2})?|0{1,2}:?(?:00)?)?\s*",
     re.IGNORECASE | re.ASCII,
 )
 UNITS_NS: Mapping[str, int] = {
@@ -39,8 +40,10 @@ class Clock(NamedTuple):
 
     def dates(self, numbers: Column) -> Column:
         """Return numbers (n,) as dates and times, datetime64[ns]; those that are none, or after 2116, as no date."""
+        masked, numbers = np.ma.getmaskarray(numbers), np.ma.getdata(numbers)
         rough = numbers.astype(np.float64) * self.unit_ns
         good = (np.abs(rough + self.since_ns) < MAX_TIME_NS) & (np.abs(rough) < -float(NO_DATE))  # False for NaN
+        good &= ~masked
         kept = np.where(good, numbers, 0)
         whole = np.floor(kept).astype(np.int64) if kept.dtype.kind == "f" else kept.astype(np.int64)
         ns = whole * self.unit_ns + np.rint((kept - whole) * self.unit_ns).astype(np.int64) + self.since_ns
@@ -52,10 +55,11 @@ def clock_of(units: object, calendar: object = "standard") -> Clock | None:
     found = SINCE.fullmatch(units) if isinstance(units, str) else None
     if found is None or str(calendar).lower() not in CALENDARS:
         return None
-    name, *date, fraction = found.groups()
+    name, *date, fraction, sign, hours, minutes = found.groups()
+    zone = timedelta(hours=int(hours or 0), minutes=int(minutes or 0)) * (-1 if sign == "-" else 1)
     unit_ns = UNITS_NS.get(name.lower(), UNITS_NS.get(name.lower().removesuffix("s"), 0))
     try:
-        moment = datetime(*(int(part or 0) for part in date), tzinfo=UTC)
+        moment = datetime(*(int(part or 0) for part in date), tzinfo=timezone(zone))
     except ValueError:
         return None
     seconds = round((moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())

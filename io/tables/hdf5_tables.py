@@ -1,6 +1,7 @@
 """Tables in HDF5 files, also netCDF-4 and MATLAB 7.3: the arrays of a group, or an array of records.
 
-Source of the units: the attribute ``units`` of the CF conventions (cfconventions.org).
+Source of the attributes ``units``, and ``_FillValue``, ``missing_value``, ``scale_factor`` and ``add_offset`` of packed
+values: CF conventions (cfconventions.org).
 """
 
 import zlib
@@ -10,6 +11,8 @@ from functools import partial
 from math import prod
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from usbldr.io.file_access.decompression import deflated
 from usbldr.io.limits import UnpackingBudget
@@ -28,27 +31,44 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
     """Return the tables of a file; raise LogError if it cannot be read, UsageError without h5py."""
     h5py = library("h5py", f"{kind} files", "hdf5", file)
     groups: dict[str, list[Array]] = {}
+    texts: dict[str, list[Array]] = {}
     dated: dict[str, set[str]] = {}
     objects: dict[str, dict[str, str]] = {}
+    left_out: dict[str, str] = {}
     tables: list[Table] = []
     budget = UnpackingBudget(file, file.stat().st_size)
 
     def read(path: str, part: Any, clock: Clock | None = None) -> Column:
         with h5py.File(file, "r") as content:
-            _take_chunks(content[path], budget)
-            values = content[path][part]
+            item = content[path]
+            _take_chunks(item, budget)
+            if item.dtype.kind not in "biuf":
+                return np.ravel((item.asstr() if h5py.check_string_dtype(item.dtype) else item)[part])
+            values = _unpacked(item[part], item.attrs)
             return clock.dates(values) if clock else values
 
     def visit(path: str, item: Any) -> None:
         budget.take_record()
-        if not isinstance(item, h5py.Dataset) or path.startswith("#") or item.external or item.is_virtual:
-            return  # of MATLAB's own, or in other files
+        if path.startswith("#"):
+            return  # of MATLAB's own
+        if not isinstance(item, h5py.Dataset):
+            links = {f"{path}/{name}".lstrip("/"): item.get(name, getlink=True) for name in item}
+            left_out.update({name: why for name, link in links.items() if (why := _astray(link, item))})
+            return
+        if item.external or item.is_virtual:
+            left_out[path] = "its values are in other files; copy them into this one"
+            return
+        records, column = bool(item.dtype.names), item.ndim == 1 or item.shape[1:] == (1,)
         group, _, name = path.rpartition("/")
         group = group or file.stem
         if DECODE in item.attrs:
             objects.setdefault(group, {})[name] = _text(item.attrs.get("MATLAB_class"))
-        elif item.dtype.names and item.ndim == 1:
+        elif records and column:
             tables.append(Table(file, path, len(item), {name: partial(read, path, name) for name in item.dtype.names}))
+        elif records and item.ndim:
+            left_out[path] = f"its records have {item.ndim} dimensions, not one"
+        elif h5py.check_string_dtype(item.dtype) and column:
+            texts.setdefault(group, []).append((name, item.shape, partial(read, path)))
         elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
             unit = _text(item.attrs.get("units"))
             clock = clock_of(unit, _text(item.attrs.get("calendar")) or "standard")
@@ -57,13 +77,40 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             groups.setdefault(group, []).append((label, item.shape, partial(read, path, clock=clock)))
 
     with reading(file, kind), h5py.File(file, "r") as content:
+        visit("", content)
         content.visititems(visit)
     for name, arrays in groups.items():
         others = unread(objects.get(name, {}))
-        tables += [replace(one, unread=others) for one in tables_of(file, name, arrays, frozenset(dated[name]))]
+        sizes = {max(shape) for _, shape, _ in arrays}
+        beside = [one for one in texts.get(name, []) if one[1][0] in sizes]
+        tables += [
+            replace(one, unread=others) for one in tables_of(file, name, [*arrays, *beside], frozenset(dated[name]))
+        ]
     if not tables:
         refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
-    return tables
+        refuse_objects(file, [f"{path} ({why})" for path, why in left_out.items()])
+    return [replace(one, left_out=left_out) for one in tables]
+
+
+def _astray(link: Any, group: Any) -> str:
+    """Return why a link of a group leads to nothing that is read; empty for others, and for another name of it."""
+    if other := getattr(link, "filename", None):
+        return f"it is a link into {other}; copy its contents into this file"
+    lost = getattr(link, "path", None) and group.get(link.path) is None
+    return f"it is a link to {link.path}, which is not there" if lost else ""
+
+
+def _unpacked(values: Column, attributes: Any) -> Column:
+    """Return packed values as measured; masked, if some say that there is none."""
+    stated = [np.ravel(attributes[name]) for name in ("_FillValue", "missing_value") if name in attributes]
+    marks = [
+        mark.astype(values.dtype) if values.dtype.kind == "f" else mark for mark in stated if mark.dtype.kind in "iuf"
+    ]
+    missing = np.isin(values, np.concatenate(marks)) if marks else np.zeros(1, dtype=np.bool_)
+    if "scale_factor" in attributes or "add_offset" in attributes:
+        factor, offset = (float(np.ravel(attributes.get(*one))[0]) for one in (("scale_factor", 1), ("add_offset", 0)))
+        values = values.astype(np.float64) * factor + offset
+    return np.ma.array(values, mask=missing) if missing.any() else values
 
 
 def _text(attribute: object) -> str:
@@ -85,7 +132,7 @@ def _take_chunks(array: Any, budget: UnpackingBudget) -> None:
 
 
 def _named(name: str, unit: str) -> str:
-    """Return a name with the unit that its attribute states, unless the name states one."""
-    if named_unit(name).unit:
-        return name
-    return f"{name} [{unit}]" if named_unit(f"{name} [{unit}]").dimension else name
+    """Return a name with the unit that its attribute states, unless the name states one; a clock may be unknown."""
+    with_unit = f"{name} [{unit}]"
+    stated = named_unit(with_unit).dimension or "since" in unit.lower().split()
+    return with_unit if stated and not named_unit(name).unit else name

@@ -6,7 +6,7 @@ no value.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -19,6 +19,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.limits import BeyondLimitError, UnpackingBudget
 from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import named_column, sensors_by_name
+from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.tables.table_library import reading
@@ -41,6 +42,7 @@ class Table:
     columns: Mapping[str, Callable[[], Column]]  # name as written -> a function that reads it, (rows,)
     dated: frozenset[str] = frozenset()  # columns of dates and times, datetime64[ns]
     unread: Sequence[str] = ()  # what else is there
+    left_out: Mapping[str, str] = field(default_factory=dict[str, str])  # what else its file holds -> why
 
 
 def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[str] = frozenset()) -> list[Table]:
@@ -224,8 +226,12 @@ class TableLog:
         return other.columns[name[len(other.topic) + 2 :]]
 
     def findings(self) -> tuple[Finding, ...]:
-        """Report the rows that are left out, and what the names of columns were taken for."""
-        found: list[Finding] = []
+        """Report what is not read, the rows that are left out, and what the names of columns were taken for."""
+        found = [
+            Finding("NOT-READ", f"{file.name}: {path} is not read: {why}", lost_data=bool(suggested_sensors(path)))
+            for file, left_out in {table.file: table.left_out for table in self._all}.items()
+            for path, why in left_out.items()
+        ]
         for topic, one in self._topics.items():
             if one.by_name and one.sheet and one.sheet.stamp:
                 named = {**one.sheet.columns, "time": one.sheet.stamp.column}

@@ -23,6 +23,9 @@ UNITS = {
     "seconds since 1970-01-01T00:00:00+00:00": (timedelta(seconds=1), datetime(1970, 1, 1, tzinfo=UTC)),
     "seconds since 2020-09-13 12:26:40.250 UTC": (timedelta(seconds=1), START + timedelta(seconds=0.25)),
     "milliseconds since 2020-09-13 12:26:40": (timedelta(milliseconds=1), START),
+    "seconds since 2020-09-13 14:26:40 +02:00": (timedelta(seconds=1), START),
+    "seconds since 2020-09-13T05:56:40 -0630": (timedelta(seconds=1), START),
+    "hours since 2020-09-13 12:00 UTC+2": (timedelta(hours=1), datetime(2020, 9, 13, 10, tzinfo=UTC)),
     "us since 2000-01-01": (timedelta(microseconds=1), datetime(2000, 1, 1, tzinfo=UTC)),
 }
 
@@ -78,7 +81,9 @@ def test_numbers_that_are_no_times_are_left_out(tmp_path: Path) -> None:
         "months since 2000-01-01",
         "days since 0001-01-01",
         "days since 2000-13-01",
-        "seconds since 2000-01-01 00:00 +01:00",
+        "seconds since 2000-01-01 00:00 CET",
+        "seconds since 2000-01-01 00:00 +24:00",
+        "seconds since 2000-01-01 12",
         "seconds",
         "",
     ],
@@ -90,3 +95,21 @@ def test_units_that_state_no_such_clock_are_none(units: str) -> None:
 def test_the_calendar_of_a_model_is_none() -> None:
     assert clock_of("days since 2000-01-01", "360_day") is None
     assert clock_of("days since 2000-01-01", "Gregorian") is not None
+
+
+def test_a_clock_that_is_not_understood_is_no_clock_of_1970(tmp_path: Path) -> None:
+    """A file of numbers without any unit is read as it is configured; one that states a clock is refused."""
+    file = write_nc(tmp_path / "a.nc", np.arange(20.0), "seconds since 2026-01-01 02:00 CEST")
+
+    (topic,) = open_log(file).topics()
+
+    assert topic.count == 0
+    assert "the column time [seconds since 2026-01-01 02:00 CEST]" in topic.problem
+
+
+def test_times_without_a_value_are_left_out(tmp_path: Path) -> None:
+    file = write_nc(tmp_path / "a.nc", np.array([1, -9, 2]), "seconds since 2020-09-13 12:26:40")
+    with h5py.File(file, "a") as content:
+        content["time"].attrs["_FillValue"] = -9
+
+    assert stamps(file) == [T0 + SECOND, T0 + 2 * SECOND]

@@ -108,6 +108,83 @@ def test_units_of_netcdf_are_those_of_its_attributes(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.tables["compass"]["heading_deg"], np.degrees(0.5))
 
 
+def test_packed_values_of_netcdf_are_unpacked(tmp_path: Path) -> None:
+    places = np.arange(COUNT) * 1e-5
+    with h5py.File(tmp_path / "dive.nc", "w") as file:
+        file.create_dataset("time", data=np.arange(COUNT)).attrs["units"] = "seconds since 2020-09-13 12:26:40"
+        heading = file.create_dataset("heading", data=(100 * np.arange(COUNT)).astype("i2"))
+        heading.attrs.update({"units": "degrees", "scale_factor": 0.01, "add_offset": np.array([180.0])})
+        heading.attrs.update({"_FillValue": np.int16(200), "missing_value": np.array([400, 500], dtype="i2")})
+        lat = file.create_dataset("gps_latitude", data=(45 + places).astype("f8"))
+        lat.attrs.update({"units": "degrees_north", "_FillValue": 45 + 7e-5})
+        file.create_dataset("gps_longitude", data=7 + places).attrs["units"] = b"degrees_east"
+
+    log = read_log(tmp_path / "dive.nc")
+
+    kept = [k for k in range(COUNT) if k not in (2, 4, 5)]
+    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], 180.0 + np.array(kept))
+    np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 45 + np.delete(places, 7), rtol=1e-12)
+    np.testing.assert_allclose(log.tables["gps"]["lon_deg"], 7 + np.delete(places, 7), rtol=1e-12)
+
+
+def test_a_whole_number_without_a_value_leaves_the_others_exact(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "dive.h5", "w") as file:
+        file["compass/time_ns"] = np.array([T0 + 1, -1, T0 + 3])
+        file["compass/time_ns"].attrs["_FillValue"] = -1
+        file["compass/heading_deg"] = np.arange(3.0)
+
+    assert open_log(tmp_path / "dive.h5").read({"/compass": []})["/compass"].received_ns.tolist() == [T0 + 1, T0 + 3]
+
+
+def test_what_is_in_other_files_or_has_too_many_dimensions_is_named(tmp_path: Path) -> None:
+    records = np.zeros((5, 2), dtype=[("time_ns", "i8"), ("forward_mps", "f8"), ("starboard_mps", "f8")])
+    layout = h5py.VirtualLayout(shape=(5,), dtype="f8")
+    layout[:] = h5py.VirtualSource("other.h5", "a", shape=(5,))
+    with h5py.File(tmp_path / "dive.h5", "w") as file:
+        for name, values in dive()["compass"].items():
+            file[f"compass/{name}"] = values
+        file["usbl"] = h5py.ExternalLink("other.h5", "/usbl")
+        file["setup/picture"] = h5py.ExternalLink("other.h5", "/picture")
+        file["gps/gone"] = h5py.SoftLink("/raw/gps")
+        file["dvl"] = records
+        file.create_virtual_dataset("depth/depth_m", layout)
+
+    found = open_log(tmp_path / "dive.h5").findings()
+
+    assert {(one.code, one.text, one.lost_data) for one in found} == {
+        ("NOT-READ", f"dive.h5: {path} is not read: {why}", path != "setup/picture")
+        for path, why in {
+            "usbl": "it is a link into other.h5; copy its contents into this file",
+            "setup/picture": "it is a link into other.h5; copy its contents into this file",
+            "gps/gone": "it is a link to /raw/gps, which is not there",
+            "dvl": "its records have 2 dimensions, not one",
+            "depth/depth_m": "its values are in other files; copy them into this one",
+        }.items()
+    }
+
+
+def test_records_in_a_column_are_a_table_and_texts_are_columns(tmp_path: Path) -> None:
+    columns = dive()["compass"]
+    records = np.zeros((COUNT, 1), dtype=[("time_ns", "i8"), ("heading_deg", "f8")])
+    for name in ("time_ns", "heading_deg"):
+        records[name][:, 0] = columns[name]
+    with h5py.File(tmp_path / "dive.h5", "w") as file:
+        file["compass"] = records
+        file["fixes/t_s"], file["fixes/e"], file["fixes/n"] = np.arange(4.0), np.arange(4.0), np.arange(4.0)
+        file["fixes/who"] = ["a", "b", "a", "b"]
+        file["fixes/names"] = ["e", "n"]
+    (tmp_path / "usbldr.toml").write_text(
+        '[usbl]\ntarget = "b"\ncolumns = { time_s = "t_s", x = "e", y = "n", target = "who" }\n'
+        '[compass]\ntopic = "none"\n'
+    )
+    log = open_log(tmp_path / "dive.h5")
+
+    found = log.read({"/compass": ["heading_deg"]})["/compass"]
+    np.testing.assert_array_equal(found.columns["heading_deg"], columns["heading_deg"])
+    assert [topic.name for topic in log.topics()] == ["/compass", "/fixes"]
+    np.testing.assert_array_equal(read_log(tmp_path / "dive.h5").tables["usbl"]["east_m"], [1.0, 3.0])
+
+
 @pytest.mark.parametrize("form", ["HDF5", "MATLAB", "MATLAB 7.3"])
 def test_a_time_may_stand_in_another_structure(tmp_path: Path, form: str) -> None:
     clock = {"Time": np.arange(COUNT) / 2}
