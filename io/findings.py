@@ -26,6 +26,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "ROLE-SHIP": "info",
     "COLUMNS-BY-NAME": "info",
     "CONCATENATED": "info",
+    "TOPIC-PARTS": "info",
     "LAYOUT-FILE": "info",
     "TRUTH-FRAME": "info",
     "ESTIMATE-FRAME": "info",

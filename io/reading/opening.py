@@ -15,8 +15,10 @@ from usbldr.io.file_access.open_file import opened, real_path
 from usbldr.io.formats.detect import open_log
 from usbldr.io.instruments.nmea_log import with_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
+from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import NamedColumns, Reader
 from usbldr.io.recordings.joined import UNDATED, JoinedLog, LogPart
+from usbldr.io.recordings.parts_log import with_parts
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.layout_files import LayoutFile, layout_files
 from usbldr.io.settings.sensor_sections import Configuration, FileSection
@@ -120,9 +122,18 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
         formats = dict.fromkeys(part.reader.format for part in parts)
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
         reader = JoinedLog(path, " + ".join(formats), tuple(sorted(parts, key=_first_ns)), time_units_ns=units_ns)
+    reader = with_parts(reader, _chosen_topics(configuration, request))
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     layouts = layout_files(stated_layouts(stated))
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file, layouts)
+
+
+def _chosen_topics(configuration: Configuration, request: Request) -> list[str]:
+    """Return the topics that the user names, for sensors, the truth and the head."""
+    head, truth = configuration.usbl.head, request.truth or configuration.truth.topic
+    named = [*request.topics.values(), *map(configuration.topic, ROLES), truth]
+    named += [head.topic, head.heading_topic] if head else []
+    return [name for name in named if name]
 
 
 def stated_layouts(stated: ConfigurationFile) -> tuple[Path, ...]:

@@ -1,0 +1,100 @@
+"""Tables that follow each other as parts of one topic, as a logger leaves them that begins new files."""
+
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+from usbldr.io.decoding.collected import read_whole
+from usbldr.io.findings import Finding
+from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
+
+LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
+NUMBER = re.compile(r"[-_. ]+\d[\dTZ:_-]*(?=/|$)")
+"""The number or date of a part in the name of a topic: "/dvl_001", "/dive_2/usbl"."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartsLog:
+    """A log, some of whose topics are read as one: the first, with the records of those that follow it."""
+
+    whole: Reader
+    followers: Mapping[str, Sequence[str]]  # first topic -> the others, in order of time
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+        return self.whole.path
+
+    @property
+    def format(self) -> str:
+        """The format of the log."""
+        return self.whole.format
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """List the topics, of parts the first with the count and the end of all."""
+        topics = self.whole.topics()
+        tables = {topic.name: topic for topic in topics if topic.is_table}
+        taken = {name for names in self.followers.values() for name in names}
+        return tuple(
+            _together(topic, [tables[name] for name in self.followers.get(topic.name, ())])
+            for topic in topics
+            if topic.name not in taken
+        )
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+        """Read the topics, of parts one after the other."""
+        return read_whole(self, wanted)
+
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Read the topics in blocks, of parts one after the other."""
+        firsts = {name: first for first in wanted for name in (first, *self.followers.get(first, ()))}
+        for topic, records in blocks_of(self.whole, {name: wanted[first] for name, first in firsts.items()}):
+            yield firsts[topic], records
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Report which topics are read as one."""
+        found = [
+            Finding("TOPIC-PARTS", f"{first}: read as one topic with {_listed(others)}: they follow each other", first)
+            for first, others in self.followers.items()
+        ]
+        return (*found, *self.whole.findings())
+
+
+def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
+    """Return the log with tables that follow each other as one topic: of equal columns, and of names but for numbers.
+
+    Topics that the user has ``chosen`` are no followers of others.
+    """
+    names = {name.lstrip("/") for name in chosen}
+    alike: dict[tuple[str, str, tuple[str, ...]], list[TopicInfo]] = {}
+    topics = log.topics()
+    for topic in topics:
+        if topic.is_table and topic.count and not topic.problem and topic.first_ns is not None:
+            alike.setdefault((NUMBER.sub("", topic.name), topic.type, topic.fields), []).append(topic)
+    followers: dict[str, Sequence[str]] = {}
+    for group in alike.values():
+        first, *others = sorted(group, key=_span_ns)
+        if others and _follow(first, *others) and not names & {other.name.lstrip("/") for other in others}:
+            followers[first.name] = [other.name for other in others]
+    return PartsLog(log, followers) if followers else log
+
+
+def _together(first: TopicInfo, others: Sequence[TopicInfo]) -> TopicInfo:
+    count = sum(topic.count for topic in others)
+    return replace(first, count=first.count + count, last_ns=others[-1].last_ns) if others else first
+
+
+def _span_ns(topic: TopicInfo) -> tuple[int, int]:
+    return topic.first_ns or 0, topic.last_ns or 0
+
+
+def _follow(*topics: TopicInfo) -> bool:
+    pauses_s = [(_span_ns(after)[0] - _span_ns(before)[1]) / 1e9 for before, after in pairwise(topics)]
+    return all(0 <= pause_s <= LONGEST_PAUSE_S for pause_s in pauses_s)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return ", ".join(names[:5]) + more

@@ -1,0 +1,86 @@
+"""Tables that follow each other are parts of one topic; others with the same columns are a choice for the user."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings import SECOND, T0, write_csv
+from usbldr.filters.errors import UsageError
+from usbldr.io.log import Log
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.read import read_log
+
+COUNT = 40
+COMPASS = "time_ns,heading_deg\n" + "".join(f"{T0 + k * SECOND},{k}\n" for k in range(COUNT))
+
+
+def velocities(start: int, end: int, shift_s: int = 0) -> str:
+    rows = "".join(f"{T0 + (k + shift_s) * SECOND},{1 + k / 100},0.5\n" for k in range(start, end))
+    return f"time_ns,forward_mps,starboard_mps\n{rows}"
+
+
+def forward_mps(log: Log) -> list[float]:
+    return log.tables["dvl"]["forward_mps"].tolist()
+
+
+WHOLE = [1 + k / 100 for k in range(COUNT)]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("dvl_001", "dvl_002", "dvl_003"), ("dvl", "dvl-2", "dvl 3"), ("dvl_20200913T12", "dvl_20200913T13", "dvl")],
+)
+def test_tables_that_follow_each_other_are_one_topic(tmp_path: Path, names: tuple[str, str, str]) -> None:
+    parts = dict(zip(names, (velocities(0, 15), velocities(15, 16), velocities(16, COUNT)), strict=True))
+
+    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, **parts))
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+    assert log.provenance["dvl"].topic == f"/{names[0]}"
+    assert log.provenance["dvl"].used == log.provenance["dvl"].messages == COUNT
+    assert [(one.code, one.text, one.level) for one in log.findings if one.code == "TOPIC-PARTS"] == [
+        ("TOPIC-PARTS", f"/{names[0]}: read as one topic with /{names[1]}, /{names[2]}: they follow each other", "info")
+    ]
+
+
+def test_a_part_may_be_added_and_the_first_may_be_named(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15))
+    (file,) = write_csv(tmp_path / "more", dvl_2=velocities(15, COUNT)).glob("*.csv")
+
+    log = read_log(folder, Request(joined=(str(file),), topics={"dvl": "dvl_1"}))
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+
+
+def test_a_part_that_is_named_is_read_alone(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15, COUNT))
+
+    assert forward_mps(read_log(folder, Request(topics={"dvl": "/dvl_2"}))) == pytest.approx(WHOLE[15:])
+
+
+def test_tables_of_several_sensors_follow_each_other_sensor_by_sensor(tmp_path: Path) -> None:
+    head = "Time [s],Heading [deg],DVL Forward [m/s],DVL Starboard [m/s]\n"
+    rows = [f"{T0 / SECOND + k:.1f},{k},{1 + k / 100},0.5\n" for k in range(COUNT)]
+    folder = write_csv(tmp_path / "dive", dive_001=head + "".join(rows[:15]), dive_002=head + "".join(rows[15:]))
+
+    log = read_log(folder)
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], np.arange(COUNT))
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        velocities(10, COUNT),
+        velocities(15, COUNT, 700),
+        velocities(15, COUNT).replace(",0.5", ",0.5,1").replace("starboard_mps", "starboard_mps,valid"),
+    ],
+    ids=["overlap", "pause", "columns"],
+)
+def test_tables_that_overlap_or_are_far_apart_or_have_other_columns_are_a_choice(tmp_path: Path, second: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=second)
+
+    with pytest.raises(UsageError, match="2 topics could be the dvl"):
+        read_log(folder)
