@@ -11,6 +11,7 @@ from usbldr.io.messages.configured import ConfiguredColumns, configured_layout, 
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.topic_names import NO_SENSOR, SECOND_CHOICE, SHIP, suggested_sensors
+from usbldr.io.messages.unread_tables import unread_tables
 from usbldr.io.reader import TopicInfo
 
 SENSORS = ("dvl", "compass", "usbl")
@@ -45,6 +46,7 @@ class Roles:
     unread: Mapping[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
     of_other_type: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
     by_layout: tuple[Finding, ...] = ()  # the topics that layout files define
+    unread_tables: tuple[Finding, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -58,6 +60,7 @@ class Roles:
             *left,
             *changed,
             *(_unread(role, topic) for role, topic in self.unread.items()),
+            *self.unread_tables,
         )
 
 
@@ -110,7 +113,12 @@ def choose_roles(
             elif missed := [one for one in topics if (one.problem or not one.count) and _named_for(role, one)]:
                 unread[role] = missed[0]
     of_other_type = {role: _of_other_type(choice.topic, topics) for role, choice in chosen.items()}
-    return Roles({role: chosen[role] for role in ROLES if role in chosen}, errors, of_ship, unread, of_other_type)
+    filled = {role: chosen[role] for role in ROLES if role in chosen}
+    left = {role for role in ROLES if "none" in (options.get(role), configured.get(role))}
+    unnamed = [role for role, choice in filled.items() if choice.chosen_by == "type and name"]
+    used = {role: choice.topic.name for role, choice in filled.items()}
+    tables = unread_tables(topics, used, unnamed, left | errors.keys() | unread.keys())
+    return Roles(filled, errors, of_ship, unread, of_other_type, unread_tables=tables)
 
 
 def topic_named(

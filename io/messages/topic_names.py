@@ -26,9 +26,17 @@ SHIP = re.compile(r"(^|[/_])(ship|vessel|mothership|boat|topside|tender)($|[/_])
 SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
 """Ends of topic names that rank last: an Imu without orientation; what mavros computed from GPS and others."""
 
+PART = re.compile(r"[-_. ]+\d[\dTZ:_-]*(?=/|$)")
+"""The number or date of a part in the name of a topic: "/dvl_001", "/dive_2/usbl"."""
+
 
 def suggested_sensors(name: str) -> set[str]:
     """Return the sensors that a topic's name suggests; a "fix" is a GPS fix unless the name suggests USBL."""
     name = name.lower()
     hints = {sensor for sensor, words in HINTS.items() if re.search(words, name)}
     return hints - {"gps"} if "usbl" in hints and not re.search(GPS_ITSELF, name) else hints
+
+
+def without_numbers(name: str) -> str:
+    """Return the name of a topic without the numbers that distinguish parts of it."""
+    return PART.sub("", name)

@@ -1,6 +1,5 @@
 """Tables that follow each other as parts of one topic, as a logger leaves them that begins new files."""
 
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -8,11 +7,10 @@ from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
+from usbldr.io.messages.topic_names import without_numbers
 from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
 
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
-NUMBER = re.compile(r"[-_. ]+\d[\dTZ:_-]*(?=/|$)")
-"""The number or date of a part in the name of a topic: "/dvl_001", "/dive_2/usbl"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +70,7 @@ def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
     topics = log.topics()
     for topic in topics:
         if topic.is_table and topic.count and not topic.problem and topic.first_ns is not None:
-            alike.setdefault((NUMBER.sub("", topic.name), topic.type, topic.fields), []).append(topic)
+            alike.setdefault((without_numbers(topic.name), topic.type, topic.fields), []).append(topic)
     followers: dict[str, Sequence[str]] = {}
     for group in alike.values():
         first, *others = sorted(group, key=_span_ns)

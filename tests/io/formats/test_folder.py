@@ -227,6 +227,30 @@ def test_a_folder_named_parquet_is_one_table_in_parts(tmp_path: Path) -> None:
     assert lost.text.startswith("gps.parquet is not read: it is a folder of files like those of a log")
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("gps_2", "2027-01-01T00:00:00.5Z,45.0,7.0\n2027-01-01T00:00:01.5Z,45.0,7.1\n", "it has no header"),
+        ("usbl_b", "2027-01-01 00:00:00Z,-3.5,1e2\n2027-01-01 00:00:01Z,-3.6,1e2\n", "it has no header"),
+        ("dvl_002", "when,forward,sideways\n1,2,3\n", "its columns match no sensor (when, forward, sideways)"),
+        ("ship_compass", "Time [s],Heading [cdeg]\n1,2\n", "has a column Heading [cdeg] without a known unit"),
+    ],
+)
+def test_a_table_of_a_sensor_that_cannot_be_read_beside_the_one_that_is_read_is_a_loss(
+    tmp_path: Path, name: str, text: str, why: str
+) -> None:
+    folder = write_csv(dive(tmp_path / "dive"), imu_raw="t,ax\n1,2\n", dvl_settings="key,value\nrange,20\n")
+    assert not any(finding.lost_data for finding in read_log(folder).findings)
+    write_csv(folder, **{name: text})
+
+    log = read_log(folder)
+
+    (lost,) = (finding for finding in log.findings if finding.lost_data)
+    assert (lost.code, lost.topic) == ("TOPIC-UNREAD", f"/{name}")
+    assert why in lost.text
+    assert log.provenance["gps"].used == log.provenance["dvl"].used == COUNT
+
+
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

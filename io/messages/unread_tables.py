@@ -1,0 +1,43 @@
+"""Tables that cannot be read, although they belong to a sensor: they hold a part of its records."""
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+
+from usbldr.io.findings import Finding
+from usbldr.io.messages.topic_names import suggested_sensors, without_numbers
+from usbldr.io.reader import TopicInfo
+
+VALUE = re.compile(r"[-+]?\d[-+.,:\d eTZ]*", re.IGNORECASE)
+"""A number, or a date and time, which is no name of a column."""
+
+
+def unread_tables(
+    topics: Sequence[TopicInfo], used: Mapping[str, str], unnamed: Collection[str], left: Collection[str]
+) -> tuple[Finding, ...]:
+    """Report the tables that are named like a sensor, and belong to it, but cannot be read.
+
+    Such a table has no header, or its name is that of the topic ``used`` but for a number, or its columns are those of
+    a sensor whose topic the user has not named (``unnamed``). Sensors that are ``left`` out, or missing, do not count.
+    """
+    found: dict[str, Finding] = {}
+    for topic in topics:
+        for role in sorted(suggested_sensors(topic.name) - {*left}):
+            alike = role in used and without_numbers(used[role]) == without_numbers(topic.name)
+            alike |= role in unnamed and topic.type == f"usbldr/{role}"
+            unread = topic.is_table and topic.problem and topic.name not in used.values()
+            if unread and (alike or _lacks_header(topic)):
+                found.setdefault(topic.name, _unread(role, topic))
+    return tuple(found.values())
+
+
+def _lacks_header(topic: TopicInfo) -> bool:
+    """Return whether what would be the names of a table's columns are values."""
+    return bool(topic.first_row) and all(VALUE.fullmatch(name) for name, _ in topic.first_row)
+
+
+def _unread(role: str, topic: TopicInfo) -> Finding:
+    why = topic.problem
+    if _lacks_header(topic):
+        why = "it has no header: its first line holds values; insert a line with the names of its columns"
+    text = f"{topic.name}: named like the {role}, and not read: {why}; rename it if it is no part of it"
+    return Finding("TOPIC-UNREAD", text, topic.name, lost_data=True)
