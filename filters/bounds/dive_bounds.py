@@ -12,12 +12,10 @@ import numpy as np
 
 from usbldr.filters.bounds.pcrlb import Bounds, bounds
 from usbldr.filters.models.calibration import layout_for
-from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import velocity_history
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.steps import steps
+from usbldr.filters.replay.steps import steps, vehicle_motion
 from usbldr.filters.simulation.simulate import SimulatedDive
 from usbldr.filters.types import Array, Timeline, Vector
 
@@ -65,7 +63,7 @@ def dive_bounds(simulated: SimulatedDive, timeline: Timeline, parameters: Parame
     layout = layout_for(parameters.calibrate)
     return bounds(
         tuple(steps(timeline, parameters, layout)),
-        VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline)),
+        vehicle_motion(timeline, parameters, layout),
         true_states(simulated, layout, timeline.time_s),
         prior(timeline, parameters, layout).cov,
     )

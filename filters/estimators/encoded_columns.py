@@ -47,11 +47,11 @@ def encoded_steps(steps: Steps, motion: VehicleMotion, seed: int | None) -> Enco
     """Return the code of steps; their random numbers depend on the seed, which is None for a filter without."""
     coded = np.zeros(len(steps), STEPS)
     coded["dt_s"] = steps.t1_s - steps.t0_s
-    for k in np.flatnonzero(motion.history.gaps(steps.t0_s)).tolist():
-        velocity = relaxation(motion, float(steps.t0_s[k]), float(coded["dt_s"][k]))
-        coded["gap"][k] = velocity is not None
-        for place, field in enumerate(("remaining", "usual_mps", "added_m2ps2")):
-            coded[field][k] = (velocity or NO_GAP)[2 * place : 2 * place + 2]
+    for k in np.flatnonzero(motion.history.gaps(steps.t0_s) | motion.turns.gaps(steps.t0_s)).tolist():
+        relaxed = relaxation(motion, float(steps.t0_s[k]), float(coded["dt_s"][k]))
+        coded["gap"][k] = relaxed is not None
+        for place, field in enumerate(("remaining", "usual", "added")):
+            coded[field][k] = (relaxed or NO_GAP)[3 * place : 3 * place + 3]
     if seed is not None:
         _seed(coded, seed, steps.first)
 

@@ -27,7 +27,7 @@ from usbldr.filters.models.states import MOTION_STATES, StateLayout
 from usbldr.filters.types import Array, Vector
 
 _, MAX_STATES, MAX_MODES, MAX_COLUMNS, _ = KERNEL.limits
-NO_GAP = (0.0,) * 6  # fixed: of the velocity outside a gap
+NO_GAP = (0.0,) * 9  # fixed: of velocity and turn rate outside a gap
 ARGUMENTS = (
     *MOTION_STATES,
     "dvl_scale",
@@ -77,10 +77,10 @@ class Encoder:
             parts += of_one
             counts.append(len(of_one))
         dt_s = step.t1_s - step.t0_s
-        velocity = relaxation(self.motion, step.t0_s, dt_s)
-        gap = velocity is not None
+        relaxed = relaxation(self.motion, step.t0_s, dt_s)
+        gap = relaxed is not None
         seeds = words if words is not None else (0, 0, 0, 0)
-        packed = STEP.pack(dt_s, *(velocity or NO_GAP), *state, *seeds, words is not None, gap, len(parts), 0)
+        packed = STEP.pack(dt_s, *(relaxed or NO_GAP), *state, *seeds, words is not None, gap, len(parts), 0)
         return EncodedStep(packed, b"".join(map(self._reading, parts)), tuple(parts), tuple(counts))
 
     def _reading(self, part: Measurement) -> bytes:
@@ -113,9 +113,15 @@ def can_encode(motion: VehicleMotion, kinds: Iterable[tuple[StateFunction, Noise
 
 
 def relaxation(motion: VehicleMotion, t0_s: float, dt_s: float) -> tuple[float, ...] | None:
-    """Return six numbers of the velocity in a gap of the DVL, None outside of one."""
-    gap = motion.history.in_gap(t0_s, motion.process.velocity_mps) if dt_s else None
-    return None if gap is None else (*gap.remaining(dt_s), *gap.mean_mps, *gap.added_variance(dt_s))
+    """Return what is left of u, v and r after a step, their usual values and added variances; None without a gap."""
+    gaps = list(motion.relaxing(t0_s)) if dt_s else []
+    if not gaps:
+        return None
+    rows = [*motion.layout.rows("u", "v", "r")]
+    columns = np.array([np.ones(3), np.zeros(3), motion.walk_variance_per_s()[rows] * dt_s])
+    for some, usual in gaps:
+        columns[:, [rows.index(row) for row in some]] = usual.remaining(dt_s), usual.mean, usual.added_variance(dt_s)
+    return tuple(columns.ravel().tolist())
 
 
 def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> bytes:

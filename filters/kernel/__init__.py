@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-CALLS = 4  # fixed: version of the arguments of advance and run_pass, as in module.c
+CALLS = 5  # fixed: version of the arguments of advance and run_pass, as in module.c
 FIELDS = {
     "Function": "number kind k nonlinear columns argument row axis angle bilinear uses",
     "NoiseModes": "probability log_probability R nominal",
     "Reading": "g noise z modes fix",
-    "Step": "dt_s remaining usual_mps added_m2ps2 state seed seeded gap readings padding",
+    "Step": "dt_s remaining usual added state seed seeded gap readings padding",
     "Filter": "scale resample_below walk bias_s bias_m2 n N update move_steps bias_row padding",
     "Pass": "far offset_m2 log_negligible n N F G modes bias_row per_scalar padding",
 }

@@ -61,7 +61,7 @@ INLINE void value(const Function *g, const V *a, V *out) {
         out[0] = a[R] * g->number[0];
         return;
     case DECAY: /* c = mean + factor (c - mean) */
-        for (int j = 0; j < 2; j++) out[j] = (g->number[j] - 1.0) * (a[g->argument[j]] - g->number[2 + j]);
+        for (int j = 0; j < g->k; j++) out[j] = (g->number[j] - 1.0) * (a[g->argument[j]] - g->number[2 + j]);
         return;
     }
 }
@@ -127,8 +127,8 @@ INLINE void derivatives(const Function *g, const V *a, V D[2][ARGUMENTS]) {
         D[0][R] = all(g->number[0]);
         return;
     case DECAY:
-        for (int j = 0; j < 2; j++)
-            for (int q = 0; q < 2; q++) D[j][g->argument[q]] = all(j == q ? g->number[j] - 1.0 : 0.0);
+        for (int j = 0; j < g->k; j++)
+            for (int q = 0; q < g->k; q++) D[j][g->argument[q]] = all(j == q ? g->number[j] - 1.0 : 0.0);
         return;
     }
 }

@@ -50,8 +50,8 @@ enum { NO_FIX, GPS_FIX, USBL_FIX }; /* outliers of USBL come in clusters */
 /* From one epoch to the next: motion over dt_s, then the readings. */
 #define STEP_FIELDS(FIELD) \
     FIELD(double, dt_s, ) \
-    FIELD(double, remaining, [2]) FIELD(double, usual_mps, [2]) \
-    FIELD(double, added_m2ps2, [2]) /* of the velocity in a gap of the DVL: usual_velocity.py */ \
+    FIELD(double, remaining, [3]) FIELD(double, usual, [3]) \
+    FIELD(double, added, [3]) /* of velocity and turn rate in a gap of the DVL or the compass: usual_motion.py */ \
     FIELD(uint64_t, state, [4]) /* of the generator: state and increment, high word first; if not seeded */ \
     FIELD(uint32_t, seed, [4]) /* words of (seed, epoch) */ \
     FIELD(int32_t, seeded, ) FIELD(int32_t, gap, ) FIELD(int32_t, readings, ) FIELD(int32_t, padding, )

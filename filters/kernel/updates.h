@@ -20,8 +20,8 @@ INLINE void increment(const Function *g, int n, double scale, const int *rows, d
 
 /* The motion of a step: half a turn, the displacement, half a turn, the decays (motion.py); then the added variances. */
 typedef struct {
-    Function part[5];
-    int rows[5][2], parts; /* rows: those that the part changes */
+    Function part[6];
+    int rows[6][2], parts; /* rows: those that the part changes */
     double added[MAX_STATES];
 } Motion;
 
@@ -47,10 +47,10 @@ static void motion_of(const Filter *f, const Step *step, Motion *m) {
     for (int i = 0; i < f->n; i++) m->added[i] = f->walk[i] * dt;
     if (step->gap) {
         Function *relax = add_part(m, DECAY, 2, speed, 0, 2, speed, speed);
-        for (int j = 0; j < 2; j++) {
-            relax->number[j] = step->remaining[j], relax->number[2 + j] = step->usual_mps[j];
-            m->added[speed[j]] = step->added_m2ps2[j];
-        }
+        for (int j = 0; j < 2; j++) relax->number[j] = step->remaining[j], relax->number[2 + j] = step->usual[j];
+        relax = add_part(m, DECAY, 1, rate, 0, 1, rate, rate);
+        relax->number[0] = step->remaining[2], relax->number[2] = step->usual[2];
+        for (int j = 0; j < 3; j++) m->added[j < 2 ? speed[j] : R] = step->added[j];
     }
     if (f->bias_row >= 0) {
         Function *decay = add_part(m, DECAY, 2, bias_rows, 0, 2, bias, bias_rows);

@@ -2,7 +2,7 @@
 
     states       names and rows of the states: psi, u, v, r, x, y, then calibration states
     motion       x_k = f(x_{k-1}) + w: eq. (4) of the paper, as increments of a few rows
-    usual_velocity  velocity in a gap of the DVL, learnt from its records so far
+    usual_motion velocity in a gap of the DVL, turn rate in one of the compass, learnt from the records so far
     sensors      z = h(x) + v for DVL, compass and position fixes, with Jacobians; one Measurement of k scalars
     quantities   key with unit and limits of each number of the model, and the sensor error that it belongs to
     noise        v as a mixture of Gaussian modes: the families and their modes

@@ -2,9 +2,10 @@
 
 psi += r dt/2; x += (u cos psi - v sin psi) dt, y += (u sin psi + v cos psi) dt; psi += r dt/2. The two half turns are
 linear and exact; only the displacement is nonlinear, and only in psi. u, v and r are random walks; in a gap of the DVL
-u and v relax to their usual values (usual_velocity.py). Of the calibration states the correlated error of the USBL
-decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias and the current are random walks, and the
-others are constant. Each part is the *increment* of a few rows, so that a moment transform handles those rows alone.
+u and v relax to their usual values, in one of the compass r (usual_motion.py). Of the calibration states the correlated
+error of the USBL decays, c *= exp(-dt/T) with noise c0^2 (1 - exp(-2 dt/T)), a heading bias and the current are random
+walks, and the others are constant. Each part is the *increment* of a few rows, so that a moment transform handles those
+rows alone.
 """
 
 import math
@@ -17,7 +18,7 @@ import numpy as np
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors
 from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.models.usual_velocity import VelocityHistory
+from usbldr.filters.models.usual_motion import TurnHistory, UsualMotion, VelocityHistory
 from usbldr.filters.types import Array, Vector
 
 
@@ -117,20 +118,28 @@ class VehicleMotion:
     process: ProcessNoise
     errors: SensorErrors = SensorErrors()
     history: VelocityHistory = field(default_factory=VelocityHistory)  # of the DVL
+    turns: TurnHistory = field(default_factory=TurnHistory)  # of the compass
 
     def parts(self, t0_s: float, t1_s: float) -> Iterator[tuple[slice, StateFunction]]:
-        """Yield half the turn, the displacement, half the turn; then the decay of velocity and of the USBL's error."""
+        """Yield half the turn, the displacement, half the turn; then the decay of velocity, turn rate, USBL's error."""
         dt_s = t1_s - t0_s
         psi, u, v, r, x, y = self.layout.rows("psi", "u", "v", "r", "x", "y")
         half_turn = (slice(psi, psi + 1), YawIncrement(r, dt_s / 2))
         yield half_turn
         yield slice(x, y + 1), PositionIncrement((psi,), (u, v), dt_s)
         yield half_turn
-        if usual := self.history.in_gap(t0_s, self.process.velocity_mps):
-            yield slice(u, v + 1), GaussMarkovIncrement((u, v), usual.remaining(dt_s), usual.mean_mps)
+        for rows, usual in self.relaxing(t0_s):
+            yield slice(rows[0], rows[-1] + 1), GaussMarkovIncrement(rows, usual.remaining(dt_s), usual.mean)
         if bias := self.layout.existing("usbl_bias_east", "usbl_bias_north"):
             factor = np.full(2, math.exp(-dt_s / self.errors.usbl_bias_s))
             yield slice(bias[0], bias[-1] + 1), GaussMarkovIncrement(bias, factor, np.zeros(2))
+
+    def relaxing(self, t0_s: float) -> Iterator[tuple[tuple[int, ...], UsualMotion]]:
+        """Yield the rows that relax to their usual values from a time on: of the velocity, of the turn rate."""
+        if usual := self.history.in_gap(t0_s, self.process.velocity_mps):
+            yield self.layout.rows("u", "v"), usual
+        if usual := self.turns.in_gap(t0_s, self.process.turn_rate_radps):
+            yield self.layout.rows("r"), usual
 
     def walk_variance_per_s(self) -> Vector:
         """Return the variance that the random walk of each state gains in a second, (n,)."""
@@ -145,8 +154,8 @@ class VehicleMotion:
         """Return the variances that the random walks and the Gauss-Markov processes add over the step, (n,)."""
         errors, dt_s = self.errors, t1_s - t0_s
         variance = self.walk_variance_per_s() * dt_s
-        if usual := self.history.in_gap(t0_s, self.process.velocity_mps):
-            variance[list(self.layout.rows("u", "v"))] = usual.added_variance(dt_s)
+        for rows, usual in self.relaxing(t0_s):
+            variance[list(rows)] = usual.added_variance(dt_s)
         bias = list(self.layout.existing("usbl_bias_east", "usbl_bias_north"))
         variance[bias] = -math.expm1(-2 * dt_s / errors.usbl_bias_s) * errors.usbl_bias_m**2
         return variance

@@ -10,7 +10,6 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
-from usbldr.filters.models.usual_velocity import VelocityHistory
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
@@ -90,12 +89,6 @@ def start_sensitivity(
         V: Vector = interpolate(timeline, velocity_mps(timeline), time_s[:count]).mean(axis=0)
         derivative += fix_sensitivity(V, names)
     return derivative
-
-
-def velocity_history(timeline: Timeline) -> VelocityHistory:
-    """Return the DVL's records at their epochs, as the filters use them."""
-    rows = timeline.dvl_count > 0
-    return VelocityHistory.of(timeline.time_s[rows], timeline.dvl_mps[rows])
 
 
 def fix_sensitivity(V_mps: Vector, names: Sequence[str]) -> Array:

@@ -20,7 +20,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.states import POSITION
-from usbldr.filters.models.usual_velocity import VelocityHistory
+from usbldr.filters.models.usual_motion import TurnHistory, VelocityHistory
 from usbldr.filters.replay.dead_reckoning import LEAST_START_SD_M, fix_sensitivity
 from usbldr.filters.replay.methods import FilterSettings, method_named, methods_that
 from usbldr.filters.replay.prior import prior_at
@@ -75,8 +75,8 @@ class OnlineFilter:
         self.method, self.parameters, self.settings = method, parameters, settings
         self._origin_lat_deg = origin_lat_deg
         self._layout = layout_for(parameters.calibrate)
-        self._history = VelocityHistory()  # since the start
-        motion = VehicleMotion(self._layout, parameters.process, parameters.errors, self._history)
+        self._history, self._turns = VelocityHistory(), TurnHistory()  # since the start
+        motion = VehicleMotion(self._layout, parameters.process, parameters.errors, self._history, self._turns)
         self._estimator = make_estimator(method_named(method), motion, settings, parameters)
         self._sensors = VehicleSensors(parameters, self._layout)
         self._running: RunningFilter | None = None
@@ -130,7 +130,9 @@ class OnlineFilter:
             return self._start_as_stated(time_s)
         yaw_rad += self._north_rad(self._running.estimate.mean[POSITION])
         measured = self._sensors.compass.measurement(self._count, time_s, np.array([yaw_rad]), sd_rad)
-        return self._advance(time_s, (measured,))[0]
+        update = self._advance(time_s, (measured,))[0]
+        self._turns.add(time_s, yaw_rad)
+        return update
 
     def fix(self, time_s: float, east_m: float, north_m: float, cov_m2: ArrayLike) -> Update | None:
         """Take a USBL fix of the transponder, with its covariance (2, 2), at its time of validity, when it arrives."""

@@ -26,7 +26,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, velocity_history, without_changes
+from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, without_changes
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
 from usbldr.filters.replay.methods import (
     FilterSettings,
@@ -37,7 +37,7 @@ from usbldr.filters.replay.methods import (
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
-from usbldr.filters.replay.steps import StepSource, sensor_kinds
+from usbldr.filters.replay.steps import StepSource, sensor_kinds, vehicle_motion
 from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Vector
 from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
@@ -80,7 +80,7 @@ def _run(
 ) -> Trajectory:
     layout = layout_for(parameters.calibrate)
     timeline = freed(without_changes(timeline, parameters.changes), parameters.settled)
-    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(timeline))
+    motion = vehicle_motion(timeline, parameters, layout)
     name, estimator = method.name, make_estimator(method, motion, settings, parameters)
     began = time.perf_counter()
     count = len(timeline.time_s)

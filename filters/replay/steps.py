@@ -12,12 +12,14 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import replicate
 from usbldr.filters.estimators.protocol import Steps, rejected_update
+from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.readings import Readings, scalar_noise
 from usbldr.filters.models.sensors import Measurement, UsblFix, compass_model, dvl_models
 from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.models.usual_motion import TurnHistory, VelocityHistory
 from usbldr.filters.replay.position_fixes import PositionFixes, false_fixes, gps_fixes, usbl_fixes
 from usbldr.filters.types import Array, Indices, Timeline, Update, Vector
 
@@ -58,6 +60,18 @@ class StepSource:
 def steps(timeline: Timeline, parameters: Parameters, layout: StateLayout) -> Steps:
     """Return a step per epoch, with all fixes."""
     return StepSource(timeline, parameters, layout).every
+
+
+def vehicle_motion(line: Timeline, parameters: Parameters, layout: StateLayout) -> VehicleMotion:
+    """Return the motion, with the records at their epochs that show what is usual in their gaps."""
+    dvl, compass = line.dvl_count > 0, line.yaw_count > 0
+    return VehicleMotion(
+        layout,
+        parameters.process,
+        parameters.errors,
+        VelocityHistory.of(line.time_s[dvl], line.dvl_mps[dvl]),
+        TurnHistory.of(line.time_s[compass], line.yaw_rad[compass]),
+    )
 
 
 def _vehicle_readings(line: Timeline, sensors: "VehicleSensors") -> Iterator[Readings]:

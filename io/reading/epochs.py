@@ -2,7 +2,7 @@
 
 Epochs are at k / fast rate seconds. An epoch carries a DVL or compass measurement only from the records of its own
 interval, so that each record is used once: a slow DVL leaves epochs without a measurement.
-Only dead reckoning uses interpolated values, and in a long gap of the DVL the usual velocity (usual_velocity.py).
+Only dead reckoning uses interpolated values, and in a long gap of the DVL the usual velocity (usual_motion.py).
 A USBL fix keeps its own time.
 """
 
@@ -16,7 +16,7 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.noise import robust_sd
-from usbldr.filters.models.usual_velocity import LONGEST_GAP_S, VelocityHistory
+from usbldr.filters.models.usual_motion import LONGEST_GAP_S, VelocityHistory
 from usbldr.filters.types import Array, Indices, Outage, Timeline, Vector
 from usbldr.io.conventions.clock_steps import LONGEST_LOG_NS
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
@@ -263,7 +263,7 @@ def _reckoned_mps(time_s: Vector, t: Vector, mps: Array, walk_mps: float) -> Arr
         inside = slice(*np.searchsorted(time_s, (begins_s, ends_s), side="right").tolist())
         if (usual := history.in_gap(np.nextafter(begins_s, np.inf), walk_mps)) is not None:
             left = usual.remaining(time_s[inside, None] - begins_s)
-            reckoned[inside] = usual.mean_mps + (mps[row] - usual.mean_mps) * left
+            reckoned[inside] = usual.mean + (mps[row] - usual.mean) * left
     return reckoned
 
 

@@ -25,11 +25,10 @@ from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.models.sensors import DeviatingCompass, compass_model
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import velocity_history
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.run import make_estimator, run
-from usbldr.filters.replay.steps import sensor_kinds, steps
+from usbldr.filters.replay.steps import sensor_kinds, steps, vehicle_motion
 from usbldr.filters.types import Array, Timeline, Trajectory
 from usbldr.filters.updates import UpdateTable
 from weaving import Faults, weaving_dive
@@ -160,7 +159,7 @@ def test_the_kernel_stops_before_the_fixes_that_call_for_hypotheses_and_no_other
         LINE, fix_time_s=epochs_s - offset_s, fix_m=LINE.fix_m + off_m, fix_cov_m2=LINE.fix_cov_m2 * np.eye(2)
     )
     parameters, layout = Parameters(usbl=family), StateLayout()
-    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(line))
+    motion = vehicle_motion(line, parameters, layout)
     guard = make_estimator(METHODS["adf"], motion, FilterSettings(), parameters)
     assert isinstance(guard, MultiHypothesisFilter)
     kernel, linear = guard.filter, KalmanFilter(motion, linearised, moment_matched)
@@ -194,7 +193,7 @@ def test_a_cluster_that_the_guard_refuses_is_reported_alike() -> None:
 def test_steps_as_columns_give_the_numbers_of_the_steps_one_by_one(name: str) -> None:
     parameters = replace(PARAMETERS, dvl=Mixture(), usbl=StudentT(), calibrate=("scale", "latency"))
     layout, settings = layout_for(parameters.calibrate), FilterSettings(particles=9, guard=False)
-    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(LINE))
+    motion = vehicle_motion(LINE, parameters, layout)
     kernel = make_estimator(METHODS[name], motion, settings, parameters)
     assert isinstance(kernel, CompiledFilter)
     every, at_start = steps(LINE, parameters, layout), prior(LINE, parameters, layout)
@@ -225,7 +224,7 @@ def test_smoothing_gives_the_same_track() -> None:
 def test_a_vehicle_without_compass_gives_the_same_track(name: str) -> None:
     """The yaw grows so uncertain that the transform is linearised, for some particles before others."""
     blind = replace(LINE, yaw_count=np.where(LINE.time_s < 2, LINE.yaw_count, 0))
-    fast = replace(PARAMETERS, process=ProcessNoise(turn_rate_radps=0.6), calibrate=("current",))
+    fast = replace(PARAMETERS, process=ProcessNoise(yaw_rad=0.5), calibrate=("current",))
     track = assert_equal(name, fast, FilterSettings(particles=12, guard=False), blind)
     assert track.cov is not None
     assert track.cov[:, 0, 0].max() > np.pi**2 / 4 / 3
@@ -308,7 +307,7 @@ def test_moves_of_more_steps_than_the_kernel_holds_run_in_numpy() -> None:
     method = METHODS["cpf"]
     assert method.build is not None
     parameters, layout = PARAMETERS, layout_for(())
-    motion = VehicleMotion(layout, parameters.process, parameters.errors, velocity_history(LINE))
+    motion = vehicle_motion(LINE, parameters, layout)
     deep = method.build(motion, FilterSettings(particles=9))
     assert isinstance(deep, CubatureParticleFilter)
     deep = replace(deep, move_steps=5)

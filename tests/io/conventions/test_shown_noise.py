@@ -1,6 +1,7 @@
 """Sigmas of DVL and compass that are smaller than their records scatter."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ def dive() -> Log:
     return usbldr.open_log("lawnmower")
 
 
-def with_table(log: Log, role: str, **columns: object) -> Log:
+def with_table(log: Log, role: str, **columns: Any) -> Log:
     return replace(log, tables={**log.tables, role: log.tables[role].assign(**columns)})
 
 

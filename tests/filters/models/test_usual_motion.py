@@ -1,4 +1,4 @@
-"""The velocity in a gap of the DVL against simulated vehicles and closed forms."""
+"""The motion in gaps of DVL and compass against simulated vehicles and closed forms."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,14 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.models.usual_velocity import LONGEST_GAP_S, UsualVelocity, VelocityHistory
+from usbldr.filters.models.usual_motion import (
+    LONGEST_GAP_S,
+    LONGEST_TURN_GAP_S,
+    TURN_S,
+    TurnHistory,
+    UsualMotion,
+    VelocityHistory,
+)
 
 WALK_MPS = 0.05
 MEAN, SD = np.array([0.1, 1.0]), np.array([0.1, 0.3])
@@ -30,7 +37,7 @@ def history_of(v: np.ndarray) -> VelocityHistory:
     return VelocityHistory.of(np.linspace(0.0, (len(v) - 1) * DT_S, len(v)), v)
 
 
-def in_gap(history: VelocityHistory, time_s: float) -> UsualVelocity:
+def in_gap(history: VelocityHistory, time_s: float) -> UsualMotion:
     usual = history.in_gap(time_s, WALK_MPS)
     assert usual is not None
     return usual
@@ -41,15 +48,15 @@ def test_a_long_past_tells_mean_spread_and_time_constant() -> None:
 
     usual = in_gap(history_of(v), 40_010.0)
 
-    np.testing.assert_allclose(usual.mean_mps, MEAN, atol=0.02)
-    np.testing.assert_allclose(usual.sd_mps, SD, rtol=0.1)
+    np.testing.assert_allclose(usual.mean, MEAN, atol=0.02)
+    np.testing.assert_allclose(usual.sd, SD, rtol=0.1)
     np.testing.assert_allclose(usual.time_s, TIME_S, rtol=0.2)
 
 
 def test_a_short_past_leaves_the_speed_wide_open() -> None:
     usual = in_gap(history_of(np.tile([0.0, 1.2], (50, 1))), 20.0)
 
-    assert (usual.sd_mps > 0.3).all()
+    assert (usual.sd > 0.3).all()
 
 
 def test_nothing_relaxes_while_records_come_before_the_first_or_without_a_walk() -> None:
@@ -71,7 +78,7 @@ def test_only_the_past_counts() -> None:
         history.add(time_s, np.array([3.0, -3.0]))
 
     np.testing.assert_array_equal(in_gap(history, 110.0), before)
-    assert in_gap(history, 120.0).mean_mps[0] > before.mean_mps[0]
+    assert in_gap(history, 120.0).mean[0] > before.mean[0]
 
 
 def test_a_late_record_is_put_in_its_place() -> None:
@@ -88,7 +95,7 @@ def test_a_late_record_is_put_in_its_place() -> None:
 
 
 def test_over_short_times_it_is_the_random_walk_and_over_long_ones_its_variance_stays() -> None:
-    usual = UsualVelocity(MEAN, SD, TIME_S)
+    usual = UsualMotion(MEAN, SD, TIME_S)
 
     np.testing.assert_allclose(usual.added_variance(0.01), 0.01 * WALK_MPS**2, rtol=0.01)
     np.testing.assert_allclose(usual.added_variance(1e4), SD**2)
@@ -139,3 +146,55 @@ def test_with_records_the_motion_is_the_random_walk_that_it_is_without_a_history
 
     np.testing.assert_array_equal(with_history.noise(time_s, time_s + 1), without.noise(time_s, time_s + 1))
     assert len(list(with_history.parts(time_s, time_s + 1))) == len(list(without.parts(time_s, time_s + 1))) == 3
+
+
+def turning(rng: np.random.Generator, seconds: float, sd_radps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Draw times and yaw of a vehicle whose turn rate is constant for TURN_S, then another."""
+    t = np.arange(0, seconds, DT_S)
+    rate = rng.normal(0, sd_radps, round(seconds / TURN_S) + 1)[(t // TURN_S).astype(int)]
+    return t, np.cumsum(rate) * DT_S
+
+
+def test_yaw_spreads_in_a_gap_as_the_vehicle_turned_before() -> None:
+    """A turn rate that is drawn every TURN_S spreads yaw by sd^2 TURN_S in a second."""
+    t, yaw = turning(np.random.default_rng(5), 20_000, 0.05)
+    motion = VehicleMotion(StateLayout(), ProcessNoise(0.0, 0.0, 0.0, 0.1), turns=TurnHistory.of(t, yaw))
+    bank = replicate(np.zeros(6), np.zeros((6, 6)), 1)
+    gap_s, step_s = 300.0, 0.2
+
+    for k in range(round(gap_s / step_s)):
+        bank = predict(bank, motion, linearised, 20_002.0 + k * step_s, 20_002.0 + (k + 1) * step_s)
+
+    # mean rates over windows that begin anywhere have two thirds of the variance
+    assert bank.cov[0, 0, 0] == pytest.approx(2 / 3 * 0.05**2 * TURN_S * gap_s, rel=0.15)
+
+
+def test_a_vehicle_that_circles_goes_on_circling() -> None:
+    t = np.arange(0, 2000, 0.2)
+    usual = TurnHistory.of(t, np.asarray(0.03 * t, dtype=np.float64)).in_gap(2010.0, 0.1)
+
+    assert usual is not None
+    assert usual.mean == pytest.approx(0.03, rel=0.01)
+    assert usual.sd < 0.02
+
+
+@pytest.mark.parametrize("interval_s", [0.2, 1.0, 5.0])
+def test_headings_one_by_one_give_the_same_history_and_slow_ones_are_no_gap(interval_s: float) -> None:
+    rng = np.random.default_rng(6)
+    t = np.arange(1, 200) * interval_s
+    yaw = np.cumsum(rng.normal(0, 0.3, len(t)))
+    at_once, one_by_one, late = TurnHistory.of(t, yaw), TurnHistory(), TurnHistory()
+    for k in range(len(t)):
+        one_by_one.add(t[k], (yaw[k] - yaw[0] + np.pi) % (2 * np.pi) - np.pi)  # a compass does not count turns
+    for k in (*range(50), *range(60, len(t)), *range(50, 60)):
+        late.add(t[k], yaw[k])
+
+    for time_s in (t[70] + 0.9 * interval_s, t[-1] + max(2.1 * interval_s, LONGEST_TURN_GAP_S + 0.1)):
+        found = [history.in_gap(time_s, 0.1) for history in (at_once, one_by_one, late)]
+        if time_s < t[-1]:
+            assert found == [None] * 3
+            continue
+        for usual in found:
+            np.testing.assert_allclose(np.array(usual), np.array(found[0]), rtol=1e-9)
+    assert TurnHistory().in_gap(5.0, 0.1) is None
+    assert at_once.in_gap(1e5, 0.0) is None
