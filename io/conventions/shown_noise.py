@@ -76,7 +76,8 @@ def _shown_factor(records: Records, sd: Vector, sensor: _Sensor) -> Vector:
     own = np.array([_block_factor(records, sd, sensor, rows) for rows in _blocks(len(sd))])
     own[~(own > NOTABLE_FACTOR)] = 1.0
     near = np.pad(own, 1, constant_values=1.0)
-    own = np.where(own > 1, own, np.maximum(near[:-2], near[2:]))  # a stretch begins and ends within a block
+    beside = np.maximum(near[:-2], near[2:])
+    own = np.where(own > beside / 2, own, beside)  # a stretch begins and ends within a block, which shows less of it
     return np.repeat(own, [rows.stop - rows.start for rows in _blocks(len(sd))])
 
 

@@ -39,6 +39,7 @@ def test_records_that_scatter_more_get_that_sigma(dive: Log, role: str, factor: 
     found = with_shown_noise(log)
     raised = found.tables[role][name].to_numpy() / sd
     inside = noisy & (t > t[-1] / 3 + 20) & (t < t[-1] * 2 / 3 - 20)
+    assert np.all(raised[noisy] > factor / 2)  # also in the blocks in which it begins and ends
     outside = (t < t[-1] / 3 - 60) | (t > t[-1] * 2 / 3 + 60)
     assert np.median(raised[inside]) == pytest.approx(factor, rel=0.1)
     assert np.all(raised[outside] == 1)
