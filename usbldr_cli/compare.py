@@ -1,20 +1,20 @@
 """``usbldr compare``: every filter on every log over seeds, side by side; or finished runs side by side."""
 
 import itertools
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.filter_list import filter_list, filters_option, refuse_repeats, seeds_option
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
-from usbldr_cli.options.log_options import read_request, request_provenance, selection_options
+from usbldr_cli.options.log_options import read_request, selection_options
 from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import (
     folder_option,
@@ -30,8 +30,10 @@ from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
+from usbldr_cli.result_files import ResultFiles, refuse_empty
 
 if TYPE_CHECKING:
+    from usbldr_cli.figures.drawing import Picture
     from usbldr_cli.runs.seed_table import ComparisonRow
     from usbldr_cli.runs.workers import Job
 
@@ -132,11 +134,13 @@ def compare(
             prepare(output, request, force)
         store = None if output is None else output / UNITS
         rows = _run(logs, methods, seeds, workers, choices, selection, store, bound)
-        _refuse_empty(rows)
-    _write(output, rows, request, plots, plot_format)
+        refuse_empty(rows)
+    results = _results(rows, request)
+    if output is not None:
+        results.write(output, _pictures(rows, plots), plot_format)
     if latex_to is not None:
         write_file("--latex", latex_to, latex(rows))
-    _print_result(rows, request, output, json_to, quiet)
+    results.print(output, json_to, quiet)
     codes = [outcome.exit_code for row in rows for outcome in row.outcomes]
     lost = any(row.scored_against is not None and row.scored_against.lost for row in rows)
     return max([*codes, LogError.exit_code if lost else 0])
@@ -239,60 +243,20 @@ def _cell(log: str, method: str, seeds: int, choices: RunChoices, selection: dic
     return {seed: Job(log, method, replace(choices, seed=seed), selection) for seed in wanted}
 
 
-def _refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
-    if any(row.good for row in rows):
-        return
-    faults = {row.fault: max(outcome.exit_code for outcome in row.outcomes) for row in rows}
-    code = max(faults.values())
-    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(code, UsbldrError)
-    raise kind("; ".join(str(fault) for fault in faults))
+def _results(rows: "Sequence[ComparisonRow]", request: dict[str, Any]) -> ResultFiles:
+    from usbldr_cli.runs.seed_table import overall, records
+    from usbldr_cli.tables.compare_table import page, render
+
+    contents = records(rows)
+    return ResultFiles(
+        "compare", request, {"rows": contents}, contents, partial(page, rows), partial(render, rows), overall(rows)
+    )
 
 
-def _write(
-    output: Path | None,
-    rows: "Sequence[ComparisonRow]",
-    request: dict[str, Any],
-    plots: str,
-    plot_format: str,
-) -> None:
-    from usbldr.io.reports.markdown_report import markdown
-    from usbldr.io.reports.page import Picture
-    from usbldr.io.writing import writing
-    from usbldr_cli.runs.compare_directory import write_tables
+def _pictures(rows: "Sequence[ComparisonRow]", plots: str) -> "Sequence[Picture] | None":
+    if plots == "none":
+        return None
+    from usbldr_cli.figures.compare import compare_pictures  # imports matplotlib
     from usbldr_cli.runs.seed_table import many_logs
-    from usbldr_cli.tables.compare_table import page
 
-    if output is None:
-        return
-    with writing(output, "choose another --output"):
-        made = request_provenance(request)
-        pictures: list[Picture] = []
-        if plots != "none":
-            from usbldr_cli.figures.compare import compare_pictures  # imports matplotlib
-            from usbldr_cli.figures.drawing import draw
-            from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
-
-            drawn = draw(output, compare_pictures(rows, plots == "all" or not many_logs(rows)), plot_format)
-            pictures = [Picture(one.file, one.caption) for one in drawn]
-            blocks, plotted = plots_of(drawn)
-            write_html(output / REPORT_HTML, page(rows, blocks, made), plotted)
-        write_tables(output, rows, request, markdown(page(rows, pictures, made)))
-
-
-def _print_result(
-    rows: "Sequence[ComparisonRow]", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
-) -> None:
-    from usbldr_cli.runs.compare_directory import content
-    from usbldr_cli.runs.seed_table import overall
-    from usbldr_cli.tables.compare_table import render
-
-    if json_to is not None:
-        write_json(json_to, content(rows, request))
-    if json_to == "-":
-        return
-    if quiet:
-        click.echo(overall(rows))
-        return
-    click.echo(render(rows, colour=sys.stdout.isatty()))
-    if output is not None:
-        click.echo(f"\nwritten to {output}")
+    return compare_pictures(rows, plots == "all" or not many_logs(rows))

@@ -1,27 +1,27 @@
 """``usbldr drill``: filters on a log as it is and with faults put into its records, side by side."""
 
-import sys
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.drills.kinds import KINDS
 from usbldr_cli.options.fault_options import chosen_drills, fault_options
 from usbldr_cli.options.filter_list import filter_list, filters_option, seeds_option
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
-from usbldr_cli.options.log_options import log_options, request_provenance
+from usbldr_cli.options.log_options import log_options
 from usbldr_cli.options.option import option
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs, write_json
+from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
+from usbldr_cli.result_files import ResultFiles, refuse_empty
 
 if TYPE_CHECKING:
     from usbldr_cli.runs.drill_rows import DrillReport
@@ -66,9 +66,8 @@ def drill(
     $ usbldr drill dive.mcap --drop usbl@300:600 --spike compass:120deg@0.02
     """
     from usbldr.io.session import is_simulated
-    from usbldr.io.writing import writing
+    from usbldr_cli.figures.drill import drill_pictures  # imports matplotlib
     from usbldr_cli.runs.compare_directory import prepare
-    from usbldr_cli.runs.drill_directory import TABLES
     from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
     from usbldr_cli.runs.executors import executor
 
@@ -80,34 +79,16 @@ def drill(
     plan.require_fitting()
     warn_of_unused_options(plan.methods, is_simulated(log) or any(drill.draws for drill in drills))
     if output is not None:
-        prepare(output, plan.request, force, TABLES)
+        prepare(output, plan.request, force, "drill.json")
     with _store(output) as store:
         with executor(workers) as where:
             report = run_drills(plan, where, store)
-        _refuse_empty(report)
+        refuse_empty([row.usual for row in report.rows])
+        results = _results(report, plan.request)
         if output is not None:
-            with writing(output, "choose another --output"):
-                _write(output, report, plan.request)
-        _print_result(report, plan.request, output, json_to, quiet)
+            results.write(output, drill_pictures(report))
+        results.print(output, json_to, quiet)
     return max(outcome.exit_code for row in report.rows for outcome in row.runs.outcomes)
-
-
-def _write(output: Path, report: "DrillReport", request: dict[str, Any]) -> None:
-    """Write tables, figures and the page."""
-    from usbldr.io.reports.markdown_report import markdown
-    from usbldr.io.reports.page import Picture
-    from usbldr_cli.figures.drawing import draw  # imports matplotlib
-    from usbldr_cli.figures.drill import drill_pictures
-    from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
-    from usbldr_cli.runs.drill_directory import write_report
-    from usbldr_cli.tables.drill_table import page
-
-    made = request_provenance(request)
-    drawn = draw(output, drill_pictures(report))
-    pictures = [Picture(one.file, one.caption) for one in drawn]
-    blocks, plots = plots_of(drawn)
-    write_html(output / REPORT_HTML, page(report, blocks, made), plots)
-    write_report(output, report, request, markdown(page(report, pictures, made)))
 
 
 @contextmanager
@@ -122,31 +103,10 @@ def _store(output: Path | None) -> Generator[Path]:
         yield Path(temporary)
 
 
-def _refuse_empty(report: "DrillReport") -> None:
-    """Raise the first error if no filter succeeded without the faults."""
-    if any(row.usual.good for row in report.rows):
-        return
-    failed = report.rows[0].usual
-    code = max(outcome.exit_code for outcome in failed.outcomes)
-    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(code, UsbldrError)
-    raise kind(str(failed.fault))
+def _results(report: "DrillReport", request: dict[str, Any]) -> ResultFiles:
+    from usbldr_cli.runs.drill_rows import content, overall, records
+    from usbldr_cli.tables.drill_table import page, render
 
-
-def _print_result(
-    report: "DrillReport", request: dict[str, Any], output: Path | None, json_to: str | None, quiet: bool
-) -> None:
-    """Print the tables, or the rows as JSON."""
-    from usbldr_cli.runs.drill_directory import content
-    from usbldr_cli.runs.drill_rows import overall
-    from usbldr_cli.tables.drill_table import render
-
-    if json_to is not None:
-        write_json(json_to, content(report, request))
-    if json_to == "-":
-        return
-    if quiet:
-        click.echo(overall(report.rows))
-        return
-    click.echo(render(report, colour=sys.stdout.isatty()))
-    if output is not None:
-        click.echo(f"\nwritten to {output}")
+    numbers, table = content(report), records(report)
+    shown = partial(page, report), partial(render, report)
+    return ResultFiles("drill", request, numbers, table, *shown, overall(report.rows))

@@ -1,7 +1,7 @@
-"""The folder of a comparison: made first, so that finished runs are kept; its tables are written last.
+"""The folder of a comparison or a drill: made first, so that finished runs are kept; its tables are written last.
 
 units/          one JSON and one .npz for each finished run
-compare.json    every row and every number
+compare.json    every row and every number; drill.json likewise, and so on
 compare.csv     the same rows
 compare.md      the tables and figures
 *.png           the figures
@@ -10,16 +10,12 @@ report.html     all of it as one page with interactive figures
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.reports.run_directory import json_text, write_atomically
-from usbldr.io.reports.run_provenance import made_by, provenance_content
 from usbldr.io.writing import writing
-from usbldr_cli.options.log_options import request_provenance
-from usbldr_cli.runs.seed_table import ComparisonRow, grouped, overall, row_content
 
 UNITS, TABLES = "units", "compare.json"
 OWN = re.compile(
@@ -70,33 +66,3 @@ def _request(tables: Path) -> Any:
 def _plain(request: Mapping[str, Any]) -> Any:
     """Return a request as JSON stores it: tuples become lists."""
     return json.loads(json.dumps(request))
-
-
-def content(rows: Sequence[ComparisonRow], request: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of compare.json."""
-    return {
-        **made_by(),
-        "request": request,
-        "rows": records(rows),
-        "verdict": overall(rows),
-        "provenance": provenance_content(request_provenance(request)),
-    }
-
-
-def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
-    """Return each row with every number; differences are to the first row of its log that has numbers."""
-    contents: list[dict[str, Any]] = []
-    for group in grouped(rows).values():
-        first = next((row for row in group if row.good), group[0])
-        contents += [row_content(row, first, group) for row in group]
-    return contents
-
-
-def write_tables(folder: Path, rows: Sequence[ComparisonRow], request: Mapping[str, Any], markdown: str) -> None:
-    """Write compare.csv, compare.md and, last, compare.json, each atomically."""
-    import pandas as pd
-
-    table = pd.DataFrame(records(rows)).to_csv(index=False, lineterminator="\n")
-    write_atomically(folder / "compare.csv", table.encode())
-    write_atomically(folder / "compare.md", markdown.encode())
-    write_atomically(folder / TABLES, (json_text(content(rows, request)) + "\n").encode())

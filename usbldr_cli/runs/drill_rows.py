@@ -19,6 +19,8 @@ from usbldr_cli.runs.seed_table import ComparisonRow, row_metrics, row_nees
 
 ERROR = "mean_horizontal_m"
 
+LISTS = ("faults", "findings", "warnings")  # of a row
+
 
 @dataclass(frozen=True, slots=True)
 class DrillRow:
@@ -137,6 +139,18 @@ def row_content(row: DrillRow) -> dict[str, Any]:
         "named_share": row.named_share,
         "warnings": list(dict.fromkeys(text for one in row.runs.good.values() for text in one.warnings)),
     }
+
+
+def content(report: DrillReport) -> dict[str, Any]:
+    """Return the numbers of drill.json: the rows, worst drill first, and the metrics without faults."""
+    usual = [{"filter": row.label, "seeds": len(row.good), **row_metrics(row)} for row in report.usual]
+    return {"undamaged": usual, "rows": [row_content(row) for row in worst_first(report.rows)]}
+
+
+def records(report: DrillReport) -> list[dict[str, Any]]:
+    """Return the rows of drill.csv."""
+    rows = content(report)["rows"]
+    return [row | {name: "; ".join(row[name]) for name in LISTS} for row in rows]
 
 
 def overall(rows: Sequence[DrillRow]) -> str:

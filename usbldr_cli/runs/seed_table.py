@@ -182,6 +182,15 @@ def row_consistency(row: ComparisonRow) -> str:
     return consistency_text(row_nees(row), shift_removed=judged is not None and judged.align == "shift")
 
 
+def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
+    """Return each row with every number; differences are to the first row of its log that has numbers."""
+    contents: list[dict[str, Any]] = []
+    for group in grouped(rows).values():
+        first = next((row for row in group if row.good), group[0])
+        contents += [row_content(row, first, group) for row in group]
+    return contents
+
+
 def row_content(row: ComparisonRow, first: ComparisonRow, rows: Sequence[ComparisonRow] = ()) -> dict[str, Any]:
     """Return a row for compare.json and compare.csv."""
     content: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}

@@ -1,0 +1,83 @@
+"""The results of a comparison or a drill in every form in which they are given out: files, page, terminal."""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.reports.page import Page, Picture, Plot
+from usbldr.io.reports.run_directory import json_text, write_atomically
+from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
+from usbldr.io.writing import writing
+from usbldr_cli.options.log_options import request_provenance
+from usbldr_cli.options.output_files import write_json
+
+if TYPE_CHECKING:
+    from usbldr_cli.figures import drawing  # imports matplotlib
+    from usbldr_cli.runs.seed_table import ComparisonRow
+
+
+@dataclass(frozen=True, slots=True)
+class ResultFiles:
+    """The rows of a table, and how they are shown."""
+
+    name: str  # of the files
+    request: Mapping[str, Any]
+    content: Mapping[str, Any]  # of the JSON: the rows with every number
+    records: Sequence[Mapping[str, Any]]  # of the CSV
+    page: Callable[[Sequence[Picture | Plot], RunProvenance], Page]
+    text: Callable[[bool], str]  # for a terminal, with or without colour
+    verdict: str
+
+    def json(self) -> dict[str, Any]:
+        """Return the content of the JSON file, with how it was made."""
+        made = {"verdict": self.verdict, "provenance": provenance_content(request_provenance(self.request))}
+        return {**made_by(), "request": self.request, **self.content, **made}
+
+    def write(self, folder: Path, pictures: "Sequence[drawing.Picture] | None", plot_format: str = "png") -> None:
+        """Write figures and page, unless there are none, then CSV, Markdown and, last, JSON, each atomically."""
+        import pandas as pd
+
+        from usbldr.io.reports.markdown_report import markdown
+
+        with writing(folder, "choose another --output"):
+            made, shown = request_provenance(self.request), list[Picture]()
+            if pictures is not None:
+                from usbldr_cli.figures.drawing import draw
+                from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
+
+                drawn = draw(folder, pictures, plot_format)
+                shown = [Picture(one.file, one.caption) for one in drawn]
+                blocks, plotted = plots_of(drawn)
+                write_html(folder / REPORT_HTML, self.page(blocks, made), plotted)
+            table = pd.DataFrame(self.records).to_csv(index=False, lineterminator="\n")
+            texts = {"csv": table, "md": markdown(self.page(shown, made)), "json": json_text(self.json()) + "\n"}
+            for ending, text in texts.items():
+                write_atomically(folder / f"{self.name}.{ending}", text.encode())
+
+    def print(self, output: Path | None, json_to: str | None, quiet: bool) -> None:
+        """Print the tables, or their last line, or the rows as JSON."""
+        if json_to is not None:
+            write_json(json_to, self.json())
+        if json_to == "-":
+            return
+        if quiet:
+            click.echo(self.verdict)
+            return
+        click.echo(self.text(sys.stdout.isatty()))
+        if output is not None:
+            click.echo(f"\nwritten to {output}")
+
+
+def refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
+    """Raise the errors of the rows if none of them has a result."""
+    if any(row.good for row in rows):
+        return
+    faults = {row.fault: max(outcome.exit_code for outcome in row.outcomes) for row in rows}
+    code = max(faults.values())
+    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(code, UsbldrError)
+    raise kind("; ".join(str(fault) for fault in faults))
