@@ -2,7 +2,8 @@
 
 Epochs are at k / fast rate seconds. An epoch carries a DVL or compass measurement only from the records of its own
 interval, so that each record is used once: a slow DVL leaves epochs without a measurement.
-Only dead reckoning uses interpolated values, and in a long gap of the DVL the usual velocity (usual_motion.py).
+Only dead reckoning uses interpolated values, in a long gap of the DVL the usual velocity (usual_motion.py), and noisy
+headings as a filter follows them.
 A USBL fix keeps its own time.
 """
 
@@ -27,6 +28,8 @@ from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import BLOCK_RECORDS, blocks
 
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
+NOISY_RAD = math.radians(3.0)  # [rad] of an epoch: its cosines shorten dead reckoning by 0.14 %
+SETTLED = 8.0  # [-] of a: what an older heading weighs is below 1e-3
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
 MAX_EPOCHS = 20_000_000  # 46 days at 5 Hz
@@ -78,7 +81,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         yaw_count=yaw_count,
         yaw_sd_rad=_filled(np.sqrt(yaw_mean[:, 1])),
         dr_mps=_reckoned_mps(time_s, t_d, dvl, log.parameters.process.velocity_mps),
-        dr_yaw_rad=_interpolated(time_s, t_c, yaw[:, None])[:, 0],
+        dr_yaw_rad=_followed_yaw(time_s, t_c, yaw, yaw_count, yaw_mean, log.parameters.process.turn_rate_radps),
         fix_time_s=t_f,
         fix_received_s=fixes["received_s"].to_numpy(dtype=float),
         fix_m=fixes[["east_m", "north_m"]].to_numpy(dtype=float),
@@ -265,6 +268,30 @@ def _reckoned_mps(time_s: Vector, t: Vector, mps: Array, walk_mps: float) -> Arr
             left = usual.remaining(time_s[inside, None] - begins_s)
             reckoned[inside] = usual.mean + (mps[row] - usual.mean) * left
     return reckoned
+
+
+def _followed_yaw(time_s: Vector, t: Vector, yaw: Vector, count: Indices, mean: Array, walk_radps: float) -> Vector:
+    """Return yaw at the epochs: interpolated, and where it is noisy as a filter of the motion model follows it.
+
+    Cosines of noisy headings would shorten dead reckoning. ``mean`` (K, 2) is yaw and the mean square of its sigma.
+    """
+    held, rows = _interpolated(time_s, t, yaw[:, None])[:, 0], np.flatnonzero(count)
+    if len(rows) < 2 or not walk_radps:
+        return held
+    variance = np.interp(time_s, time_s[rows], mean[rows, 1] / count[rows])
+    noisy = variance > NOISY_RAD**2
+    if not noisy.any():
+        return held
+    dt_s, interval_s = float(time_s[1] - time_s[0]), float(time_s[-1]) / len(rows)
+    # a steady Kalman filter of a turn rate that is a random walk q, with noise of the density R, is the weight
+    # √2 ω exp(-a) cos a of a heading t ago, a = ω t / √2, ω⁴ = q² / R: it follows a steady turn without delay
+    omega = (walk_radps**2 / (float(np.median(variance[noisy])) * interval_s)) ** 0.25 / math.sqrt(2)
+    a = omega * np.arange(0.0, min(SETTLED / omega, time_s[-1]), dt_s)
+    weight = np.exp(-a) * np.cos(a)
+    measured = np.where(count > 0, mean[:, 0], held)
+    before = 2 * measured[0] - measured[len(a) - 1 : 0 : -1]
+    followed = np.convolve(np.concatenate([before, measured]), weight / weight.sum(), "valid")
+    return np.where(noisy, followed, held)
 
 
 def _interpolated(time_s: Vector, t: Vector, values: Array) -> Array:

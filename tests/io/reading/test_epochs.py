@@ -151,6 +151,33 @@ def test_yaw_is_minus_heading_and_starts_within_half_a_turn_of_north() -> None:
     np.testing.assert_allclose(line.yaw_rad, math.radians(5))
 
 
+@pytest.mark.parametrize("turn_dps", [0.0, 3.0])
+def test_dead_reckoning_follows_noisy_headings_as_a_steady_kalman_filter_does(turn_dps: float) -> None:
+    """Of a turn rate that is a random walk q with noise of density R it has the variance √2 ω R, ω⁴ = q² / R."""
+    t, sd_deg = grid(4000), 20.0
+    noisy = turn_dps * t + np.random.default_rng(4).normal(0, sd_deg, len(t))
+
+    line = timeline(log(dvl=dvl_table(t), compass=compass_table(t, noisy % 360, sd_deg=sd_deg)))
+    off_deg = (np.degrees(-line.dr_yaw_rad) - turn_dps * t + 180) % 360 - 180
+
+    density = math.radians(sd_deg) ** 2 / 5
+    omega = (Parameters().process.turn_rate_radps ** 2 / density) ** 0.25
+    # the filter also has the motion that it allows for; of the noise alone it leaves three quarters of that variance
+    assert off_deg[100:].std() == pytest.approx(math.degrees(math.sqrt(0.75 * math.sqrt(2) * omega * density)), rel=0.1)
+    assert abs(off_deg[100:].mean()) < 0.5
+
+
+def test_dead_reckoning_takes_good_headings_as_they_are_and_follows_only_where_they_are_noisy() -> None:
+    t = grid(200)
+    heading = 20 + np.random.default_rng(4).normal(0, 1, len(t))
+    good = timeline(log(dvl=dvl_table(t), compass=compass_table(t, heading, sd_deg=1.0)))
+    part = timeline(log(dvl=dvl_table(t), compass=compass_table(t, heading, sd_deg=np.where(t < 100, 1.0, 30.0))))
+
+    np.testing.assert_array_equal(good.dr_yaw_rad, good.yaw_rad)
+    np.testing.assert_array_equal(part.dr_yaw_rad[t < 100], good.yaw_rad[t < 100])
+    assert part.dr_yaw_rad[t > 100].std() < good.yaw_rad[t > 100].std() / 2
+
+
 def test_two_headings_either_side_of_north_average_to_north() -> None:
     line = timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0, 0.05], heading_deg=[359.0, 1.0])))
 
