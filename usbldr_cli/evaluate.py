@@ -11,7 +11,7 @@ from usbldr_cli.options.completion import ESTIMATE
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.option import option
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, require_free
+from usbldr_cli.options.output_files import folder_option, json_option, name_of, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.options.verbosity import verbose_option
@@ -79,7 +79,7 @@ def evaluate(
 
     request, read = request_and_inputs(log=log, **selection)
     read = (*read, Path(estimate)) if Path(estimate).is_file() else read
-    target = output or Path(f"{Path(log).stem}-{Path(estimate).stem.strip('/').replace('/', '-') or 'estimate'}")
+    target = output or Path(f"{name_of(Path(log))}-{Path(estimate).stem.strip('/').replace('/', '-') or 'estimate'}")
     if json_to not in (None, "-"):
         refuse_file("--json", Path(str(json_to)), force, read, target)
     require_free(target, read, force)

@@ -14,6 +14,7 @@ from usbldr_cli.options.option import option
 from usbldr_cli.options.output_files import (
     folder_option,
     json_option,
+    name_of,
     refuse_file,
     require_free,
     toml_option,
@@ -133,8 +134,7 @@ def replay(
         _refuse_without_errors(chosen, ready.identification)
     if leave_one_out is not None:
         _refuse_without_shifts(chosen, ready.timeline)
-    name = opened.path.name if opened.path.is_dir() else opened.path.stem
-    target = output or Path(f"{name}-{method}{'-smoothed' if choices.smooth else ''}")
+    target = output or Path(f"{name_of(opened.path)}-{method}{'-smoothed' if choices.smooth else ''}")
     require_free(target, read, force)
     with run_directory(target, force) as folder:
         run = finish_run(plan, request, ready)

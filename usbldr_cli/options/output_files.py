@@ -92,6 +92,13 @@ def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made
         raise UsageError(f"{file}: cannot be written (no permission): choose another file for {option}")
 
 
+def name_of(log: Path) -> str:
+    """Return the name of a log with which that of its results begins; of a folder, also if it is the current one."""
+    if not log.is_dir():
+        return log.stem
+    return log.resolve().name if log.name in ("", "..") else log.name
+
+
 def require_free(folder: Path, read: Iterable[Path], force: bool) -> None:
     """Raise UsageError for a run directory that is or contains an input, or that may not be replaced."""
     from usbldr.io.reading.inputs import output_conflict

@@ -14,7 +14,7 @@ import usbldr_cli.tables.checked_rows
 from checkout import SAMPLES
 from commands import run
 from usbldr.filters.errors import StorageError, UsageError
-from usbldr_cli.options.output_files import refuse_file, write_file
+from usbldr_cli.options.output_files import name_of, refuse_file, write_file
 
 ROW = """\
 schema = 1
@@ -185,3 +185,17 @@ def test_a_link_stays_a_link_and_a_pipe_is_written_to(tmp_path: Path) -> None:
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real").read_text(encoding="utf-8") == os.read(reader, 100).decode() == "{}\n"
     os.close(reader)
+
+
+@pytest.mark.parametrize(
+    ("log", "name"), [(".", "day.1"), ("..", "cruise"), ("../day.1", "day.1"), ("dive.mcap", "dive")]
+)
+def test_results_are_named_after_the_log_also_if_it_is_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: str, name: str
+) -> None:
+    folder = tmp_path / "cruise" / "day.1"
+    folder.mkdir(parents=True)
+    (folder / "dive.mcap").touch()
+    monkeypatch.chdir(folder)
+
+    assert name_of(Path(log)) == name
