@@ -26,7 +26,7 @@ ASSUMED_FOR_S = 10.0  # [s] of records that ASSUMED_SD_MPS counts as much as: a 
 TURN_S = 10.0  # [s] by judgement: a turn lasts about as long, and noise of headings hardly matters over it
 TURN_TIME_S = 1.0  # [s] time constant of the turn rate in a gap, well below TURN_S
 LONGEST_TURN_GAP_S = 1.0  # [s] no turn rate relaxes across shorter gaps; nor below twice the usual interval
-ASSUMED_SD_RADPS = math.radians(3.0)  # [rad/s] of the mean turn rate before any record: 30 degrees in TURN_S
+ASSUMED_SD_RADPS = math.radians(6.0)  # [rad/s] of the mean turn rate before any record: AUVs turn by 3 to 10 deg/s
 
 
 class UsualMotion(NamedTuple):
