@@ -26,7 +26,8 @@ ASSUMED_FOR_S = 10.0  # [s] of records that ASSUMED_SD_MPS counts as much as: a 
 TURN_S = 10.0  # [s] by judgement: a turn lasts about as long, and noise of headings hardly matters over it
 TURN_TIME_S = 1.0  # [s] time constant of the turn rate in a gap, well below TURN_S
 LONGEST_TURN_GAP_S = 1.0  # [s] no turn rate relaxes across shorter gaps; nor below twice the usual interval
-ASSUMED_SD_RADPS = math.radians(6.0)  # [rad/s] of the mean turn rate before any record: AUVs turn by 3 to 10 deg/s
+ASSUMED_TURNS_S = 60.0  # [s] of headings that ASSUMED_SD_RADPS counts as much as: a long leg need not show a turn
+ASSUMED_SD_RADPS = math.radians(10.0)  # [rad/s] of the mean turn rate before any record: AUVs turn by 3 to 10 deg/s
 
 
 class UsualMotion(NamedTuple):
@@ -86,7 +87,7 @@ class _History:
         count = self._before(time_s)
         return (count > 0) & (time_s - self._time_s[np.maximum(count - 1, 0)] > self._longest_gap_s(count))
 
-    def _usual(self, time_s: float, assumed_sd: float) -> tuple[Vector, Vector] | None:
+    def _usual(self, time_s: float, assumed_sd: float, for_s: float) -> tuple[Vector, Vector] | None:
         """Return mean and variance of the records in a gap, None outside of one."""
         count = self._before(time_s)
         if not count or time_s - self._time_s[count - 1] <= self._longest_gap_s(count):
@@ -94,7 +95,7 @@ class _History:
         mean, square = self._sums[count - 1] / count
         span_s = float(self._time_s[count - 1] - self._time_s[0])
         variance = np.maximum(square - mean**2, 0.0)  # not below 0 by rounding
-        return mean, (ASSUMED_FOR_S * assumed_sd**2 + span_s * variance) / (ASSUMED_FOR_S + span_s)
+        return mean, (for_s * assumed_sd**2 + span_s * variance) / (for_s + span_s)
 
 
 class VelocityHistory(_History):
@@ -120,7 +121,7 @@ class VelocityHistory(_History):
 
         ``walk_mps`` is the random walk of the velocity, its standard deviation after one second.
         """
-        found = self._usual(time_s, ASSUMED_SD_MPS) if walk_mps else None
+        found = self._usual(time_s, ASSUMED_SD_MPS, ASSUMED_FOR_S) if walk_mps else None
         if found is None:
             return None
         mean, variance = found
@@ -164,7 +165,7 @@ class TurnHistory(_History):
 
     def in_gap(self, time_s: float, walk_radps: float) -> UsualMotion | None:
         """Return the process from a time on; None if the last record is recent or none came, or the walk is 0."""
-        found = self._usual(time_s, ASSUMED_SD_RADPS) if walk_radps else None
+        found = self._usual(time_s, ASSUMED_SD_RADPS, ASSUMED_TURNS_S) if walk_radps else None
         if found is None:
             return None
         mean, variance = found

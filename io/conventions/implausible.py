@@ -83,7 +83,7 @@ def without_implausible(log: Log) -> Log:
             rows = kept.good | ~records.good
             columns_kept = {str(name): column.to_numpy()[rows] for name, column in tables[role].items()}
             tables[role] = pd.DataFrame(columns_kept, copy=False)
-            provenance[role] = replace(provenance[role], used=provenance[role].used - np.count_nonzero(~rows))
+            provenance[role] = replace(provenance[role], used=provenance[role].used - int(np.count_nonzero(~rows)))
     if not found:
         return log
     truth = _of_kept_gps(log, tables)

@@ -195,7 +195,7 @@ CAUSES = {
     "exchanged coordinates": ({"gps": swapped}, "latitude and longitude are (probably )?exchanged"),
     "a wrong sign": (
         {"dvl": lambda table: table.assign(starboard_mps=-table["starboard_mps"])},
-        r'state axes = "PFD" under \[dvl\] \[DVL-AXES\]',
+        r"read as axes SFU, but PFD fits better; .* check them, and the signs of their values \[DVL-AXES\]",
     ),
     "two fixes": ({"usbl": lambda table: table.iloc[[0, 82]]}, r"not comparable with raw USBL \(2 common epochs\)"),
     "a truth at the surface": ({"gps": at_the_ends}, r"in the \d+ % of the epochs that have a truth"),
@@ -215,7 +215,7 @@ CAUSES = {
                 heading_deg=table["heading_deg"] + np.random.default_rng(1).normal(0.0, 12.0, len(table))
             )
         },
-        r"innovations of the compass are [\d.]+ times as large as their sigmas",
+        r"scatter by up to 1\d deg, not by the [\d.]+ deg of their sigma: .* \[NOISE-LARGER\]",
     ),
     "the GPS of another vessel": ({"gps": at_anchor}, "track and truth move differently"),
     "the GPS of a ship beside it": ({"gps": around}, "so that the truth is of another vehicle"),

@@ -138,6 +138,7 @@ def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> N
     kept = without_implausible(log)
 
     assert found(log) == ["GPS-HELD"]
+    assert type(kept.provenance["gps"].used) is int  # of Python, as JSON needs it
     assert kept.tables["gps"]["time_s"].tolist() == time_s[::5].tolist()
     assert kept.truth is not None
     assert kept.truth.time_s.tolist() == time_s[::5].tolist()
