@@ -40,7 +40,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     request = read_request(**selection)
     refuse_file("--output", target, force, inputs(log, request))
     found, proposals, failed = examine_with_proposals(path, request)
-    unread = {role: why for role, why in unread_sensors(path, request).items() if role not in proposals} | failed
+    unread = {role: why for role, why in unread_sensors(path, request).items() if role not in proposals}
+    unread |= failed
     text = initial_configuration(found, selection["joined"], proposals, unread)
     write_file("--output", target, text)
     if found.log is None or unread:
