@@ -6,10 +6,8 @@ integral of one. The median over a block of records ignores manoeuvres and singl
 smooth series may be a filtered one.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +15,13 @@ import numpy as np
 from usbldr.filters.frames import wrapped
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import DEGREES, ProcessNoise
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Indices, Vector
 from usbldr.io.conventions.implausible import Records
 from usbldr.io.conventions.repeats import runs
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
+BLOCKS_AT_ONCE = 1000  # so that a long log needs little memory
 BLOCK = 100  # [records] of a median: its sigma is known to 12 %
 NOTABLE_FACTOR = 3.0  # [-] of a sigma: the tails of the noise families reach 2 in some block
 
@@ -73,33 +72,34 @@ def with_shown_noise(log: Log) -> Log:
 
 def _shown_factor(records: Records, sd: Vector, sensor: _Sensor) -> Vector:
     """Return by what factor the noise of n records exceeds their sigma (n,), (n,); 1 if not notably."""
-    own = np.array([_block_factor(records, sd, sensor, rows) for rows in _blocks(len(sd))])
+    blocks = len(sd) // BLOCK
+    if not blocks:
+        return np.ones(len(sd))
+    first = np.append(np.arange(blocks - 1) * BLOCK, len(sd) - BLOCK)  # the last block ends with the last record
+    some = (first[k : k + BLOCKS_AT_ONCE] for k in range(0, blocks, BLOCKS_AT_ONCE))
+    own = np.concatenate([_block_factors(records, sd, sensor, each) for each in some])
     own[~(own > NOTABLE_FACTOR)] = 1.0
     near = np.pad(own, 1, constant_values=1.0)
     beside = np.maximum(near[:-2], near[2:])
     own = np.where(own > beside / 2, own, beside)  # a stretch begins and ends within a block, which shows less of it
-    return np.repeat(own, [rows.stop - rows.start for rows in _blocks(len(sd))])
+    return own[np.minimum(np.arange(len(sd)) // BLOCK, blocks - 1)]
 
 
-def _blocks(count: int) -> list[slice]:
-    edges = np.linspace(0, count, max(1, count // BLOCK) + 1).astype(np.intp).tolist()
-    return [slice(first, end) for first, end in pairwise(edges)]
-
-
-def _block_factor(records: Records, sd: Vector, sensor: _Sensor, rows: slice) -> float:
-    """Return the factor of a block; NaN if there are too few records, or none states a sigma."""
-    if rows.stop - rows.start < BLOCK:
-        return np.nan
-    interval_s, change = np.diff(records.time_s[rows]), np.diff(records.values[rows], axis=0)
-    before_s, after_s, sd = interval_s[:-1], interval_s[1:], sd[rows]
+def _block_factors(records: Records, sd: Vector, sensor: _Sensor, first: Indices) -> Vector:
+    """Return the factor of B blocks, by the first record of each, (B,); NaN if none of its records states a sigma."""
+    rows = first[:, None] + np.arange(BLOCK)
+    interval_s, change = np.diff(records.time_s[rows]), np.diff(records.values[rows], axis=1)
+    before_s, after_s, sd = interval_s[:, :-1], interval_s[:, 1:], sd[rows]
     change = wrapped(change, 180.0) if sensor.angle else change
     with np.errstate(divide="ignore", invalid="ignore"):
         share = after_s / (before_s + after_s)
-        apart = change[:-1] * share[:, None] - change[1:] * (1 - share)[:, None]
-        variance = sd[1:-1] ** 2 + (share * sd[:-2]) ** 2 + ((1 - share) * sd[2:]) ** 2
-        ratio = (TO_SD**2 * apart**2 - sensor.walked(before_s, after_s)[:, None]) / variance[:, None]
-    ratio = ratio[np.isfinite(ratio)]
-    return math.sqrt(max(float(np.median(ratio)), 0.0)) if len(ratio) else np.nan
+        apart = change[:, :-1] * share[..., None] - change[:, 1:] * (1 - share)[..., None]
+        variance = sd[:, 1:-1] ** 2 + (share * sd[:, :-2]) ** 2 + ((1 - share) * sd[:, 2:]) ** 2
+        ratio = (TO_SD**2 * apart**2 - sensor.walked(before_s, after_s)[..., None]) / variance[..., None]
+    ratio = np.where(np.isfinite(ratio), ratio, np.nan).reshape(len(first), -1)
+    known, found = ~np.isnan(ratio).all(axis=1), np.full(len(first), np.nan)
+    found[known] = np.sqrt(np.maximum(np.nanmedian(ratio[known], axis=1), 0.0))
+    return found
 
 
 def _finding(records: Records, sd: Vector, factor: Vector, unit: str) -> Finding:

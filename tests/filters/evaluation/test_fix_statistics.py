@@ -131,7 +131,7 @@ def test_the_scatter_is_that_of_the_residuals():
 
 
 def test_fixes_whose_times_are_coarse_have_the_noise_of_those_times():
-    """Most steps between them are zero; of fixes at one moment, no part of the noise can be told."""
+    """Most steps between them are zero; fixes of one moment do not show how noise changes with time."""
     time_s, place, away = dive(1)
     coarse_s = np.floor(time_s / 10) * 10
     found = known(coarse_s, place, away, np.ones(150, dtype=bool), circling())
