@@ -23,6 +23,7 @@ from usbldr.io.log import Log
 
 BLOCKS_AT_ONCE = 1000  # so that a long log needs little memory
 BLOCK = 100  # [records] of a median: its sigma is known to 12 %
+MANOEUVRES = 3.0  # [-] of the variance of the motion: medians of blocks scatter about it by a third
 NOTABLE_FACTOR = 3.0  # [-] of a sigma: the tails of the noise families reach 2 in some block
 
 
@@ -95,7 +96,7 @@ def _block_factors(records: Records, sd: Vector, sensor: _Sensor, first: Indices
         share = after_s / (before_s + after_s)
         apart = change[:, :-1] * share[..., None] - change[:, 1:] * (1 - share)[..., None]
         variance = sd[:, 1:-1] ** 2 + (share * sd[:, :-2]) ** 2 + ((1 - share) * sd[:, 2:]) ** 2
-        ratio = (TO_SD**2 * apart**2 - sensor.walked(before_s, after_s)[..., None]) / variance[..., None]
+        ratio = (TO_SD**2 * apart**2 - MANOEUVRES * sensor.walked(before_s, after_s)[..., None]) / variance[..., None]
     ratio = np.where(np.isfinite(ratio), ratio, np.nan).reshape(len(first), -1)
     known, found = ~np.isnan(ratio).all(axis=1), np.full(len(first), np.nan)
     found[known] = np.sqrt(np.maximum(np.nanmedian(ratio[known], axis=1), 0.0))

@@ -51,6 +51,13 @@ def content(out: Path) -> Any:
     return json.loads((out / "compare.json").read_text())
 
 
+def test_quiet_prints_the_verdict_of_the_json_file_alone(dive: Path, tmp_path: Path) -> None:
+    printed = output_of("compare", dive, "--filters", "ckf,usbl", "--plots", "none", "--quiet", "-o", tmp_path / "out")
+
+    assert printed.strip().splitlines()[-1] == content(tmp_path / "out")["verdict"]
+    assert "mean error" not in printed
+
+
 def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: Path, tmp_path: Path) -> None:
     sweep = ("--set", "usbl.sd_scale=1,4", "--set", "compass.bias_deg=2.5", "--plots", "none")
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import usbldr
+from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.io.conventions.examined import examined
 from usbldr.io.conventions.shown_noise import with_shown_noise
 from usbldr.io.drills.drill import Drill, damaged
@@ -32,7 +33,8 @@ def test_records_that_scatter_more_get_that_sigma(dive: Log, role: str, factor: 
     columns, name = {"compass": (["heading_deg"], "sd_deg"), "dvl": (["starboard_mps", "forward_mps"], "sd_mps")}[role]
     table = dive.tables[role]
     sd, t = float(table[name].iloc[0]), table["time_s"].to_numpy()
-    noisy = (t > t[-1] / 3) & (t < t[-1] * 2 / 3)
+    begin_s, end_s = t[-1] / 3 + 5, t[-1] * 2 / 3 + 5  # within blocks of both sensors
+    noisy = (t > begin_s) & (t < end_s)
     extra = np.random.default_rng(7).normal(0, sd * np.sqrt(factor**2 - 1), (len(t), len(columns)))
     values = table[columns].to_numpy() + np.where(noisy[:, None], extra, 0)
     log = with_table(dive, role, **dict(zip(columns, values.T, strict=True)))
@@ -46,6 +48,21 @@ def test_records_that_scatter_more_get_that_sigma(dive: Log, role: str, factor: 
     (finding,) = (one for one in found.findings if one.code == "NOISE-LARGER")
     assert finding.topic == log.provenance[role].topic
     assert f"not by the {sd:.2g}" in finding.text
+
+
+@pytest.mark.parametrize("role", ["compass", "dvl"])
+def test_manoeuvres_between_slow_records_are_no_noise(dive: Log, role: str) -> None:
+    """A record a second of a vehicle that moves as the motion model allows, and accurate sensors."""
+    t, process = np.arange(2000.0), ProcessNoise()
+    fine = np.random.default_rng(8).normal(0, 0.1, (2, 20_000))
+    speed = np.cumsum(process.velocity_mps * np.sqrt(0.1) / 0.1 * fine, axis=1)[:, ::10]
+    rate = np.cumsum(process.turn_rate_radps * np.sqrt(0.1) / 0.1 * fine[0])
+    heading = np.degrees(np.cumsum(rate) * 0.1)[::10] % 360
+    moving = {"compass": {"heading_deg": heading, "sd_deg": 0.1}, "dvl": {"sd_mps": 0.002, "valid": True}}
+    moving["dvl"] |= {"starboard_mps": speed[0], "forward_mps": speed[1]}
+    log = replace(dive, tables={role: pd.DataFrame({"time_s": t, "received_s": t, **moving[role]})})
+
+    assert with_shown_noise(log) is log
 
 
 @pytest.mark.parametrize("name", scenario_names())
