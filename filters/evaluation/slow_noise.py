@@ -20,6 +20,7 @@ SHORTEST = 3.0  # [1] median intervals, of those above zero: a faster process is
 LONGEST = 0.5  # [1] of the span: a slower one is a shape that was projected out, an offset or a drift
 MOST = 3000  # of a series, from its beginning: half a second of computing, and an hour or more of fixes
 STEP = 0.0635  # of a sigma: what the steps between RATIOS leave of the slow one
+LEAST_M2 = 1e-12  # of all values: the shapes explain them but for rounding, so that there is no noise
 SINGULAR = 1e-6  # of the largest singular value of the shapes: below it two of them are the same
 
 
@@ -51,7 +52,7 @@ def slow_noise(time_s: Vector, values: Vector, shapes: Array) -> SlowNoise:
     moments, log_det = _whitened(np.append(np.inf, step_s), data, ratio**2, constant_s)
     free = len(values) - data.shape[1] + 1
     solved = np.linalg.solve(moments[:, 1:, 1:], moments[:, 1:, :1])[..., 0]
-    left_over = moments[:, 0, 0] - np.einsum("gi,gi->g", moments[:, 0, 1:], solved)
+    left_over = np.maximum(moments[:, 0, 0] - np.einsum("gi,gi->g", moments[:, 0, 1:], solved), LEAST_M2)
     log_det = log_det + np.linalg.slogdet(moments[:, 1:, 1:])[1]
     log_posterior = -0.5 * (free * np.log(left_over) + log_det) + np.log(np.repeat(_prior(), CONSTANTS))
     weight = np.exp(log_posterior - log_posterior.max())

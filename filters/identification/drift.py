@@ -37,7 +37,7 @@ def drift_variances_m2(
     process = [p.process for p in members]
     held_m2 = _gained(time_s, dvl_s, spacing_s**3 / 3) * [q.velocity_mps**2 for q in process]
 
-    yaw_s = timeline.time_s[timeline.yaw_count > 0]
+    yaw_s = np.append(timeline.time_s[timeline.yaw_count > 0], timeline.time_s[-1])
     moved_m2 = np.sum(np.diff(interpolate(timeline, displacement_m(timeline), yaw_s), axis=0) ** 2, axis=1)
     # a random walk of the turn rate q, interpolated over s seconds: the integral of yaw has the variance q^2 s^5 / 120
     turned = np.minimum(process[0].turn_rate_radps ** 2 * np.diff(yaw_s) ** 3 / 120, UNKNOWN_DIRECTION)

@@ -139,6 +139,12 @@ def test_fixes_whose_times_are_coarse_have_the_noise_of_those_times():
     assert known(coarse_s[:1].repeat(150), place, away, np.ones(150, dtype=bool), circling()).east_m is None
 
 
+def test_fixes_without_noise_have_a_noise_of_zero():
+    time_s, _, _ = dive(1)
+    found = known(time_s, np.zeros((150, 2)), np.full((150, 2), 50.0), np.ones(150, dtype=bool), circling())
+    assert there(found.east_m).white.sd == pytest.approx(0.0, abs=1e-5)
+
+
 def test_a_track_without_velocity_has_no_statistics():
     time_s, place, away = dive(3)
     plain = Trajectory("usbl", ("x", "y"), TIME_S, np.zeros((len(TIME_S), 2)), None)
