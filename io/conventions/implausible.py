@@ -7,6 +7,7 @@ families of the filters are made for what is only unlikely.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -77,7 +78,11 @@ def without_implausible(log: Log) -> Log:
             assert kept.values.shape == before.shape
             table = {str(name): column.to_numpy() for name, column in tables[role].items()}
             for name, values in zip(columns, kept.values.T, strict=True):
-                table[name] = values if kept.good.all() else _replaced(table[name], kept.good, values)
+                if kept.good.all():
+                    table[name] = values
+                else:
+                    table[name] = table[name].copy()
+                    table[name][kept.good] = values
             tables[role] = pd.DataFrame(table, copy=False)
         if len(kept.values) < len(records.values):
             rows = kept.good | ~records.good
@@ -100,13 +105,6 @@ def _of_kept_gps(log: Log, tables: Tables) -> Truth | None:
     return truth.only(~np.isin(truth.time_s, left_out_s)) if len(left_out_s) else truth
 
 
-def _replaced(column: Vector, good: Mask, values: Vector) -> Vector:
-    """Return a column (n,) with other values in the good rows."""
-    changed = column.copy()
-    changed[good] = values
-    return changed
-
-
 def _dvl(records: Records, tables: Tables) -> Judged:
     zero = sudden_zeros(records.time_s, records.values)
     text = f"are exactly 0 between records at speed: the DVL has no lock then, although it calls them valid; {LEFT_OUT}"
@@ -123,31 +121,22 @@ def _compass(records: Records, tables: Tables) -> Judged:
     return records, [*found, *spikes, *jumps]
 
 
-def _usbl(records: Records, tables: Tables) -> Judged:
+def _without_copies(records: Records, tables: Tables, code: str, left_out: str) -> Judged:
     copied = _while_moving(copied_fixes(records.values), records.time_s, tables)
-    text = f"repeat the previous fix to the last digit; {LEFT_OUT}"
-    found = [Finding("USBL-REPEATED", *_stretches(records, copied, text))] if copied.any() else []
-    return records.without(copied), found
+    text = f"repeat the previous fix to the last digit; {left_out}"
+    return records.without(copied), [Finding(code, *_stretches(records, copied, text))] if copied.any() else []
 
 
-def _gps(records: Records, tables: Tables) -> Judged:
-    copied = _while_moving(copied_fixes(records.values), records.time_s, tables)
-    text = f"repeat the previous fix to the last digit; {LEFT_OUT}, also of a truth that is the GPS"
-    found = [Finding("GPS-HELD", *_stretches(records, copied, text))] if copied.any() else []
-    return records.without(copied), found
-
-
-def _depth(records: Records, tables: Tables) -> Judged:
-    """Name stuck depths; they have served already, for slant ranges."""
-    return records, _without_stuck(records, tables, "depths")[1]
-
-
-CHECKS = {
+CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] = {
     "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first: it shows when the vehicle is at rest
     "compass": (("heading_deg",), _compass),
-    "usbl": (("east_m", "north_m"), _usbl),
-    "gps": (("lat_deg", "lon_deg"), _gps),  # in degrees, in which they were rounded
-    "depth": (("depth_m",), _depth),
+    "usbl": (("east_m", "north_m"), partial(_without_copies, code="USBL-REPEATED", left_out=LEFT_OUT)),
+    "gps": (  # in degrees, in which they were rounded
+        ("lat_deg", "lon_deg"),
+        partial(_without_copies, code="GPS-HELD", left_out=f"{LEFT_OUT}, also of a truth that is the GPS"),
+    ),
+    # named alone: they have served already, for slant ranges
+    "depth": (("depth_m",), lambda records, tables: (records, _without_stuck(records, tables, "depths")[1])),
 }
 
 

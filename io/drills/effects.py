@@ -48,14 +48,20 @@ class Damage(NamedTuple):
         """Stamps of the records, (n,)."""
         return self.table["time_s"].to_numpy(dtype=float)
 
+    @property
+    def measured(self) -> Array:
+        """What the records measured, (n, k)."""
+        return self.table[MEASURED[self.sensor]].to_numpy(dtype=float)
+
+    def changed(self, columns: list[str], values: Array) -> pd.DataFrame:
+        """Return the table with other values of columns, (n, k), in the records that are hit."""
+        mixed = np.where(self.hit[:, None], values, self.table[columns].to_numpy(dtype=float))
+        return self.table.assign(**dict(zip(columns, mixed.T, strict=True)))
+
     def shifted(self, error: Array) -> pd.DataFrame:
         """Return the table with errors, (n, k) or (k,), added to the records that are hit."""
-        columns = MEASURED[self.sensor]
-        values = self.table[columns].to_numpy(dtype=float)
-        values = values + np.where(self.hit[:, None], error, 0.0)
-        if self.sensor == "compass":
-            values[self.hit] %= 360.0
-        return self.table.assign(**dict(zip(columns, values.T, strict=True)))
+        values = self.measured + error
+        return self.changed(MEASURED[self.sensor], values % 360.0 if self.sensor == "compass" else values)
 
     def directions(self, count: int) -> Array:
         """Return random unit vectors, (count, k): a sign for a heading, any angle in the plane."""
@@ -70,20 +76,7 @@ def _sd(d: Damage) -> pd.DataFrame:
     values = d.table[columns].to_numpy(dtype=float)
     if np.isnan(values[d.hit]).all():
         raise UsageError(f"sd {d.sensor}: its records state no sigma that could be wrong")
-    values = np.where(d.hit[:, None], values * d.amount**power, values)
-    return d.table.assign(**dict(zip(columns, values.T, strict=True)))
-
-
-def _scale(d: Damage) -> pd.DataFrame:
-    return d.shifted((d.amount - 1) * d.table[MEASURED[d.sensor]].to_numpy(dtype=float))
-
-
-def _bias(d: Damage) -> pd.DataFrame:
-    return d.shifted(d.amount * np.array(BIASED[d.sensor]))
-
-
-def _drift(d: Damage) -> pd.DataFrame:
-    return d.shifted(d.amount * d.grown[:, None] * np.array(BIASED[d.sensor]))
+    return d.changed(columns, values * d.amount**power)
 
 
 def _lever(d: Damage) -> pd.DataFrame:
@@ -111,38 +104,16 @@ def _noise(d: Damage) -> pd.DataFrame:
     return d.shifted(d.amount * d.rng.standard_normal((len(d.table), len(MEASURED[d.sensor]))))
 
 
-def _spike(d: Damage) -> pd.DataFrame:
-    return d.shifted(d.amount * d.directions(len(d.table)))
-
-
-def _cluster(d: Damage) -> pd.DataFrame:
-    return d.shifted(d.amount * d.directions(1))
-
-
 def _stuck(d: Damage) -> pd.DataFrame:
     """Each run of records that are hit repeats its first one."""
-    columns = MEASURED[d.sensor]
     begins = d.hit & ~np.concatenate([[False], d.hit[:-1]])
     source = np.maximum.accumulate(np.where(begins, np.arange(len(d.hit)), 0))
-    values = d.table[columns].to_numpy(dtype=float)
-    repeated = np.where(d.hit[:, None], values[source], values)
-    return d.table.assign(**dict(zip(columns, repeated.T, strict=True)))
-
-
-def _zero(d: Damage) -> pd.DataFrame:
-    table = d.table.copy()
-    table.loc[d.hit, MEASURED[d.sensor]] = 0.0
-    return table.assign(valid=table["valid"] | d.hit)
+    return d.changed(MEASURED[d.sensor], d.measured[source])
 
 
 def _thin(d: Damage) -> pd.DataFrame:
-    slot = np.floor(d.time_s * d.amount)
-    first = np.concatenate([[True], np.diff(slot) > 0])
+    first = np.diff(np.floor(d.time_s * d.amount), prepend=-np.inf) > 0
     return d.table[first | ~d.hit]
-
-
-def _drop(d: Damage) -> pd.DataFrame:
-    return d.table[~d.hit]
 
 
 def _latency(d: Damage) -> pd.DataFrame:
@@ -151,25 +122,21 @@ def _latency(d: Damage) -> pd.DataFrame:
     return d.table.assign(time_s=stamped, received_s=np.fmax(d.table["received_s"], stamped))
 
 
-def _clock(d: Damage) -> pd.DataFrame:
-    return d.table.assign(time_s=d.table["time_s"] + d.amount, received_s=d.table["received_s"] + d.amount)
-
-
 EFFECTS: Mapping[str, Callable[[Damage], pd.DataFrame]] = {
     "sd": _sd,
-    "scale": _scale,
-    "bias": _bias,
-    "drift": _drift,
+    "scale": lambda d: d.shifted((d.amount - 1) * d.measured),
+    "bias": lambda d: d.shifted(d.amount * np.array(BIASED[d.sensor])),
+    "drift": lambda d: d.shifted(d.amount * d.grown[:, None] * np.array(BIASED[d.sensor])),
     "lever": _lever,
     "scatter": _noise,
-    "spike": _spike,
+    "spike": lambda d: d.shifted(d.amount * d.directions(len(d.table))),
     "outlier": _noise,
-    "cluster": _cluster,
+    "cluster": lambda d: d.shifted(d.amount * d.directions(1)),
     "stuck": _stuck,
-    "zero": _zero,
+    "zero": lambda d: d.changed(MEASURED[d.sensor], np.zeros_like(d.measured)).assign(valid=d.table["valid"] | d.hit),
     "thin": _thin,
-    "drop": _drop,
+    "drop": lambda d: d.table[~d.hit],
     "latency": _latency,
-    "clock": _clock,
+    "clock": lambda d: d.table.assign(time_s=d.table["time_s"] + d.amount, received_s=d.table["received_s"] + d.amount),
 }
 """By the name of the kind; kinds.py declares each."""

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping
 
 from usbldr.io.drills.drill import Drill
-from usbldr.io.drills.fault_text import Fault
 
 FALSE_FIXES = ("USBL-OUTLIERS",)
 LATE_FIXES = ("USBL-LATENCY", "CLOCK-OFFSET", "LEVER-OR-LATENCY")
@@ -37,12 +36,10 @@ def is_named(drill: Drill, codes: Collection[str], usual: Collection[str] = ()) 
 
     None if there is nothing to be named, or if a code that would name a fault is reported without the faults, too.
     """
-    faults = [set(_codes(fault)) for fault in drill.faults if fault.kind not in UNNAMED]
+    faults = [
+        set(NAMED_BY.get(fault.kind, {}).get(fault.sensor, ())) for fault in drill.faults if fault.kind not in UNNAMED
+    ]
     unnamed = [mine for mine in faults if not mine & (set(codes) - set(usual))]
     if not faults or any(mine & set(usual) for mine in unnamed):
         return None
     return not unnamed
-
-
-def _codes(fault: Fault) -> tuple[str, ...]:
-    return NAMED_BY.get(fault.kind, {}).get(fault.sensor, ())
