@@ -62,22 +62,22 @@ def _dataflash(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _pd0(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.pd0_log import Pd0Log, looks_like_pd0
+    from usbldr.io.instruments.pd0_log import looks_like_pd0, pd0_log
 
-    return Pd0Log(path) if looks_like_pd0(head) else None
+    return pd0_log(path) if looks_like_pd0(head) else None
 
 
 def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.pd45_log import Pd45Log, name_of_pd45
+    from usbldr.io.instruments.pd45_log import name_of_pd45, pd45_log
 
     name = name_of_pd45(head)
-    return Pd45Log(path, name) if name else None
+    return pd45_log(path, name) if name else None
 
 
 def _pd6(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.pd6_log import Pd6Log, looks_like_pd6
+    from usbldr.io.instruments.pd6_log import looks_like_pd6, pd6_log
 
-    return Pd6Log(path) if looks_like_pd6(head) else None
+    return pd6_log(path) if looks_like_pd6(head) else None
 
 
 def _json_lines(path: Path, head: bytes, known: Definitions) -> Reader | None:

@@ -3,7 +3,7 @@
 Source: the output data formats of Teledyne's manuals (Pathfinder DVL Guide).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from mmap import mmap
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.findings import Finding
 from usbldr.io.limits import UnpackingBudget
-from usbldr.io.reader import Records, TopicInfo
 
 SIZE_AT, LEAST_BYTES, CHECKSUM_BYTES = 2, 6, 2  # fixed by the formats; the size is without the checksum
 LONGEST_BYTES = (1 << 16) + CHECKSUM_BYTES  # fixed by the formats: the size has 16 bits
@@ -67,19 +66,3 @@ def _whole(data: mmap | bytes, marks: Sequence[bytes]) -> Iterator[tuple[int, in
         stated = block[starts + size] + (block[starts + size + 1] << 8)
         right = (sums[starts + size] - sums[starts]) & 0xFFFF == stated
         yield from zip((first + starts[right]).tolist(), size[right].tolist(), strict=True)
-
-
-def topics_of(encoding: str, fields: Mapping[str, Sequence[str]], tables: Mapping[str, Records]) -> list[TopicInfo]:
-    """Return the topics of a file; the type of "/depth" is "pd0/pd0_depth" if ``encoding`` is "pd0"."""
-    return [
-        TopicInfo(
-            name,
-            f"{encoding}/{encoding}_{name[1:]}",
-            encoding,
-            len(records.received_ns),
-            int(records.received_ns.min()),
-            int(records.received_ns.max()),
-            tuple(fields[name]),
-        )
-        for name, records in tables.items()
-    ]

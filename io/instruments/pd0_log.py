@@ -5,16 +5,16 @@ Coordinate Transformation for velocities along beams.
 """
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.io.findings import Finding
-from usbldr.io.instruments.ensembles import ensembles, first_ensemble, topics_of
+from usbldr.io.instruments.ensembles import ensembles, first_ensemble
 from usbldr.io.instruments.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
-from usbldr.io.reader import Nanoseconds, Records, TopicInfo
+from usbldr.io.instruments.records_log import RecordsLog
+from usbldr.io.reader import Nanoseconds, Records
 
 MARK = b"\x7f\x7f"  # fixed by the format: how each ensemble begins
 HEAD_BYTES = 6  # fixed by the format: mark, size, number of data
@@ -26,15 +26,11 @@ ANGLES_DEG = (15.0, 20.0, 30.0)  # fixed: of the beams from the axis, by their c
 ANGLE_AT = 58  # fixed: the place of any other angle in the fixed leader, degrees
 HUNDREDTH_NS = 10_000_000  # fixed
 CENTURY = 80  # [years] of two digits below it are after 2000
-FIELDS: Mapping[str, tuple[str, ...]] = {
-    "/bottom_track": ("x", "y", "z", "coordinates", "altitude"),
-    "/heading": ("heading_deg",),
-    "/depth": ("depth_m",),
+PLACED: Mapping[str, tuple[str, ...]] = {
     "/gga": ("latitude", "longitude", "quality"),
     "/navigation": ("header.stamp", "latitude", "longitude", "valid"),
 }
-
-
+"""The columns of positions."""
 USED = np.dtype(
     [
         ("clock", "u1", 7),  # year, month, day, hour, minute, second, hundredths
@@ -58,49 +54,29 @@ def looks_like_pd0(head: bytes) -> bool:
     return head.startswith(MARK) or first_ensemble(head, [MARK]) != b""
 
 
-class Pd0Log:
-    """A PD0 file."""
+def pd0_log(file: Path) -> RecordsLog:
+    """Return the log of a PD0 file: bottom track, heading and depth if they are not constant, and positions."""
+    return RecordsLog(file, "PD0", "pd0", _read)
 
-    format = "PD0"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._findings: list[Finding] = []
-
-    @cached_property
-    def _tables(self) -> Mapping[str, Records]:
-        """Return the records of all topics that the file has; record what was lost."""
-        used = bytearray()
-        places: dict[str, list[Sequence[float]]] = {"/gga": [], "/navigation": []}
-        count = 0
-        for whole in ensembles(self.path, [MARK], self._findings):
-            count += 1
-            parts = _parts(whole)
-            if row := _used(parts):
-                used += row
-                number = len(used) // USED.itemsize - 1
-                places["/gga"] += winriver_fixes(parts.get(NMEA, []), number)
-                places["/navigation"] += vmdas_fixes(parts.get(NAVIGATION, []), number)
-        rows = np.frombuffer(used, USED)
-        times, timed = _times_ns(rows["clock"].astype(np.int64))
-        if unused := count - int(np.sum(timed)):
-            text = f"{unused} ensembles have no leader or no valid time; left out"
-            self._findings.append(Finding("UNDECODED", text))
-        placed = {topic: _placed(topic, found, times, timed) for topic, found in places.items() if found}
-        return _records(rows[timed], times[timed]) | {topic: r for topic, r in placed.items() if len(r.received_ns)}
-
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the topics: bottom track, heading and depth if they are not constant, and positions."""
-        return tuple(topics_of("pd0", FIELDS, self._tables))
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Return the wanted columns."""
-        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what is missing from the file."""
-        _ = self._tables
-        return tuple(self._findings)
+def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
+    used = bytearray()
+    places: dict[str, list[Sequence[float]]] = {topic: [] for topic in PLACED}
+    count = 0
+    for whole in ensembles(file, [MARK], findings):
+        count += 1
+        parts = _parts(whole)
+        if row := _used(parts):
+            used += row
+            number = len(used) // USED.itemsize - 1
+            places["/gga"] += winriver_fixes(parts.get(NMEA, []), number)
+            places["/navigation"] += vmdas_fixes(parts.get(NAVIGATION, []), number)
+    rows = np.frombuffer(used, USED)
+    times, timed = _times_ns(rows["clock"].astype(np.int64))
+    if unused := count - int(np.sum(timed)):
+        findings.append(Finding("UNDECODED", f"{unused} ensembles have no leader or no valid time; left out"))
+    placed = {topic: _placed(topic, found, times, timed) for topic, found in places.items() if found}
+    return _records(rows[timed], times[timed]) | {topic: r for topic, r in placed.items() if len(r.received_ns)}
 
 
 def _parts(ensemble: bytes) -> dict[int, list[bytes]]:
@@ -168,7 +144,7 @@ def _placed(topic: str, found: Sequence[Sequence[float]], times: Nanoseconds, ti
     """Return positions, each the number of an ensemble, the time before it in ns, and the columns of the topic."""
     numbers, before_ns, *columns = (np.array(column) for column in zip(*found, strict=True))
     good = timed[numbers]
-    kept = {name: column[good] for name, column in zip(FIELDS[topic], columns, strict=True)}
+    kept = {name: column[good] for name, column in zip(PLACED[topic], columns, strict=True)}
     return Records((times[numbers] - before_ns)[good], kept)
 
 

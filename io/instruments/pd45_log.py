@@ -8,15 +8,15 @@ day and no date.
 import struct
 from collections.abc import Mapping, Sequence
 from datetime import time
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from usbldr.io.decoding.nmea_times import NO_TIME, times_from_sentences
 from usbldr.io.findings import Finding
-from usbldr.io.instruments.ensembles import ensembles, first_ensemble, topics_of
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.instruments.ensembles import ensembles, first_ensemble
+from usbldr.io.instruments.records_log import RecordsLog
+from usbldr.io.reader import Records
 
 BEGIN = (b"\x7d\x00\x2d\x00", b"\x7d\x01\x56\x00")  # fixed: mark, PD4 or PD5, and the size of each
 COMMON = struct.Struct("<4xB3h24x4B")  # fixed: coordinates in the highest bits, x, y, z [mm/s], time of the first ping
@@ -24,11 +24,6 @@ PD5 = struct.Struct("<46xH4xH")  # fixed: depth [dm], heading [0.01 deg]
 PD4_BYTES = 45  # fixed: without checksum
 NO_VELOCITY = -32768  # fixed by the format
 HUNDREDTH_NS = 10_000_000  # fixed
-FIELDS: Mapping[str, tuple[str, ...]] = {
-    "/bottom_track": ("x", "y", "z", "coordinates"),
-    "/heading": ("heading_deg",),
-    "/depth": ("depth_m",),
-}
 UNDATED = "its times have no date; the first day is taken as 1970-01-01; state date under [[file]]"
 
 
@@ -38,44 +33,27 @@ def name_of_pd45(head: bytes) -> str:
     return f"PD{4 + first[1]}" if first else ""
 
 
-class Pd45Log:
-    """A PD4 or PD5 file."""
+def pd45_log(file: Path, kind: str) -> RecordsLog:
+    """Return the log of a PD4 or PD5 file: bottom track, and of PD5 heading and depth if they are not constant."""
+    return RecordsLog(file, kind, "pd45", _read)
 
-    def __init__(self, path: Path, name: str) -> None:
-        self.path, self.format = path, name
-        self._findings: list[Finding] = []
 
-    @cached_property
-    def _tables(self) -> Mapping[str, Records]:
-        """Return the records of all topics that the file has; record what was lost."""
-        rows: list[tuple[int, ...]] = []  # time of day [ns], coordinates, x, y, z, depth, heading
-        unused = 0
-        for whole in ensembles(self.path, BEGIN, self._findings):
-            system, x, y, z, *clock = COMMON.unpack_from(whole)
-            depth, heading = PD5.unpack_from(whole) if len(whole) > PD4_BYTES else (0, 0)
-            try:
-                rows.append((_time_of_day(*clock), system >> 6, x, y, z, depth, heading))
-            except ValueError:
-                unused += 1
-        if unused:
-            self._findings.append(Finding("UNDECODED", f"{unused} ensembles have no valid time; left out"))
-        if not rows:
-            return {}
-        self._findings.append(Finding("NO-DATE", f"{self.path.name}: {UNDATED}"))
-        return _records(rows)
-
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the topics: bottom track, and of PD5 heading and depth if they are not constant."""
-        return tuple(topics_of("pd45", FIELDS, self._tables))
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Return the wanted columns."""
-        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what is missing from the file, and from its times."""
-        _ = self._tables
-        return tuple(self._findings)
+def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
+    rows: list[tuple[int, ...]] = []  # time of day [ns], coordinates, x, y, z, depth, heading
+    unused = 0
+    for whole in ensembles(file, BEGIN, findings):
+        system, x, y, z, *clock = COMMON.unpack_from(whole)
+        depth, heading = PD5.unpack_from(whole) if len(whole) > PD4_BYTES else (0, 0)
+        try:
+            rows.append((_time_of_day(*clock), system >> 6, x, y, z, depth, heading))
+        except ValueError:
+            unused += 1
+    if unused:
+        findings.append(Finding("UNDECODED", f"{unused} ensembles have no valid time; left out"))
+    if not rows:
+        return {}
+    findings.append(Finding("NO-DATE", f"{file.name}: {UNDATED}"))
+    return _records(rows)
 
 
 def _time_of_day(hour: int, minute: int, second: int, hundredths: int) -> int:

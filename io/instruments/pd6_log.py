@@ -7,14 +7,14 @@ units. A group is timed by its line TS; one without it is lost. Lines have no ch
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.instruments.records_log import RecordsLog
+from usbldr.io.reader import Records
 
 LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")  # a colon begins a line
 TIME = re.compile(r"\d{14}", re.ASCII)
@@ -43,53 +43,29 @@ def looks_like_pd6(head: bytes) -> bool:
     return sum(LINE.match(line) is not None for line in lines) > len(lines) / 2
 
 
-class Pd6Log:
-    """A text file of PD6."""
+def pd6_log(file: Path) -> RecordsLog:
+    """Return the log of a text file of PD6; its topics are the lines that hold something."""
+    return RecordsLog(file, "PD6 text", "pd6", _read)
 
-    format = "PD6 text"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._findings: list[Finding] = []
-
-    @cached_property
-    def _tables(self) -> Mapping[str, Records]:
-        """Return the records of all topics; record what was lost."""
-        rows: dict[str, list[tuple[int, tuple[float | str, ...]]]] = {name: [] for name in LINES}
-        bad: list[int] = []
-        for group in _groups(text_lines(self.path)):
-            time_ns = next((_time(fields) for _, name, fields in group if name == "TS"), None)
-            for number, name, fields in group:
-                try:
-                    known = len(fields) == FIELD_COUNTS.get(name, len(fields))
-                    if not name or time_ns is None or not known or any(map(is_damaged, fields)):
-                        raise ValueError
-                    if name in LINES:
-                        rows[name].append((time_ns, LINES[name][1](fields)))
-                except ValueError:
-                    bad.append(number)
-        if bad:
-            text = f"{self.path.name}: {len(bad)} lines are cut, altered or without a time, the first is line {bad[0]}"
-            self._findings.append(Finding("UNDECODED", f"{text}; left out", lost_data=True))
-        return {f"/{name}": made for name, found in rows.items() if (made := _records(name, found)) is not None}
-
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the lines that hold something."""
-        found: list[TopicInfo] = []
-        for topic, records in self._tables.items():
-            times = records.received_ns
-            kind, fields = f"pd6/pd6_{topic[1:].lower()}", LINES[topic[1:]][0]
-            found.append(TopicInfo(topic, kind, "pd6", len(times), int(times.min()), int(times.max()), fields))
-        return tuple(found)
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Return the wanted columns."""
-        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what was left out."""
-        _ = self._tables
-        return tuple(self._findings)
+def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
+    rows: dict[str, list[tuple[int, tuple[float | str, ...]]]] = {name: [] for name in LINES}
+    bad: list[int] = []
+    for group in _groups(text_lines(file)):
+        time_ns = next((_time(fields) for _, name, fields in group if name == "TS"), None)
+        for number, name, fields in group:
+            try:
+                known = len(fields) == FIELD_COUNTS.get(name, len(fields))
+                if not name or time_ns is None or not known or any(map(is_damaged, fields)):
+                    raise ValueError
+                if name in LINES:
+                    rows[name].append((time_ns, LINES[name][1](fields)))
+            except ValueError:
+                bad.append(number)
+    if bad:
+        text = f"{file.name}: {len(bad)} lines are cut, altered or without a time, the first is line {bad[0]}"
+        findings.append(Finding("UNDECODED", f"{text}; left out", lost_data=True))
+    return {f"/{name}": made for name, found in rows.items() if (made := _records(name, found)) is not None}
 
 
 def _groups(lines: Iterator[str]) -> Iterator[list[tuple[int, str, Sequence[str]]]]:
