@@ -1,5 +1,6 @@
 """``usbldr calibrate-usbl``: how the USBL of a ship is installed, from a survey of a transponder or from a dive."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -165,19 +166,14 @@ def _by_dive(
 
 def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path, force: bool) -> None:
     from usbldr.io.reports.markdown_report import markdown
-    from usbldr.io.reports.page import Picture as PagePicture
     from usbldr.io.reports.run_directory import REPORT, json_text, run_directory, write_atomically
     from usbldr.io.reports.usbl_calibration import content, page
-    from usbldr_cli.figures.drawing import draw
-    from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
+    from usbldr_cli.pages.html_page import REPORT_HTML, draw_page
 
     with run_directory(output, force) as folder:
-        drawn = draw(folder, pictures)
-        blocks, plots = plots_of(drawn)
-        write_html(folder / REPORT_HTML, page(found, blocks), plots)
-        shown = [PagePicture(one.file, one.caption) for one in drawn]
+        shown = draw_page(folder, pictures, partial(page, found))
         write_atomically(folder / "report.md", markdown(page(found, shown)).encode())
-        files = [REPORT_HTML, "report.md", *(one.file for one in drawn)]
+        files = [REPORT_HTML, "report.md", *(one.name for one in shown)]
         write_atomically(folder / REPORT, json_text(content(found, files)).encode())
 
 

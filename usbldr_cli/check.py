@@ -66,10 +66,11 @@ def check(
     $ usbldr baseline dive.mcap --output gate.toml
     $ usbldr check gate.toml
     """
+    from usbldr.io.reports.markdown_report import markdown
     from usbldr.io.settings.regression_baseline import read_baseline
     from usbldr_cli.runs.baseline_rows import jobs_of_row, options_of_row
     from usbldr_cli.runs.executors import executor
-    from usbldr_cli.tables.check_verdicts import as_json, markdown
+    from usbldr_cli.tables.check_verdicts import as_json, page
     from usbldr_cli.tables.checked_rows import checked_rows
     from usbldr_cli.tables.junit import junit as junit_text
 
@@ -92,7 +93,7 @@ def check(
     failed = not all(one.passed for one in checked)
     code = max(one.exit_code for one in checked) or (CheckError.exit_code if failed else 0)
     if markdown_to is not None:
-        write_file("--markdown", Path(markdown_to), markdown(wanted, checked))
+        write_file("--markdown", Path(markdown_to), markdown(page(wanted, checked, ())))
     if html_to is not None:
         _write_html(Path(html_to), wanted, checked)
     if junit is not None:

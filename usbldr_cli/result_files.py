@@ -47,13 +47,9 @@ class ResultFiles:
         with writing(folder, "choose another --output"):
             made, shown = request_provenance(self.request), list[Picture]()
             if pictures is not None:
-                from usbldr_cli.figures.drawing import draw
-                from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
+                from usbldr_cli.pages.html_page import draw_page
 
-                drawn = draw(folder, pictures, plot_format)
-                shown = [Picture(one.file, one.caption) for one in drawn]
-                blocks, plotted = plots_of(drawn)
-                write_html(folder / REPORT_HTML, self.page(blocks, made), plotted)
+                shown = draw_page(folder, pictures, lambda blocks: self.page(blocks, made), plot_format)
             table = pd.DataFrame(self.records).to_csv(index=False, lineterminator="\n")
             texts = {"csv": table, "md": markdown(self.page(shown, made)), "json": json_text(self.json()) + "\n"}
             for ending, text in texts.items():

@@ -1,6 +1,7 @@
 """What a run leaves: its folder, and what is printed."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from usbldr_cli.options.output_files import write_json
 from usbldr_cli.options.run_outputs import RunOutputs
 
 if TYPE_CHECKING:
+    from usbldr.io.reports.page import Picture
     from usbldr.io.reports.run import Run
 
 
@@ -22,16 +24,12 @@ def write_run(folder: Path, run: "Run", outputs: RunOutputs) -> None:
     from usbldr.io.reports.run_page import run_page, write_markdown
 
     write_tables(folder, run)
-    pictures: list[tuple[str, str]] = []
+    pictures: list[Picture] = []
     if outputs.plots != "none":
-        from usbldr_cli.figures.drawing import draw  # imports matplotlib
-        from usbldr_cli.figures.run_figures import run_pictures
-        from usbldr_cli.pages.html_page import REPORT_HTML, plots_of, write_html
+        from usbldr_cli.figures.run_figures import run_pictures  # imports matplotlib
+        from usbldr_cli.pages.html_page import draw_page
 
-        drawn = draw(folder, run_pictures(run), outputs.plot_format)
-        pictures = [(one.file, one.caption) for one in drawn]
-        blocks, plots = plots_of(drawn)
-        write_html(folder / REPORT_HTML, run_page(run, blocks), plots)
+        pictures = draw_page(folder, run_pictures(run), partial(run_page, run), outputs.plot_format)
     write_markdown(folder, run, pictures)
     if outputs.fnv:
         _write_fnv(folder, run)

@@ -17,11 +17,12 @@ from commands import findings, finished
 from usbldr.filters.estimators import compiled
 from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.motion import PositionIncrement
+from usbldr.io.reports.markdown_report import markdown
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline
 from usbldr_cli.runs.baseline_rows import stated_options
-from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, markdown, summary
+from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, page, summary
 
 LAWNMOWER = find_scenario("lawnmower")
 
@@ -122,8 +123,10 @@ def test_the_summary_counts_and_names_failures_and_stale_values() -> None:
     assert summary([CheckedRow(row, (good, worse))]) == "FAILED: dive: a_m REGRESSION"
     assert summary([CheckedRow(row, (), "no such log", 1)]) == "FAILED: dive: not run"
     assert summary([CheckedRow(row, (good,), lost=("cut",))]) == "FAILED: dive: log partly unreadable"
-    page = markdown(RegressionBaseline(Path("baseline.toml"), "", ()), [CheckedRow(row, (good, worse))])
-    assert "| dive | a_m | 1.00 | 2.00 | +1.00 | 0.10 | **REGRESSION** |" in page
+    text = markdown(page(RegressionBaseline(Path("baseline.toml"), "", ()), [CheckedRow(row, (good, worse))], ()))
+    failures, metrics = text.partition("## Metrics")[::2]
+    assert failures.count("| a_m | dive | 1.00 | 2.00 | +1.00 | 0.10 | REGRESSION |") == 1
+    assert metrics.count("| a_m | dive |") == 2
 
 
 @pytest.mark.long
@@ -151,7 +154,7 @@ def test_a_metric_that_got_worse_exits_1_and_says_so_in_table_page_and_json(gate
     assert run.stdout.endswith("\nFAILED: dive adf: mean_horizontal_m REGRESSION\n")
     (line,) = [line for line in run.stdout.splitlines() if "mean_horizontal_m" in line and "FAILED" not in line]
     assert line.endswith("REGRESSION")
-    assert "**REGRESSION**" in (tmp_path / "page.md").read_text()
+    assert "## Failures" in (tmp_path / "page.md").read_text()
     reported = json.loads((tmp_path / "result.json").read_text())
     assert (reported["exit_code"], [row["passed"] for row in reported["rows"]]) == (1, [False, True])
     (worse,) = [metric for metric in reported["rows"][0]["metrics"] if metric["verdict"] != "ok"]

@@ -5,31 +5,38 @@ A content security policy in the page forbids every request, also to what a name
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from usbldr.filters.errors import printable
-from usbldr.io.reports.page import Block, Page, Plot
+from usbldr.io.reports.page import Block, Page, Picture, Plot
 from usbldr.io.reports.run_directory import write_atomically
 
 if TYPE_CHECKING:
-    from usbldr_cli.figures.drawing import Drawn  # imports matplotlib
+    from usbldr_cli.figures import drawing  # imports matplotlib
 
 REPORT_HTML = "report.html"
 Plots: TypeAlias = Mapping[str, Mapping[str, Any]]
 
 
-def plots_of(drawn: "Sequence[Drawn]") -> tuple[tuple[Plot, ...], Plots]:
+def plots_of(drawn: "Sequence[drawing.Drawn]") -> tuple[tuple[Plot, ...], Plots]:
     """Return drawn figures as blocks of a page, and what its script needs of each, by the names of the blocks."""
     names = [Path(one.file).stem for one in drawn]
     blocks = [Plot(name, f"{one.caption}.", one.text) for name, one in zip(names, drawn, strict=True)]
     return tuple(blocks), {name: one.data for name, one in zip(names, drawn, strict=True)}
 
 
-def write_html(path: Path, page: Page, plots: Plots) -> None:
-    """Write a page with its figures; it appears when complete."""
-    write_atomically(path, html(page, plots).encode())
+def draw_page(
+    folder: Path, pictures: "Sequence[drawing.Picture]", page: Callable[[Sequence[Plot]], Page], form: str = "png"
+) -> list[Picture]:
+    """Draw figures into a folder, and report.html with them; return them as a page in Markdown shows them."""
+    from usbldr_cli.figures.drawing import draw  # imports matplotlib
+
+    drawn = draw(folder, pictures, form)
+    blocks, plots = plots_of(drawn)
+    write_atomically(folder / REPORT_HTML, html(page(blocks), plots).encode())
+    return [Picture(one.file, one.caption) for one in drawn]
 
 
 def html(page: Page, plots: Plots) -> str:

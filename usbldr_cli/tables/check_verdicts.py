@@ -195,16 +195,3 @@ def page(baseline: RegressionBaseline, checked: Sequence[CheckedRow], figures: S
 def _flat(changes: Sequence[tuple[str, MetricChange]]) -> Table:
     """Return metrics with the names of their rows."""
     return Table("metric", ("row", *HEADS), tuple((c.metric, name, *_cells(c)) for name, c in changes))
-
-
-def markdown(baseline: RegressionBaseline, checked: Sequence[CheckedRow]) -> str:
-    """Return the result as a page: the verdict, then why rows failed, then every metric, failures in bold."""
-    parts = [f"# usbldr check {baseline.file.name}", f"**{summary(checked)}.**"]
-    parts += [f"{text}." for text in [values_text(baseline)] if text]
-    parts += [f"* **{name}**: {text}" for name, text in notes(checked)]
-    lines = ["| row | metric | old | new | change | limit | verdict |", "|---|---|---:|---:|---:|---:|---|"]
-    for one in checked:
-        for c in one.changes:
-            verdict = f"**{c.verdict}**" if c.verdict in FAILURES else c.verdict
-            lines.append(f"| {' | '.join((one.row.name.replace('|', '/'), c.metric, *_cells(c)[:-1], verdict))} |")
-    return "\n\n".join([*parts, "\n".join(lines)]) + "\n"
