@@ -186,7 +186,8 @@ def _without_spikes(records: Records, deviation_of: Callable[[Vector, Array], Ve
         deviation = deviation_of(records.time_s, records.values)
         if not deviation.any():
             break
-        worst = max(worst, _worst(records, deviation), key=lambda one: one[1])
+        row = int(np.argmax(deviation))
+        worst = max(worst, (float(records.time_s[row]), float(deviation[row])), key=lambda one: one[1])
         records = records.without(deviation > 0)
     if len(records.values) == count:
         return records, []
@@ -213,9 +214,3 @@ def _without_jumps(records: Records) -> Judged:
     )
     turned = without_jumps(records.time_s, heading_deg, rows, jump_deg)
     return records._replace(values=turned[:, None]), [Finding("HEADING-JUMP", text, records.topic, time_s, size, "deg")]
-
-
-def _worst(records: Records, size: Vector) -> tuple[float, float]:
-    """Return time and size of the largest of sizes (n,)."""
-    worst = int(np.argmax(size))
-    return float(records.time_s[worst]), float(size[worst])

@@ -127,7 +127,8 @@ def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     unknown = {"not a number": ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))}
     return (unknown if by_range else place_causes(raw, frame)) | {
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
-        "of range or angle alone": (raw.number("fix_kind") < FULL_FIX) | _without_range(raw),
+        "of range or angle alone": (raw.number("fix_kind") < FULL_FIX)
+        | (~np.isin(raw.text("reply"), REPLIES_WITH_RANGE) & ("reply" in raw.values)),
         "stamped hours before arrival": _stale(raw),
         "of negative accuracy": raw.number("sd_m") < 0,
         "exactly at the head": ((x == 0) & (y == 0) & offset) | (slant_m <= 0),
@@ -138,8 +139,3 @@ def _stale(raw: RawRecords) -> Mask:
     if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):
         return np.zeros(len(raw.received_ns), dtype=np.bool_)
     return (raw.stamp_ns != 0) & (raw.received_ns - raw.stamp_ns - least_delay_ns(raw) > STALE_NS)
-
-
-def _without_range(raw: RawRecords) -> Mask:
-    kinds = raw.text("reply")
-    return ~np.isin(kinds, REPLIES_WITH_RANGE) & ("reply" in raw.values)

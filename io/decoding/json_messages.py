@@ -159,18 +159,15 @@ def _value(value: Any, kind: LeafType) -> Any:
     if kind == "text":
         return str(value)
     if kind == "number":
-        return _spelt(value) if isinstance(value, str) else value + 0
+        if not isinstance(value, str):
+            return value + 0
+        return int(value) if WHOLE.fullmatch(value) else float(value)  # as 64-bit integers and NaN come
     if isinstance(value, str):
         return int(np.datetime64(value.removesuffix("Z").removesuffix("+00:00"), "ns").astype(np.int64))
     names = _time_names(_object(value))
     if names is None:
         raise ValueError("no time")
     return int(value[names[0]]) * 1_000_000_000 + int(value[names[1]])
-
-
-def _spelt(text: str) -> int | float:
-    """Return a number that comes as text, as 64-bit integers and NaN do; raise ValueError if it is not a number."""
-    return int(text) if WHOLE.fullmatch(text) else float(text)
 
 
 def _object(value: Any) -> Mapping[str, Any]:

@@ -132,7 +132,8 @@ def _truth_clock_findings(log: Log, timeline: Timeline, late_s: float) -> list[F
 def _by_best_interpretation(log: Log, timeline: Timeline, result: InterpretationResult) -> Timeline:
     """Return the timeline as it should be read, and without a rotation too large for the identification."""
     line = flipped(log, timeline, result.best.flips)
-    if not _is_gross_rotation(result):
+    significant = heading_offset(result, None).significant
+    if not (significant and abs(result.best.offset_deg) > THRESHOLDS.max_identified_turn_deg):
         return line
     rotation_rad = result.best.fit.rotation_rad
     if _offset_is_stated(log):
@@ -277,10 +278,6 @@ def _heading_offset_findings(
 
 def _offset_is_stated(log: Log) -> bool:
     return log.settings.dvl.mount_deg != 0 or log.settings.compass.bias_deg != 0
-
-
-def _is_gross_rotation(result: InterpretationResult) -> bool:
-    return heading_offset(result, None).significant and abs(result.best.offset_deg) > THRESHOLDS.max_identified_turn_deg
 
 
 def heading_offset(result: InterpretationResult, identification: Identification | None) -> HeadingOffset:

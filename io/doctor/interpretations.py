@@ -169,7 +169,8 @@ def flipped(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Tim
         u, v = other.real, other.imag
     psi = timeline.dr_yaw_rad
     if yaw:  # heading' = 90 - heading, with bias and declination on the same side as before
-        psi = -psi - np.radians(90.0 + 2 * _heading_correction_deg(log))
+        added, subtracted = (log.convention("compass", key).value for key in ("declination_deg", "bias_deg"))
+        psi = -psi - np.radians(90.0 + 2 * (float(added or 0.0) - float(subtracted or 0.0)))
     line = replace(timeline, dr_mps=np.column_stack([u, v]), dr_yaw_rad=psi)
     return replace(line, fix_m=line.fix_m[:, ::-1], fix_cov_m2=line.fix_cov_m2[:, ::-1, ::-1]) if world else line
 
@@ -198,11 +199,6 @@ def recorded_value(log: Log, role: str, key: str) -> str:
     """Return a convention by which a sensor was read, "" if there is none or each record has its own."""
     found = log.convention(role, key)
     return str(found.value) if found.chosen_by != "records" else ""
-
-
-def _heading_correction_deg(log: Log) -> float:
-    added, subtracted = (log.convention("compass", key).value for key in ("declination_deg", "bias_deg"))
-    return float(added or 0.0) - float(subtracted or 0.0)
 
 
 def _mirror_image_of(log: Log, timeline: Timeline, interpretation: Interpretation, group: Indices) -> Interpretation:

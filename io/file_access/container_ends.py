@@ -103,10 +103,6 @@ class BrokenError(Exception):
         self.at = at
 
 
-def _mcap_end(data: FileView, start: int) -> int:
-    return len(data) if summary_ends_file(data, start) else _mcap_walk(data, start + len(MCAP))
-
-
 def summary_ends_file(data: FileView, start: int = 0) -> bool:
     """Return whether an MCAP file ends with the summary that its footer names, and has all of its data before it."""
     footer = len(data) - MCAP_FOOTER.size - len(MCAP)
@@ -245,7 +241,7 @@ def _mat_end(data: FileView, start: int) -> int:
 
 
 ENDS: Mapping[bytes, Callable[[FileView, int], int]] = {
-    MCAP: _mcap_end,
+    MCAP: lambda data, start: len(data) if summary_ends_file(data, start) else _mcap_walk(data, start + len(MCAP)),
     BAG: _bag_end,
     SQLITE: _sqlite_end,
     PARQUET: _parquet_end,

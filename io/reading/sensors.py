@@ -32,15 +32,11 @@ from usbldr.io.reading.truth_source import truth_section
 from usbldr.io.settings.sensor_sections import Configuration
 
 
-def configured_topics(configuration: Configuration) -> dict[str, str]:
-    """Return role -> topic for the roles whose topic the configuration names."""
-    return {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
-
-
 def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -> Roles:
     """Fill the roles; a ship's receiver or gyro that the configuration names for the head is not the vehicle's."""
     path, configuration = opened.reader.path, opened.configuration
-    head, stated = configuration.usbl.head, configured_topics(configuration)
+    head = configuration.usbl.head
+    stated = {role: name for role in ROLES if (name := configuration.topic(role)) is not None}
     ships = [find_topic(topics, name) for name in (head.topic, head.heading_topic) if name] if head else []
     named = [find_topic(topics, name) for name in (*request.topics.values(), *stated.values())]
     others = [topic for topic in topics if topic not in ships or topic in named]
@@ -49,11 +45,6 @@ def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -
     more, found = columns_of_layouts(opened.layouts, others, {**stated, **request.topics}, taken)
     roles = choose_roles(path, others, request.topics, stated, (*columns, *more))
     return replace(roles, by_layout=found)
-
-
-def _timed_by_log(configuration: Configuration) -> frozenset[str]:
-    sections = {role: configuration.section(role) for role in ROLES}
-    return frozenset(role for role, section in sections.items() if section.time == "log")
 
 
 def plane_origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
@@ -107,7 +98,7 @@ def sensor_tables(
     Raises SettingError for a setting that does not fit a topic.
     """
     in_file, evidence = read_roles(reader, choices, raw_fields or {}, _tilted(configuration, choices))
-    by_log = _timed_by_log(configuration)
+    by_log = frozenset(role for role in ROLES if configuration.section(role).time == "log")
     as_logged, found = in_time_order(in_file, by_log, part or configuration.part)
     del in_file
     raws, findings = align_clocks(as_logged, by_log)

@@ -50,7 +50,8 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
             continue
         section = document.setdefault(place.section, tomlkit.table())
         before = float(section.get(place.key, 0.0))
-        number = tomlkit.item(round(_sum(before, value, place.unit), place.digits))
+        both = before + value if place.unit else (1 + before) * (1 + value) - 1  # relative errors multiply
+        number = tomlkit.item(round(both, place.digits))
         _put(
             section,
             place.key,
@@ -85,11 +86,6 @@ def _put(section: Any, key: str, item: Any, comment: str) -> None:
         item.comment(comment)
         item.trivia.comment_ws = "  "
     section[key] = item
-
-
-def _sum(stated: float, found: float, unit: str) -> float:
-    """Return the sum of a stated error and the error estimated after subtracting it; relative errors multiply."""
-    return stated + found if unit else (1 + stated) * (1 + found) - 1
 
 
 def _without_start(document: Any) -> str:

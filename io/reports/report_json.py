@@ -42,7 +42,7 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
             "nis": fixes.nis.round(4),
             "dof": fixes.dof,
             "outcome": fixes.outcome,
-            "why": _reasons(fixes),
+            "why": list(map(_reason, fixes.outcome, fixes.nominal_probability, fixes.nis, fixes.dof)),
         },
         index=fixes.row,
     ).astype({"outcome": "str", "why": "str"})
@@ -53,13 +53,8 @@ def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
     return table.astype({"dof": int})
 
 
-def _reasons(fixes: UpdateTable) -> list[str]:
-    """Return why each fix was not used fully; "" for one that was."""
-    columns = (fixes.outcome, fixes.nominal_probability, fixes.nis, fixes.dof)
-    return [_reason(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-
-
 def _reason(outcome: str, nominal_probability: float, nis: float, dof: int) -> str:
+    """Return why a fix was not used fully; "" for one that was."""
     if outcome == "down-weighted":
         return f"probably an outlier: probability of the nominal noise {nominal_probability:.2f}"
     return f"rejected by the gate or the guard: NIS {nis:.1f}, expected {dof}" if outcome == "rejected" else ""

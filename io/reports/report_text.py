@@ -180,7 +180,7 @@ def influence_table(run: Run) -> Table:
             f"{fix.row}",
             f"{fix.time_s:.1f}",
             f"{fix.shift_m:.2f}",
-            _direction(fix.shift_east_m, fix.shift_north_m),
+            COMPASS_POINTS[round(math.atan2(fix.shift_east_m, fix.shift_north_m) / (math.pi / 4)) % 8],
             f"{math.hypot(fix.innovation_east_m, fix.innovation_north_m):.2f}",
             fix.outcome,
         )
@@ -216,10 +216,6 @@ def leave_one_out_table(run: Run) -> Table:
 def _unshifted_nees(report: ErrorReport) -> str:
     shift = report.shift
     return f"; {shift.nees:.2f} without the constant shift" if report.mostly_shift and shift.nees is not None else ""
-
-
-def _direction(east_m: float, north_m: float) -> str:
-    return COMPASS_POINTS[round(math.atan2(east_m, north_m) / (math.pi / 4)) % 8]
 
 
 def health_lines(run: Run) -> list[tuple[str, str]]:

@@ -5,7 +5,7 @@ import os
 import secrets
 import shutil
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,8 @@ def run_directory(target: Path, force: bool = False) -> Generator[Path]:
     except BaseException as fault:  # an interruption, too, leaves nothing half-written
         shutil.rmtree(new, ignore_errors=True)
         for folder in made_parents:
-            _remove_if_empty(folder)
+            with suppress(OSError):  # it holds something, or was not made
+                folder.rmdir()
         if isinstance(fault, OSError):
             raise write_fault(target, fault, "choose another --output") from fault
         raise
@@ -79,11 +80,6 @@ def _own_files(target: Path) -> set[str]:
         return {REPORT, *map(str, report["files"])} if report["tool"]["name"] == "usbldr" else set()
     except (OSError, ValueError, KeyError, TypeError):
         return set()
-
-
-def _remove_if_empty(folder: Path) -> None:
-    if folder.is_dir() and not os.listdir(folder):
-        folder.rmdir()
 
 
 def json_text(content: object) -> str:

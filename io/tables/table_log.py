@@ -57,20 +57,16 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
         if len(sides) == 1 and len(shape) <= 2:
             by_length.setdefault(sides[0], {})[label] = lambda read=read: np.ravel(read(()))
         elif len(shape) == 2 and min(shape) <= MOST_ELEMENTS:
+            column, bracket, unit = label.partition(" [")  # which stays at the end
             for k in range(min(shape)):
                 part = (slice(None), k) if shape[0] >= shape[1] else (k, slice(None))
-                by_length.setdefault(max(shape), {})[_element(label, k)] = lambda read=read, part=part: read(part)
+                columns = by_length.setdefault(max(shape), {})
+                columns[f"{column}.{k}{bracket}{unit}"] = lambda read=read, part=part: read(part)
     if len(by_length) > 1:
         by_length.pop(1, None)
     several = len(by_length) > 1
     topics = {rows: f"{name}/{rows}_rows" if several else name for rows in by_length}
     return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
-
-
-def _element(label: str, k: int) -> str:
-    """Return the name of a column of a matrix; a unit in brackets stays at the end."""
-    name, bracket, unit = label.partition(" [")
-    return f"{name}.{k}{bracket}{unit}"
 
 
 def _is_empty(table: Table) -> bool:
