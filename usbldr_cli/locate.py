@@ -1,6 +1,5 @@
 """``usbldr locate``: where each photo, ping or sample of a dive was taken, and how sure that is."""
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,6 @@ from usbldr_cli.options.verbosity import verbose_option
 if TYPE_CHECKING:
     import pandas as pd
 
-ABSOLUTE = "<altitudeMode>absolute</altitudeMode>"  # heights of KML count from the sea, and not from its floor
 ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
 
 
@@ -127,9 +125,9 @@ def locate(
 
 
 def _csv(table: "pd.DataFrame") -> str:
-    digits = {"lat_deg": 9, "lon_deg": 9} | {name: 4 for name in table.columns if name.endswith(("_m", "_deg"))}
-    shown = table.round({**digits, "lat_deg": 9, "lon_deg": 9, "cov_en_m2": 9})
-    text: str = shown.to_csv(index=False, lineterminator="\n")
+    from usbldr.io.reports.tracks import rounded
+
+    text: str = rounded(table).to_csv(index=False, lineterminator="\n")
     return text
 
 
@@ -148,15 +146,11 @@ def _write(file: Path, table: "pd.DataFrame", title: str) -> None:
 
 def _geojson(rows: "list[dict[Any, Any]]") -> str:
     """Return the located rows as points of RFC 7946."""
-    features = [
-        {
-            "type": "Feature",
-            "geometry": {"type": "Point", "coordinates": _place(one)},
-            "properties": {str(name): _plain(value) for name, value in one.items()},
-        }
-        for one in rows
-    ]
-    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+    from usbldr.io.reports.tracks import feature, geojson_text
+
+    return geojson_text(
+        [feature("Point", _place(one), {str(name): _plain(value) for name, value in one.items()}) for one in rows]
+    )
 
 
 def _place(one: "dict[Any, Any]") -> list[float]:
@@ -173,12 +167,12 @@ def _plain(value: Any) -> Any:
 
 def _kml(rows: "list[dict[Any, Any]]", title: str) -> str:
     """Return the located rows as placemarks."""
+    from usbldr.io.reports.tracks import kml_shape, kml_text
+
     marks = [
         f"<Placemark><name>{escape(printable(str(one['name'])))}</name>"
         f"<description>{one['radius95_m']:.2f} m (95 %) {escape(one['note'])}</description>"
-        f"<Point>{ABSOLUTE if len(place := _place(one)) > 2 else ''}"
-        f"<coordinates>{','.join(map(str, place))}</coordinates></Point></Placemark>"
+        f"{kml_shape('Point', [_place(one)])}</Placemark>\n"
         for one in rows
     ]
-    head = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
-    return f"{head}<name>{escape(printable(title))}</name>\n" + "\n".join(marks) + "\n</Document></kml>\n"
+    return kml_text(title, "".join(marks))

@@ -42,12 +42,16 @@ DECIMALS = {
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table with the digits that its units deserve; an unknown value is an empty cell."""
-    keys = {name: name if name in DECIMALS else name.rsplit("_", 1)[-1] for name in map(str, table)}
-    digits = {name: DECIMALS[key] for name, key in keys.items() if key in DECIMALS}
     with path.open("w", encoding="utf-8", newline="") as out:
         for first in range(0, max(len(table), 1), ROWS):  # one piece of an empty table: its header
-            rows = table.iloc[first : first + ROWS].round(digits)
+            rows = rounded(table.iloc[first : first + ROWS])
             rows.to_csv(out, index=False, header=not first, lineterminator="\n")
+
+
+def rounded(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with the digits that its units deserve."""
+    keys = {name: name if name in DECIMALS else name.rsplit("_", 1)[-1] for name in map(str, table)}
+    return table.round({name: DECIMALS[key] for name, key in keys.items() if key in DECIMALS})
 
 
 def track_table(trajectory: Trajectory, origin: Origin | None) -> pd.DataFrame:
@@ -156,32 +160,26 @@ def write_fnv(path: Path, trajectory: Trajectory, origin: Origin, start_ns: int)
 
 def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes: pd.DataFrame, origin: Origin) -> None:
     """Write the track, the truth (cut at its long gaps) and the fixes with their outcomes, as RFC 7946."""
-    features: list[dict[str, Any]] = [
-        {
-            "type": "Feature",
-            "properties": {"name": trajectory.label, "role": "estimate"},
-            "geometry": {"type": "LineString", "coordinates": _track_line(trajectory, origin)},
-        }
-    ]
+    line = _track_line(trajectory, origin)
+    features = [feature("LineString", line, {"name": trajectory.label, "role": "estimate"})]
     if truth is not None:
-        features.append(
-            {
-                "type": "Feature",
-                "properties": {"name": f"truth ({truth.kind})", "role": "truth", "source": truth.source},
-                "geometry": {"type": "MultiLineString", "coordinates": _truth_lines(truth, origin)},
-            }
-        )
+        said = {"name": f"truth ({truth.kind})", "role": "truth", "source": truth.source}
+        features.append(feature("MultiLineString", _truth_lines(truth, origin), said))
     places = _coordinates(fixes[["east_m", "north_m"]].to_numpy(), origin)
     for place, t, outcome in zip(places, fixes["time_s"].tolist(), fixes["outcome"].tolist(), strict=True):
-        features.append(
-            {
-                "type": "Feature",
-                "properties": {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "outcome": outcome},
-                "geometry": {"type": "Point", "coordinates": place},
-            }
-        )
-    text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+        said = {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "outcome": outcome}
+        features.append(feature("Point", place, said))
+    path.write_text(geojson_text(features), encoding="utf-8")
+
+
+def feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
+    """Return a feature of RFC 7946."""
+    return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": coordinates}}
+
+
+def geojson_text(features: list[dict[str, Any]]) -> str:
+    """Return features as a file of RFC 7946."""
+    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
 
 
 def write_kml(
@@ -195,21 +193,25 @@ def write_kml(
     if truth is not None:
         lines.append((f"truth ({truth.kind})", "ff000000", _truth_lines(truth, origin)))
     placemarks = "".join(
-        f"<Placemark><name>{escape(printable(label))}</name><Style><LineStyle><color>{colour}</color><width>2</width></LineStyle>"
-        f"</Style><MultiGeometry>{''.join(_kml_line(line) for line in parts)}</MultiGeometry></Placemark>\n"
+        f"<Placemark><name>{escape(printable(label))}</name><Style><LineStyle><color>{colour}</color><width>2</width>"
+        "</LineStyle></Style><MultiGeometry>"
+        f"{''.join(kml_shape('LineString', line) for line in parts)}</MultiGeometry></Placemark>\n"
         for label, colour, parts in lines
     )
-    path.write_text(
-        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
-        f"<name>{escape(printable(name))}</name>\n{placemarks}</Document></kml>\n",
-        encoding="utf-8",
-    )
+    path.write_text(kml_text(name, placemarks), encoding="utf-8")
 
 
-def _kml_line(line: list[list[float]]) -> str:
+def kml_text(name: str, placemarks: str) -> str:
+    """Return placemarks as a file of KML 2.2."""
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
+    return f"{head}<name>{escape(printable(name))}</name>\n{placemarks}</Document></kml>\n"
+
+
+def kml_shape(kind: str, line: list[list[float]]) -> str:
+    """Return a LineString or a Point; heights, if any, count from the sea, and not from its floor."""
     mode = "<altitudeMode>absolute</altitudeMode>" if len(line[0]) > 2 else ""
     places = " ".join(",".join(map(str, place)) for place in line)
-    return f"<LineString>{mode}<coordinates>{places}</coordinates></LineString>"
+    return f"<{kind}>{mode}<coordinates>{places}</coordinates></{kind}>"
 
 
 def _track_line(trajectory: Trajectory, origin: Origin, depth_m: Vector | None = None) -> list[list[float]]:

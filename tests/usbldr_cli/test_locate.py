@@ -98,7 +98,7 @@ def dive(tmp_path_factory):
 
 def test_rows_of_a_table_keep_their_columns_in_every_format(dive, tmp_path):
     (tmp_path / "samples.csv").write_text(
-        "time,bottle\n2026-01-01T00:01:40.5Z,7\n2026-01-01T00:00:00Z,8\n2027-01-01,9\n"
+        "time,bottle,lat_deg\n2026-01-01T00:01:40.5Z,7,60.1234567\n2026-01-01T00:00:00Z,8,60\n2027-01-01,9,60\n"
     )
     files = [tmp_path / f"found{end}" for end in (".csv", ".geojson", ".kml")]
     args = [word for file in files for word in ("-o", file)]
@@ -106,6 +106,7 @@ def test_rows_of_a_table_keep_their_columns_in_every_format(dive, tmp_path):
     assert done.exception is None
     table = pd.read_csv(files[0])
     assert list(table.bottle) == [7, 8, 9]
+    assert table.own_lat_deg[0] == 60.1234567
     track = pd.read_csv(dive / "track_5hz.csv").set_index("time_s")
     around = track.loc[[100.4, 100.6], "east_m"]
     assert around.min() - 0.01 <= table.east_m[0] <= around.max() + 0.01

@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
@@ -133,10 +132,7 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
         axes.set_xlim(-0.6, len(rows) - 0.4)
         axes.grid(visible=False, axis="x")
         if wide:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axes.yaxis.set_minor_formatter(NullFormatter())
+            logarithmic(axes, "y", (1, 2, 5))
     panels[0].set_ylabel(f"metres{' (logarithmic)' if wide else ''}")
     if wide:
         panels[0].set_ylim(0.7 * min(every), 1.6 * max(every))

@@ -3,16 +3,14 @@
 import re
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from usbldr.filters.types import Vector
 from usbldr_cli.figures.compare import CROWDED
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import line_style
-from usbldr_cli.figures.style import Axes, Figure, colour, legend_below, time_axis, titled_figure
+from usbldr_cli.figures.style import Axes, Figure, colour, legend_below, logarithmic, time_axis, titled_figure
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow, worst_first
 from usbldr_cli.runs.job_store import JobResult, read_trace
 
@@ -56,7 +54,7 @@ def error_figure(rows: Sequence[DrillRow]) -> Figure | None:
         sizes += [error_m, usual_m]
     whole = np.concatenate(sizes)
     if float(whole.max()) > CROWDED * float(np.median(whole)):
-        _logarithmic(axes, "y")
+        logarithmic(axes, "y", (1, 2, 5))
         axes.set_ylim(bottom=float(np.percentile(whole, 1)))
     else:
         axes.set_ylim(0, 1.08 * float(whole.max()))
@@ -103,18 +101,9 @@ def ratio_figure(rows: Sequence[DrillRow]) -> Figure | None:
             mark = MARKS[alike.index(label) % len(MARKS)]
             axes.plot(x, y + offset, ls="", marker=mark, ms=5, color=colour(method), label=label)
     axes.axvline(1, color="#000000", lw=0.8)
-    _logarithmic(axes, "x")
+    logarithmic(axes, "x", (1, 2, 5))
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_xlabel("times the error without the faults (logarithmic)")
     legend_below(figure, (axes,), 8)
     return figure
-
-
-def _logarithmic(axes: Axes, which: str) -> None:
-    """Give an axis a logarithmic scale with plain numbers."""
-    axis: Any = getattr(axes, f"{which}axis")
-    getattr(axes, f"set_{which}scale")("log")
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(NullFormatter())

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib import figure as mpl_figure
 from matplotlib import rc_context, rcParamsDefault  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.ticker import NullLocator, StrMethodFormatter
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -166,11 +166,13 @@ def time_axis(axes: Axes, *times_s: Vector) -> None:
     axes.set_xlim(first, last if last > first else first + 1.0)
 
 
-def logarithmic(axes: Axes) -> None:
-    """Give the vertical axis a logarithmic scale with plain numbers, without the minor ticks that take long to draw."""
-    axes.set_yscale("log")
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+def logarithmic(axes: Axes, which: str = "y", ticks: Sequence[int] = (1,)) -> None:
+    """Give an axis a logarithmic scale with plain numbers, ``ticks`` times 10^n; minor ticks take long to draw."""
+    axes.set(**{f"{which}scale": "log"})
+    axis: Any = getattr(axes, f"{which}axis")
+    axis.set_major_locator(LogLocator(subs=ticks))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vector, Array]:
