@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from logs import codes, logged, logged_csv
 from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads, write_rosbag2
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import UsageError
 from usbldr.io.log import Log
 from usbldr.io.reading.read import Request, read_log
 
@@ -197,18 +197,6 @@ def test_columns_that_do_not_fit_are_one_sentence(tmp_path: Path, toml: str, sen
         ins_with(tmp_path, toml)
 
     assert str(fault.value) == f"{tmp_path / 'dive.mcap'}: {sentence}"
-
-
-def test_a_topic_that_is_not_in_the_log_is_named(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"no topic /inss for the dvl; did you mean /ins\?"):
-        ins_with(tmp_path, HERE.replace("/ins", "/inss") + '{ x = "speeds.along[0]", y = "speeds.along[1]" }')
-
-
-def test_a_refused_type_says_how_to_name_its_fields(tmp_path: Path) -> None:
-    with pytest.raises(
-        UsageError, match=r"any type whose fields are named by columns under \[dvl\]; usbldr info --fie"
-    ):
-        logged(tmp_path, rows(), topics={"dvl": "/ins"})
 
 
 def test_the_only_topic_that_has_the_fields_needs_no_name(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Messages of the drivers of Nortek, SBG, u-blox, Septentrio, VectorNav and mavros, with their published fields."""
+"""Messages of the drivers of Nortek, SBG, u-blox, Septentrio, VectorNav and mavros, as published."""
 
 import math
 from collections.abc import Mapping
@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from logs import MAP, codes, logged
-from recordings import FIX, HEADER, IMU, SECOND, T0, Row, define, fix, turned, twist
+from recordings import FIX, HEADER, IMU, ROS2, SECOND, T0, Row, define, fix, turned, twist
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.definitions import KNOWN, SHIPPED
 from usbldr.io.log import Log
 
 
@@ -19,207 +20,25 @@ def fields(*lines: str) -> str:
     return "".join(f"{kind} {name}\n" for line in lines for kind, *names in [line.split()] for name in names)
 
 
-NUCLEUS_TIME = ("builtin_interfaces/Time system_timestamp", "bool posix_time", "uint32 timestamp microseconds")
-BEAMS = "_beam_1 {0}_beam_2 {0}_beam_3"
-BOTTOM = fields(
-    *NUCLEUS_TIME,
-    *(f"bool beam_{k}_velocity_valid" for k in (1, 2, 3)),
-    *(f"bool beam_{k}_distance_valid" for k in (1, 2, 3)),
-    *(f"bool beam_{k}_fom_valid" for k in (1, 2, 3)),
-    *(f"bool {axis}_velocity_valid" for axis in "xyz"),
-    *(f"bool {axis}_fom_valid" for axis in "xyz"),
-    "uint32 serial_number",
-    "float32 sound_speed temperature pressure",
-    *(f"float32 {what}" + BEAMS.format(what) for what in ("velocity", "distance", "fom", "dt", "time_vel")),
-    "float32 velocity_x velocity_y velocity_z fom_x fom_y fom_z dt_xyz",
-)
-AHRS = fields(
-    *NUCLEUS_TIME,
-    "uint32 serial_number",
-    "uint8 operation_mode",
-    "float32 fom_ahrs fom_fc1 roll pitch heading quaternion_w quaternion_x quaternion_y quaternion_z",
-    *(f"float32 rotation_matrix_{k}" for k in range(9)),
-    "float32 declination depth",
-)
-INS = AHRS + fields(
-    "float32 fom_ins",
-    "bool lat_long_is_valid",
-    "float32 course_over_ground temperature pressure altitude",
-    "float64 latitude longitude",
-    *(f"float32 {what}_x {what}_y {what}_z" for what in ("position_frame", "velocity_ned", "velocity_nucleus")),
-    "float32 speed_over_ground turn_rate_x turn_rate_y turn_rate_z",
-)
-DF21_STATUS = fields(
-    *(f"uint8 beam{k}{what}Valid" for what in ("Vel", "Dist", "FOM") for k in (1, 2, 3, 4)),
-    *(f"uint8 {axis}{what}Valid" for what in ("Vel", "FOM") for axis in ("x", "y", "z1", "z2")),
-    "uint8 procIdle3 procIdle6 procIdle12 empty wakeupstate",
-)
-XYZ = ("X", "Y", "Z1", "Z2")
-DF21 = HEADER + fields(
-    "uint8 dvl_type good_beams",
-    "float64 altitude_sum dvl_time speed_gnd course_gnd",
-    "uint8 version offsetOfData",
-    "uint32 serialNumber",
-    "uint8 year month day hour minute seconds",
-    "uint16 microSeconds nBeams",
-    "uint32 error",
-    "ds_sensor_msgs/NortekBTStatus status",
-    "float32 speed_sound temperature pressure",
-    "float32[4] velBeam distBeam fomBeam timeDiff1Beam timeDiff2Beam timeVelEstBeam",
-    *(f"float32 {what}{axis}" for what in ("vel", "fom", "timeDiff1", "timeDiff2", "timeVelEst") for axis in XYZ),
-)
-EKF_STATUS = fields(
-    "uint8 solution_mode",
-    "bool attitude_valid heading_valid velocity_valid position_valid vert_ref_used mag_ref_used gps1_vel_used "
-    "gps1_pos_used gps1_hdt_used gps2_vel_used gps2_pos_used gps2_hdt_used odo_used dvl_bt_used dvl_wt_used vel1_used "
-    "usbl_used air_data_used zupt_used align_valid depth_used zaru_used",
-)
-SBF = HEADER + "septentrio_gnss_driver/BlockHeader block_header\n"
-VECTOR = "geometry_msgs/Vector3"
-PVT = fields(
-    "uint32 iTOW",
-    "uint16 year",
-    "uint8 month day hour min sec valid",
-    "uint32 tAcc",
-    "int32 nano",
-    "uint8 fixType flags flags2 numSV",
-    "int32 lon lat height hMSL",
-    "uint32 hAcc vAcc",
-    "int32 velN velE velD gSpeed heading",
-    "uint32 sAcc headAcc",
-    "uint16 pDOP",
-    "uint8[6] reserved1",
-)
-TYPES = {
-    "interfaces/msg/BottomTrack": BOTTOM,
-    "interfaces/msg/WaterTrack": BOTTOM,
-    "interfaces/msg/AHRS": AHRS,
-    "interfaces/msg/INS": INS,
-    "ds_sensor_msgs/msg/NortekBTStatus": DF21_STATUS,
-    "ds_sensor_msgs/msg/NortekDF21": DF21,
-    "sbg_driver/msg/SbgEkfStatus": EKF_STATUS,
-    "sbg_driver/msg/SbgEkfEuler": HEADER + fields(f"{VECTOR} angle accuracy", "sbg_driver/SbgEkfStatus status"),
-    "sbg_driver/msg/SbgEkfQuat": HEADER
-    + fields(
-        "uint32 time_stamp",
-        "geometry_msgs/Quaternion quaternion",
-        f"{VECTOR} accuracy",
-        "sbg_driver/SbgEkfStatus status",
-    ),
-    "sbg_driver/msg/SbgEkfNav": HEADER
-    + fields(
-        "uint32 time_stamp",
-        f"{VECTOR} velocity velocity_accuracy",
-        "float64 latitude longitude altitude",
-        "float32 undulation",
-        f"{VECTOR} position_accuracy",
-        "sbg_driver/SbgEkfStatus status",
-    ),
-    "sbg_driver/msg/SbgGpsPosStatus": fields("uint8 status type ifm spoofing osnma", "bool gps_l1_used gps_l2_used"),
-    "sbg_driver/msg/SbgGpsPos": HEADER
-    + fields(
-        "uint32 time_stamp",
-        "sbg_driver/SbgGpsPosStatus status",
-        "uint32 gps_tow",
-        "float64 latitude longitude altitude",
-        "float32 undulation",
-        f"{VECTOR} position_accuracy",
-        "uint8 num_sv_tracked num_sv_used",
-        "uint16 base_station_id diff_age",
-    ),
-    "sbg_driver/msg/SbgImuStatus": fields("bool imu_com imu_status"),
-    "sbg_driver/msg/SbgImuData": HEADER
-    + fields("uint32 time_stamp", "sbg_driver/SbgImuStatus imu_status", f"{VECTOR} accel gyro", "float32 temp"),
-    "ublox_msgs/msg/NavPVT": PVT + fields("int32 headVeh", "int16 magDec", "uint16 magAcc"),
-    "ublox_msgs/msg/NavPVT7": PVT,
-    "septentrio_gnss_driver/msg/BlockHeader": fields(
-        "uint8 sync_1 sync_2", "uint16 crc id", "uint8 revision", "uint16 length", "uint32 tow", "uint16 wnc"
-    ),
-    "septentrio_gnss_driver/msg/PVTGeodetic": SBF
-    + fields(
-        "uint8 mode error",
-        "float64 latitude longitude height",
-        "float32 undulation vn ve vu cog",
-        "float64 rx_clk_bias",
-        "float32 rx_clk_drift",
-        "uint8 time_system datum nr_sv wa_corr_info",
-        "uint16 reference_id mean_corr_age",
-        "uint32 signal_info",
-        "uint8 alert_flag nr_bases",
-        "uint16 ppp_info latency h_accuracy v_accuracy",
-        "uint8 misc",
-    ),
-    "septentrio_gnss_driver/msg/AttEuler": SBF
-    + fields("uint8 nr_sv error", "uint16 mode", "float32 heading pitch roll pitch_dot roll_dot heading_dot"),
-    "septentrio_gnss_driver/msg/INSNavGeod": SBF
-    + fields(
-        "uint8 gnss_mode error",
-        "uint16 info gnss_age",
-        "float64 latitude longitude height",
-        "float32 undulation",
-        "uint16 accuracy latency",
-        "uint8 datum",
-        "uint16 sb_list",
-        "float32 latitude_std_dev longitude_std_dev height_std_dev",
-        "float32 latitude_longitude_cov latitude_height_cov longitude_height_cov heading pitch roll",
-    ),
-    "vectornav_msgs/msg/InsStatus": fields(
-        "uint8 mode", "bool gps_fix time_error imu_error mag_pres_error gps_error gps_heading_ins gps_compass"
-    ),
-    "vectornav_msgs/msg/CommonGroup": HEADER
-    + fields(
-        "uint16 group_fields",
-        "uint64 timestartup timegps timesyncin",
-        f"{VECTOR} yawpitchroll",
-        "geometry_msgs/Quaternion quaternion",
-        f"{VECTOR} angularrate",
-        "geometry_msgs/Point position",
-        f"{VECTOR} velocity accel imu_accel imu_rate magpres_mag",
-        "float32 magpres_temp magpres_pres deltatheta_dtime",
-        f"{VECTOR} deltatheta_dtheta deltatheta_dvel",
-        "vectornav_msgs/InsStatus insstatus",
-        "uint32 syncincnt",
-        "uint16 timegpspps",
-    ),
-    "vectornav_msgs/msg/InsGroup": HEADER
-    + fields(
-        "uint16 group_fields",
-        "vectornav_msgs/InsStatus insstatus",
-        "geometry_msgs/Point poslla posecef",
-        f"{VECTOR} velbody velned velecef magecef accelecef linearaccelecef",
-        "float32 posu velu",
-    ),
-    "vectornav_msgs/msg/GpsGroup": HEADER
-    + fields(
-        "uint16 group_fields",
-        "uint64 tow",
-        "uint16 week",
-        "uint8 numsats fix",
-        "geometry_msgs/Point poslla posecef",
-        f"{VECTOR} velned velecef posu",
-        "float32 velu",
-    ),
+TYPES = {  # further ones have the layouts that their drivers publish, which test_definitions holds to checksums
+    "ds_sensor_msgs/msg/NortekBTStatus": fields("uint8 xVelValid yVelValid z1VelValid z2VelValid"),
+    "ds_sensor_msgs/msg/NortekDF21": HEADER
+    + fields("uint8 dvl_type good_beams", "ds_sensor_msgs/NortekBTStatus status", "float32[4] velBeam fomBeam")
+    + fields(*(f"float32 {what}{axis}" for what in ("vel", "fom") for axis in ("X", "Y", "Z1", "Z2"))),
+    "sbg_driver/msg/SbgImuData": HEADER + fields("geometry_msgs/Vector3 accel gyro"),
     "vectornav/msg/Ins": HEADER
-    + fields(
-        "float64 time",
-        "uint16 week",
-        "uint64 utcTime",
-        "uint16 insStatus",
-        "float32 yaw pitch roll",
-        "float64 latitude longitude altitude",
-        "float32 nedVelX nedVelY nedVelZ",
-        "float32[3] attUncertainty",
-        "float32 posUncertainty velUncertainty",
-    ),
-    "mavros_msgs/msg/VfrHud": HEADER
-    + fields("float32 airspeed groundspeed", "int16 heading", "float32 throttle altitude climb"),
+    + fields("uint16 week insStatus", "float32 yaw pitch roll", "float64 latitude longitude", "float32 posUncertainty"),
 }
 define(TYPES)
+for known in (
+    name for name in KNOWN if name.startswith(("interfaces/", "sbg_", "ublox_", "sept", "vectornav", "mavros"))
+):
+    ROS2.register(dict(SHIPPED.layouts(known)[0]))
 
 
 def row(kind: str, values: Mapping[str, Any], after_s: int = 0, topic: str = "/topic") -> Row:
     time_ns = T0 + after_s * SECOND
-    path = "header.stamp" if TYPES[kind].startswith(HEADER) else "system_timestamp.sec"
+    path = "system_timestamp.sec" if kind.startswith("interfaces/") else "header.stamp"
     stamped = {path: time_ns if path == "header.stamp" else time_ns // SECOND}
     return time_ns + 7, topic, kind, ({} if kind.startswith("ublox") else stamped) | dict(values)
 

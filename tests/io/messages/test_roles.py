@@ -159,25 +159,16 @@ ONE_AFTER_THE_OTHER = [
 
 
 @pytest.mark.parametrize("rank", range(4))
-def test_messages_of_the_dvl_come_before_what_was_made_of_them(rank: int) -> None:
+def test_messages_of_the_dvl_come_before_what_was_made_of_them_and_two_of_one_rank_are_a_choice(rank: int) -> None:
     behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
 
     for first in ONE_AFTER_THE_OTHER[rank]:
         roles = choose_roles(LOG, [*behind[::-1], first], {}, {})
         assert taken(roles) == {"dvl": first.name}
         assert set(roles.chosen["dvl"].lower_ranked) == set(behind)
-
-
-@pytest.mark.parametrize("rank", range(4))
-def test_two_of_one_rank_are_a_choice_whatever_ranks_lower(rank: int) -> None:
-    behind = [topic for topics in ONE_AFTER_THE_OTHER[rank + 1 :] for topic in topics]
-    one, other = ONE_AFTER_THE_OTHER[rank]
-
-    roles = choose_roles(LOG, [one, *behind, other], {}, {})
-
-    sentence = str(roles.unresolved["dvl"])
-    assert sentence.startswith(f"dive.mcap: 2 topics could be the dvl: {one.name} (")
-    assert f"; {other.name} (" in sentence
+    sentence = str(choose_roles(LOG, [*ONE_AFTER_THE_OTHER[rank], *behind], {}, {}).unresolved["dvl"])
+    assert sentence.startswith(f"dive.mcap: 2 topics could be the dvl: {ONE_AFTER_THE_OTHER[rank][0].name} (")
+    assert f"; {ONE_AFTER_THE_OTHER[rank][1].name} (" in sentence
 
 
 UNREAD = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported")

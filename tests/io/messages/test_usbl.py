@@ -81,16 +81,14 @@ THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
 def test_modems_measure_east_and_north_of_their_head(tmp_path: Path, kind: str) -> None:
-    log = logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], HEAD)
+    rows = [row(kind, THIRTY_EAST_FORTY_NORTH[kind])]
+
+    log = logged(tmp_path, rows, HEAD)
 
     assert places(log)[0] == pytest.approx([130, 240])
     assert Convention("relative_to", "head", "type") in log.provenance["usbl"].conventions
-
-
-@pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
-def test_a_modem_is_no_use_without_the_place_of_its_head(tmp_path: Path, kind: str) -> None:
     with pytest.raises(LogError, match="holds positions relative to the head; state head"):
-        logged(tmp_path, [row(kind, THIRTY_EAST_FORTY_NORTH[kind])], "")
+        logged(tmp_path, rows, "")
 
 
 def test_seatrac_positions_without_the_flag_and_outliers_are_left_out(tmp_path: Path) -> None:
@@ -282,18 +280,6 @@ def test_an_unknown_layout_is_refused_by_its_name(tmp_path: Path) -> None:
         UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot be used as usbl \(only "
     ):
         logged(tmp_path, [row("collaborative/msg/USBL", {})], '[usbl]\ntopic = "/usbl"')
-
-
-def test_a_fix_polled_again_is_one_fix(tmp_path: Path) -> None:
-    """Water Linked's UGPS is polled at 5 Hz; each fix comes with new stamps until there is another."""
-    rows = [
-        row(FIX, {"latitude": 45.0 + 1e-5 * (k // 5), "longitude": 7.0}, 0.2 * k, "/waterlinked/fix") for k in range(15)
-    ]
-
-    log = logged(tmp_path, rows, MAP)
-
-    assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0, 1, 2])
-    assert codes(log)["USBL-REPEATED"].startswith("/waterlinked/fix: 12 of 15 fixes repeat the previous one")
 
 
 def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
