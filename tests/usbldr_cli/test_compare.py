@@ -56,6 +56,8 @@ def test_quiet_prints_the_verdict_of_the_json_file_alone(dive: Path, tmp_path: P
 
     assert printed.strip().splitlines()[-1] == content(tmp_path / "out")["verdict"]
     assert "mean error" not in printed
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"compare.csv", "compare.json", "compare.md", "units"}  # and no picture
 
 
 def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: Path, tmp_path: Path) -> None:
@@ -125,13 +127,6 @@ def test_the_folder_holds_tables_pictures_and_units_and_nothing_else(compared: P
         "units",
     ]
     assert all(path.suffix in (".json", ".npz") for path in (compared / "units").iterdir())
-
-
-def test_without_plots_the_folder_holds_no_pictures(dive: Path, tmp_path: Path) -> None:
-    output_of("compare", dive, "--filters", "usbl", "--jobs", 1, "--plots", "none", "-o", tmp_path / "out")
-
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"compare.csv", "compare.json", "compare.md", "units"}
 
 
 def test_many_logs_have_a_line_each_and_one_figure(dive: Path, tmp_path: Path) -> None:

@@ -119,17 +119,6 @@ def test_every_value_and_stamp_comes_back(tmp_path: Path, name: str) -> None:
     assert [finding.code for finding in back.findings if finding.lost_data] == []
 
 
-def test_a_log_may_go_through_all_formats_and_come_back(tmp_path: Path) -> None:
-    first = read_log(every_kind_of_record(tmp_path))
-    log = first
-
-    for k, name in enumerate(NAMES):
-        export(log, tmp_path / str(k) / name)
-        log = read_log(tmp_path / str(k) / name)
-
-    assert_same(log, first)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_log_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
     log = read_log(every_kind_of_record(tmp_path))

@@ -3,19 +3,17 @@
 import datetime
 import re
 import tomllib
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.io
 
 from commands import findings, output_of, run
 from curved import curved_dive, in_radians
 from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
+from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
 
 MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
@@ -226,35 +224,15 @@ def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None
     accepted(log, tmp_path / "found.toml")
 
 
-def parquet_folder(folder: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
-    folder.mkdir()
-    for name, table in tables.items():
-        table.to_parquet(folder / f"{name}.parquet")
-    return folder
+def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
+    sheets = {file.stem: pd.read_csv(file) for file in csv.glob("*.csv")}
+    return {name: {str(label): values.to_numpy() for label, values in sheet.items()} for name, sheet in sheets.items()}
 
 
-def hdf5_file(file: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
-    with h5py.File(file, "w") as content:
-        for name, table in tables.items():
-            for label, values in table.items():
-                content.create_dataset(f"{name}/{label}", data=values.to_numpy())
-    return file
-
-
-def mat_file(file: Path, tables: Mapping[str, pd.DataFrame]) -> Path:
-    columns = {
-        name: {str(label): values.to_numpy() for label, values in table.items()} for name, table in tables.items()
-    }
-    scipy.io.savemat(file, columns)
-    return file
-
-
-@pytest.mark.parametrize("write", [parquet_folder, hdf5_file, mat_file])
-def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_files(
-    tmp_path: Path, write: Callable[[Path, Mapping[str, pd.DataFrame]], Path]
-) -> None:
+@pytest.mark.parametrize("form", ["Parquet", "HDF5", "MATLAB"])
+def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_files(tmp_path: Path, form: str) -> None:
     csv = without_units(tmp_path / "csv")
-    log = write(tmp_path / "dive", {file.stem: pd.read_csv(file) for file in csv.glob("*.csv")})
+    log = WRITERS[form](tmp_path, tables_of(csv))
 
     (_, of_csv), (_, of_log) = (initialised(path, tmp_path / "found.toml") for path in (csv, log))
 
@@ -263,10 +241,10 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
 
 
 def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
-    tables = {file.stem: pd.read_csv(file) for file in without_units(tmp_path / "csv").glob("*.csv")}
+    tables = tables_of(without_units(tmp_path / "csv"))
     tables["dvl"]["time"] = tables["dvl"]["time"] / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
 
-    _, found = initialised(mat_file(tmp_path / "dive", tables), tmp_path / "found.toml")
+    _, found = initialised(WRITERS["MATLAB"](tmp_path, tables), tmp_path / "found.toml")
 
     assert found["dvl"]["columns"] == {"time_datenum": "time", "x": "vx", "y": "vy", "z": "vz"}
     assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}

@@ -141,18 +141,8 @@ def _report(folder: Path) -> dict[str, Any]:
 def test_a_report_says_how_it_was_made(dive: Path) -> None:
     truth = dive.parent / "truth.csv"
     truth.write_text("time_ns,east_m,north_m\n1767225600000000000,0,0\n1767225601000000000,1,1\n", encoding="utf-8")
-    words = (
-        "replay",
-        str(dive),
-        "-f",
-        "usbl",
-        "--truth",
-        str(truth),
-        "--plots",
-        "none",
-        "-o",
-        str(dive.parent / "run"),
-    )
+    out = dive.parent / "run"
+    words = tuple(map(str, ("replay", dive, "-f", "usbl", "--truth", truth, "--plots", "none", "-o", out)))
     assert run(*words).exit_code == 0
 
     report = _report(dive.parent / "run")

@@ -1,19 +1,20 @@
 import dataclasses
 import re
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.filters.types import Outage, Trajectory
-from usbldr.io.conventions.sanity import truth_jump_findings
+from usbldr.filters.types import Timeline, Trajectory
+from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
@@ -24,7 +25,7 @@ from usbldr_cli.figures.drawing import draw as draw_all
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
-from usbldr_cli.figures.style import broken_at_gaps, in_style, save
+from usbldr_cli.figures.style import broken_at_gaps, in_style
 from usbldr_cli.figures.track import track_figure
 
 PAPER = find_scenario("paper")
@@ -33,33 +34,31 @@ LOG = simulated_log(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
 TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.parameters)
 EKF = run_filter("ekf", TIMELINE, LOG.parameters, FilterSettings(gate=0.9))
-USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
+USBL = dead_reckoning.usbl(TIMELINE)
 
 
-def a_run(trajectory: Trajectory, align: str = "none") -> Run:
+def a_run(trajectory: Trajectory, align: str = "none", log: Log = LOG, grid: Timeline = TIMELINE) -> Run:
     def scored(track: Trajectory) -> ScoredTrack:
-        assert LOG.truth is not None
-        times_s = None if track.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
-        return ScoredTrack(track, evaluate(track, LOG.truth, align=align, times_s=times_s))
+        assert log.truth is not None
+        times_s = None if track.method == "usbl" else grid.time_s[grid.slow]
+        return ScoredTrack(track, evaluate(track, log.truth, align=align, times_s=times_s))
 
-    return Run(LOG, TIMELINE, Identification(LOG.parameters), scored(trajectory), (scored(USBL), scored(DR)))
+    others = scored(dead_reckoning.usbl(grid)), scored(dead_reckoning.dr(grid, np.zeros(2)))
+    return Run(log, grid, Identification(log.parameters), scored(trajectory), others)
 
 
 def a_curved_run(method: str, align: str = "none") -> Run:
     """Return a run on a track with a turn, which is drawn with east and north."""
     log = simulated_log(dataclasses.replace(find_scenario("turns"), duration_s=150.0), seed=1)
-    grid = timeline(log)
     settings = FilterSettings(gate=0.9) if method == "ekf" else FilterSettings()
-    tracks = [run_filter(method, grid, log.parameters, settings), dead_reckoning.usbl(grid)]
-    tracks += [dead_reckoning.dr(grid, np.zeros(2))]
-    assert log.truth is not None
-    scored = [
-        ScoredTrack(
-            t, evaluate(t, log.truth, align=align, times_s=None if t.method == "usbl" else grid.time_s[grid.slow])
-        )
-        for t in tracks
-    ]
-    return Run(log, grid, Identification(log.parameters), scored[0], tuple(scored[1:]))
+    return a_run(run_filter(method, timeline(log), log.parameters, settings), align, log, timeline(log))
+
+
+def figure_of(draw: Callable[[Run], Figure | None], run: Run) -> Figure:
+    with in_style():
+        figure = draw(run)
+    assert figure is not None
+    return figure
 
 
 def drawn(folder: Path, run: Run) -> list[str]:
@@ -105,8 +104,7 @@ def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_trut
     "draw", [track_figure, error_figure, consistency_figure, cdf_figure, innovation_figure, particle_figure]
 )
 def test_every_title_states_method_log_truth_order_and_alignment(draw) -> None:
-    with in_style():
-        said = words(draw(a_run(CPF, align="first")))
+    said = words(figure_of(draw, a_run(CPF, align="first")))
 
     assert "cpf on paper" in said
     assert "truth: simulated (paper/gps)" in said
@@ -117,8 +115,7 @@ def test_every_title_states_method_log_truth_order_and_alignment(draw) -> None:
 def test_a_track_is_drawn_with_a_metre_as_long_east_as_north_and_its_fixes_by_fate() -> None:
     run = a_curved_run("ekf")
 
-    with in_style():
-        figure = track_figure(run)
+    figure = figure_of(track_figure, run)
 
     assert [axes.get_aspect() for axes in figure.axes] == [1.0, 1.0]
     fates = [label.split(" (")[0] for label in labels(figure)]
@@ -132,8 +129,7 @@ def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -
     assert run.scored.report is not None
     aligned_m = run.scored.report.alignment.points(run.scored.trajectory.position_m)
 
-    with in_style():
-        whole, close = track_figure(run).axes
+    whole, close = figure_of(track_figure, run).axes
 
     drawn = next(line for line in whole.get_lines() if line.get_label() == "cpf")
     np.testing.assert_allclose(np.column_stack(drawn.get_data()), aligned_m)
@@ -142,21 +138,8 @@ def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -
     assert re.search(r"; \d+ to \d+ s$", close.get_title(loc="left"))
 
 
-def test_the_truth_is_drawn_inside_the_scored_window_only() -> None:
-    run = a_run(CPF)
-    assert run.scored.report is not None
-    report = dataclasses.replace(run.scored.report, window=Window(20.0, 50.0))
-
-    with in_style():
-        axes = track_figure(dataclasses.replace(run, scored=ScoredTrack(CPF, report))).axes[0]
-
-    truth = next(line for line in axes.get_lines() if str(line.get_label()).startswith("truth"))
-    assert len(truth.get_xdata()) == 31
-
-
 def test_a_straight_track_is_turned_so_that_its_errors_show() -> None:
-    with in_style():
-        whole = track_figure(a_run(CPF)).axes[0]
+    whole = figure_of(track_figure, a_run(CPF)).axes[0]
 
     line = next(line for line in whole.get_lines() if line.get_label() == "cpf")
     drawn_m = np.column_stack(line.get_data())
@@ -176,10 +159,8 @@ def test_every_raw_fix_is_drawn_at_the_edge_if_it_is_outside_and_counted() -> No
     raw = run.reference_tracks[0].report
     assert raw is not None
 
-    with in_style():
-        figure = error_figure(run)
+    figure = figure_of(error_figure, run)
 
-    assert figure is not None
     top = 0.97 * figure.axes[0].get_ylim()[1]
     fixes = next(line for line in figure.axes[0].get_lines() if str(line.get_label()).startswith("raw USBL fix"))
     np.testing.assert_allclose(fixes.get_ydata(), np.clip(raw.error_m[:, 0], -top, top))
@@ -196,10 +177,8 @@ def test_the_picture_of_consistency_has_the_errors_as_colours_and_the_nees_of_th
     assert report.nees is not None
     assert report.cov_m2 is not None
 
-    with in_style():
-        figure = consistency_figure(run)
+    figure = figure_of(consistency_figure, run)
 
-    assert figure is not None
     left, right, bar = figure.axes
     track, ellipses = sorted(left.collections, key=lambda one: one.get_array() is None)
     np.testing.assert_allclose(track.get_array(), report.horizontal_m[1:])
@@ -225,19 +204,6 @@ def test_every_corner_of_an_ellipse_is_as_many_sigmas_from_its_centre() -> None:
         assert np.ptp(np.arctan2(*away.T)) > 5.0  # all the way round
 
 
-@pytest.mark.parametrize(("form", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_vector_graphics_have_the_same_bytes_each_time(tmp_path: Path, form: str, head: bytes) -> None:
-    figures = []
-    for name in ("one", "two"):
-        with in_style():
-            figure = error_figure(a_run(EKF))
-            save(figure, tmp_path / f"{name}.{form}")
-        figures.append((tmp_path / f"{name}.{form}").read_bytes())
-
-    assert figures[0] == figures[1]
-    assert figures[0].startswith(head)
-
-
 def run_with_wrong_truth_rows() -> Run:
     """Return a run whose truth begins 5 km away."""
     run = a_curved_run("ekf")
@@ -254,40 +220,14 @@ def run_with_wrong_truth_rows() -> Run:
 def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() -> None:
     run = run_with_wrong_truth_rows()
 
-    with in_style():
-        figure, beside = track_figure(run), consistency_figure(run)
+    figure, beside = figure_of(track_figure, run), figure_of(consistency_figure, run)
 
-    assert beside is not None
     assert run.scored.report is not None
     assert run.scored.report.horizontal_m.max() > 5000
     for axes in (*figure.axes, beside.axes[0]):
         assert np.ptp(axes.get_xlim()) < 300
     assert "1 larger, up to" in figure.axes[1].get_title(loc="left")
     assert "1 outside the axes" in next(text for text in labels(figure) if text.startswith("truth"))
-
-
-def test_the_close_up_is_not_of_a_truth_that_is_found_to_jump() -> None:
-    run = a_curved_run("ekf")
-    truth = run.log.truth
-    assert truth is not None
-    jumping_m = truth.position_m.copy()
-    jumping_m[50] += 40.0
-    jumping = dataclasses.replace(truth, position_m=jumping_m)
-    (finding,) = truth_jump_findings(jumping)
-    times_s = run.timeline.time_s[run.timeline.slow]
-    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, jumping, times_s=times_s))
-    assert scored.report is not None
-    assert scored.report.time_s[np.argmax(scored.report.horizontal_m)] == pytest.approx(truth.time_s[50])
-
-    titles = []
-    for findings in ((), (finding,)):
-        log = dataclasses.replace(run.log, truth=jumping, findings=findings)
-        with in_style():
-            titles.append(track_figure(dataclasses.replace(run, log=log, scored=scored)).axes[1].get_title(loc="left"))
-
-    assert f"at {truth.time_s[50]:.0f} s" in titles[0]
-    assert f"at {truth.time_s[50]:.0f} s" not in titles[1]
-    assert "their truth jumps" in titles[1]
 
 
 def test_the_axis_of_time_is_broken_where_a_long_time_has_no_truth() -> None:
@@ -299,10 +239,10 @@ def test_the_axis_of_time_is_broken_where_a_long_time_has_no_truth() -> None:
     ends = dataclasses.replace(truth, **parts)
     scored = ScoredTrack(CPF, evaluate(CPF, ends, times_s=TIMELINE.time_s[TIMELINE.slow]))
 
-    with in_style():
-        figure = error_figure(dataclasses.replace(run, log=dataclasses.replace(run.log, truth=ends), scored=scored))
+    figure = figure_of(
+        error_figure, dataclasses.replace(run, log=dataclasses.replace(run.log, truth=ends), scored=scored)
+    )
 
-    assert figure is not None
     spans = [axes.get_xlim() for axes in figure.axes[:2]]
     assert spans[0] == pytest.approx((0, 19), abs=1.5)
     assert spans[1][0] == pytest.approx(91, abs=1.5)
@@ -314,10 +254,8 @@ def test_box_plots_and_distance_are_those_of_the_errors() -> None:
     report = run.scored.report
     assert report is not None
 
-    with in_style():
-        figure = distance_figure(run)
+    figure = figure_of(distance_figure, run)
 
-    assert figure is not None
     way, boxes = figure.axes
     line = next(line for line in way.get_lines() if line.get_label() == "cpf")
     straight_m = np.hypot(*(report.truth_m[-1] - report.truth_m[0]))  # the scenario has one course
@@ -335,10 +273,8 @@ def test_outliers_of_the_fixes_do_not_flatten_the_innovations_of_the_others() ->
     fix_m[far] += 300.0
     with_outliers = run_filter("adf", dataclasses.replace(TIMELINE, fix_m=fix_m), LOG.parameters)
 
-    with in_style():
-        figure = innovation_figure(a_run(with_outliers))
+    figure = figure_of(innovation_figure, a_run(with_outliers))
 
-    assert figure is not None
     axes = next(one for one in figure.subfigs[0].axes if one.get_ylabel() == "USBL east [m]")
     assert axes.get_ylim()[1] < 30
     edge = np.concatenate([line.get_ydata() for line in axes.get_lines() if line.get_label() != "used"])
@@ -349,28 +285,13 @@ def test_a_gross_error_is_marked_at_the_edge_instead_of_flattening_the_others() 
     mean = CPF.mean.copy()
     mean[300, CPF.names.index("x")] += 500.0
 
-    with in_style():
-        figure = error_figure(a_run(dataclasses.replace(CPF, mean=mean)))
+    figure = figure_of(error_figure, a_run(dataclasses.replace(CPF, mean=mean)))
 
-    assert figure is not None
     top = figure.axes[0].get_ylim()[1]
     marks = [line for line in figure.axes[0].get_lines() if line.get_marker() == "^" and len(line.get_xdata())]
     assert top < 5
     assert [list(line.get_xdata()) for line in marks] == [[60.0]]
     assert 0 < marks[0].get_ydata()[0] < top
-
-
-def test_outages_are_shaded_and_named_once() -> None:
-    outages = (Outage("usbl", 10.0, 30.0), Outage("usbl", 50.0, 60.0), Outage("dvl", 80.0, 90.0))
-    run = dataclasses.replace(a_run(CPF), timeline=dataclasses.replace(TIMELINE, outages=outages))
-
-    with in_style():
-        figure = error_figure(run)
-
-    assert figure is not None
-    assert [label for label in labels(figure) if label.startswith("no ")] == ["no usbl", "no dvl"]
-    spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in figure.axes[0].patches]
-    assert spans == [(10.0, 30.0), (50.0, 60.0), (80.0, 90.0)]
 
 
 def test_a_line_is_broken_where_epochs_were_left_out() -> None:
