@@ -30,6 +30,14 @@ SHIP = "topic = '/ship/fix', heading_topic = '/ship/imu'"
 ALL_STATES = "states = ['scale', 'misalignment', 'heading', 'deviation', 'latency', 'usbl-bias', 'current']"
 STATES_OF = {"pf": ALL_STATES.replace(" 'heading', 'deviation',", "")}  # it samples the yaw
 START = "east_m = 0\nnorth_m = 0\nsd_m = 1"
+UNITS = {"dvl": "mps", "compass": "deg", "usbl": "m", "gps": "m"}
+NOISES = {
+    "share": "'contamination', sd_U = 1.0",
+    "variance_ratio": "'mixture'",
+    "dof": "'student-t'",
+    "sd_U": "'contamination'",
+}
+PLACE = {"lat_deg": "lon_deg = 7.0", "lon_deg": "lat_deg = 45.0", "east_m": "north_m = 0", "north_m": "east_m = 0"}
 KEYS = {  # key -> lines that let it act; V is its value, for a key inside a table or an array
     "map.origin_lat_deg": "origin_lon_deg = 7.0",
     "map.origin_lon_deg": "origin_lat_deg = 45.0",
@@ -40,16 +48,18 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "dvl.sound_speed_mps": "",
     "dvl.assumed_sound_speed_mps": "sound_speed_mps = 1480.0",
     "dvl.lever_arm_m": "lever_arm_m = [V, 0, 1]",
-    "dvl.noise.share": "noise = { kind = 'contamination', sd_mps = 1.0, share = V }",
-    "dvl.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
-    "dvl.noise.dof": "noise = { kind = 'student-t', dof = V }",
-    "dvl.noise.sd_mps": "noise = { kind = 'contamination', sd_mps = V }",
+    **{
+        f"{sensor}.noise.{key}".replace("U", unit): f"noise = {{ kind = {kind}, {key} = V }}".replace("U", unit)
+        for sensor, unit in UNITS.items()
+        for key, kind in NOISES.items()
+    },
+    **{
+        f"usbl.{what}.{key}": f"{what} = {{ {key} = V, {other} }}"
+        for what in ("head", "beacon")
+        for key, other in (PLACE | {"depth_m": "east_m = 0, north_m = 0"}).items()
+    },
     **dict.fromkeys(("compass.bias_deg", "compass.deviation_sin_deg", "compass.deviation_cos_deg"), ""),
     **dict.fromkeys(("compass.declination_deg", "compass.sd_deg", "compass.latency_s", "compass.clock_step_s"), ""),
-    "compass.noise.share": "noise = { kind = 'contamination', sd_deg = 1.0, share = V }",
-    "compass.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
-    "compass.noise.dof": "noise = { kind = 'student-t', dof = V }",
-    "compass.noise.sd_deg": "noise = { kind = 'contamination', sd_deg = V }",
     **dict.fromkeys(("usbl.sd_m", "usbl.sd_scale", "usbl.latency_s", "usbl.clock_step_s"), ""),
     "usbl.mount_deg": f"frame = 'body'\n{FIXED}",
     **dict.fromkeys(("usbl.mount_roll_deg", "usbl.mount_pitch_deg"), f"frame = 'body'\n{FIXED}"),
@@ -63,34 +73,16 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     "usbl.bearing_sd_deg": f"range_sd_m = 1.0\n{FIXED}",
     "usbl.heading_sd_deg": f"frame = 'body'\n{FIXED}",
     "usbl.lever_arm_m": "lever_arm_m = [0, V, 1]",
-    "usbl.noise.share": "noise = { kind = 'contamination', share = V }",
-    "usbl.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
-    "usbl.noise.dof": "noise = { kind = 'student-t', dof = V }",
-    "usbl.noise.sd_m": "noise = { kind = 'contamination', sd_m = V }",
-    "usbl.head.lat_deg": "head = { lat_deg = V, lon_deg = 7.0 }",
-    "usbl.head.lon_deg": "head = { lat_deg = 45.0, lon_deg = V }",
-    "usbl.head.east_m": "head = { east_m = V, north_m = 0 }",
-    "usbl.head.north_m": "head = { east_m = 0, north_m = V }",
-    "usbl.head.depth_m": "head = { east_m = 0, north_m = 0, depth_m = V }",
     "usbl.head.sd_m": f"head = {{ {SHIP}, sd_m = V }}",
     "usbl.head.heading_deg": "frame = 'body'\nhead = { east_m = 0, north_m = 0, heading_deg = V }",
     "usbl.head.heading_bias_deg": f"frame = 'body'\nhead = {{ {SHIP}, heading_bias_deg = V }}",
     "usbl.head.heading_declination_deg": f"frame = 'body'\nhead = {{ {SHIP}, heading_declination_deg = V }}",
     "usbl.head.lever_arm_m": f"head = {{ {SHIP}, lever_arm_m = [V, 1, 1] }}",
     "usbl.head.max_gap_s": f"head = {{ {SHIP}, max_gap_s = V }}",
-    "usbl.beacon.lat_deg": "beacon = { lat_deg = V, lon_deg = 7.0 }",
-    "usbl.beacon.lon_deg": "beacon = { lat_deg = 45.0, lon_deg = V }",
-    "usbl.beacon.east_m": "beacon = { east_m = V, north_m = 0 }",
-    "usbl.beacon.north_m": "beacon = { east_m = 0, north_m = V }",
-    "usbl.beacon.depth_m": "beacon = { east_m = 0, north_m = 0, depth_m = V }",
     "usbl.beacon.sd_m": "beacon = { east_m = 0, north_m = 0, sd_m = V }",
     "usbl.beacon.max_gap_s": "frame = 'body'\nbeacon = { east_m = 0, north_m = 0, max_gap_s = V }",
     **dict.fromkeys(("gps.sd_m", "gps.latency_s"), ""),
     "gps.lever_arm_m": "lever_arm_m = [V, 0, 0]",
-    "gps.noise.share": "noise = { kind = 'contamination', share = V }",
-    "gps.noise.variance_ratio": "noise = { kind = 'mixture', variance_ratio = V }",
-    "gps.noise.dof": "noise = { kind = 'student-t', dof = V }",
-    "gps.noise.sd_m": "noise = { kind = 'contamination', sd_m = V }",
     **dict.fromkeys(("depth.surface_pa", "depth.latency_s", "truth.max_gap_s", "truth.latency_s"), ""),
     **dict.fromkeys(("truth.sd_m", "truth.heading_sd_deg", "truth.scale_sd"), ""),
     "truth.skip_rows": "file = 'truth.csv'",

@@ -113,19 +113,6 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
     assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in replayed(log, "--truth", "none")[1]
 
 
-@pytest.mark.long
-def test_noise_that_rises_is_said_with_its_time_and_factor(edited: Callable[..., Path]) -> None:
-    def noisy(table: pd.DataFrame) -> pd.DataFrame:
-        late, noise = np.arange(len(table)) > 350, np.random.default_rng(1).normal(size=(len(table), 2))
-        sd_m = np.sqrt((2.5**2 - 1) * table["cov_ee_m2"]) * late
-        return table.assign(east_m=table["east_m"] + sd_m * noise[:, 0], north_m=table["north_m"] + sd_m * noise[:, 1])
-
-    said = replayed(edited(usbl=noisy))[1]
-    factor, time_s = re.findall(r"the noise of the usbl grows by a factor of ([\d.]+) at about (\d+) s", said)[0]
-    assert float(factor) == pytest.approx(2.5, rel=0.3)
-    assert int(time_s) == pytest.approx(350, abs=15)
-
-
 def test_dead_reckoning_and_a_run_directory_are_called_what_they_are(edited: Callable[..., Path]) -> None:
     log = edited()
     assert "without fixes this is dead reckoning: --filter dr" in replayed(log, "--usbl", "none")[1]

@@ -67,18 +67,6 @@ def gps_week(week: str, time: str, unit_s: float = 1.0) -> Callable[[pd.Series],
     return columns
 
 
-def sides(name: str, positive: str, negative: str, seconds: bool = False) -> Callable[[pd.DataFrame], object]:
-    """Return the cells of an angle in degrees and minutes, perhaps seconds, with the side: 45 7.5 N."""
-
-    def cell(angle_deg: float) -> str:
-        whole, part = divmod(abs(angle_deg), 1.0)
-        minutes, rest = divmod(60 * part, 1.0)
-        text = f"{whole:.0f}°{minutes:.0f}'{60 * rest:.4f}\"" if seconds else f"{whole:.0f} {60 * part:.6f} "
-        return text + (positive if angle_deg >= 0 else negative)
-
-    return lambda table: table[name].map(cell)
-
-
 METRIC = {
     "dvl": {"DVL Forward [m/s]": "forward_mps", "DVL Starboard [m/s]": "starboard_mps"},
     "compass": {"Heading [deg]": "heading_deg"},
@@ -98,19 +86,6 @@ KNOTS: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METR
     }
 }
 YAW = SNAKE | {"compass": {"yaw_deg": "heading_deg"}}
-MINUTES: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METRIC | {
-    "usbl": {"Lat": sides("lat_deg", "N", "S"), "Lon": sides("lon_deg", "E", "W")},
-    "gps": {"Latitude": sides("lat_deg", "N", "S", True), "Longitude": sides("lon_deg", "E", "W", True)},
-}
-HEMISPHERES: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]] = METRIC | {
-    sensor: {
-        f"{name} Latitude": "lat_deg",
-        "N/S": lambda table: np.where(table["lat_deg"] < 0, "S", "N"),
-        f"{name} Longitude": lambda table: table["lon_deg"].abs(),
-        "E/W": lambda table: np.where(table["lon_deg"] < 0, "W", "E"),
-    }
-    for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
-}
 NOTES = {
     "dvl": {"Velocity Forward [m/s]": "forward_mps", "Velocity Starboard [m/s]": "starboard_mps"},
     "compass": {"Gyro Heading (T)": "heading_deg"},
@@ -136,8 +111,6 @@ EXPORTS = {
     "digits": Export(two("DATE", "%Y%m%d", "TIME", "%H%M%S.%f"), METRIC),
     "time_first": Export(one("Time", "%H:%M:%S.%f %d/%m/%y"), METRIC),
     "elapsed": Export(lambda t: {"elapsed_s": (t - pd.Timestamp(DAY)).dt.total_seconds()}, METRIC),
-    "sides": Export(one("UTC Time", "%Y-%m-%d %H:%M:%S.%f"), MINUTES),
-    "hemispheres": Export(one("UTC Time", "%Y-%m-%d %H:%M:%S.%f"), HEMISPHERES),
     "gps_week": Export(gps_week("GPS Week", "TOW [s]"), SNAKE),
     "gps_week_ms": Export(gps_week("GPSWeek", "GPSTimeOfWeek", 1e-3), METRIC),
     "notes": Export(one("Timestamp (UTC)", "%d %b %Y %H:%M:%S.%f"), NOTES),

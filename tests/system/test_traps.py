@@ -1,7 +1,6 @@
 """Traps that messages of real systems hold: clocks, targets, flags and fields that mean something else."""
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -230,19 +229,6 @@ def test_sigmas_and_variances_are_not_mixed_up(tmp_path: Path) -> None:
     columns = ["cov_ee_m2", "cov_nn_m2"]
     assert by_variance[columns].to_numpy().tolist() == [[4.0, 9.0]]
     assert by_sigma[columns].to_numpy() == pytest.approx(np.array([[4.0, 4.0]]))
-
-
-def test_a_bearing_and_an_offset_of_one_target_agree(tmp_path: Path) -> None:
-    """50 m at 37 degrees, 30 below: the same place by USRTH and by PSIMSSB."""
-    flat = 50 * math.cos(math.radians(30))
-    x, y = flat * math.cos(math.radians(37)), flat * math.sin(math.radians(37))
-    locator = logged_nmea(tmp_path, "1600000000 " + sentence("USRTH,0,0,0,50.0,53.0,37.0,-30.0,0,0,0,0,16"), toml=HEAD)
-    hipap = logged_nmea(
-        tmp_path, "1600000000 " + sentence(f"PSIMSSB,122640.00,B01,A,,C,N,M,{x:.6f},{y:.6f},25.0,1.0,N,,"), toml=HEAD
-    )
-
-    places = [log.tables["usbl"][["east_m", "north_m"]].to_numpy()[0] for log in (locator, hipap)]
-    assert places[0] == pytest.approx(places[1], abs=1e-5)
 
 
 @pytest.mark.parametrize("frame", ["world_ned", "NED", "nav/ned", "worldNed", "map_NED_1"])

@@ -67,18 +67,14 @@ def as_tlog(folder: Path, times: Times) -> Path:
 def as_alog(folder: Path, times: Times) -> Path:
     log = [line((t - T0) / SECOND + 10**6, "HEADING", "iCompass", 90 - k / 10) for k, t in enumerate(times.tolist())]
     (folder / "a.alog").write_text(HEAD + "".join(log), encoding="utf-8")
-    (folder / "usbldr.toml").write_text(
-        '[compass]\ncolumns = { heading = "HEADING" }\nconvention = "compass"\nunit = "deg"\n'
-    )
+    (folder / "usbldr.toml").write_text(TOML.format("HEADING"))
     return folder / "a.alog"
 
 
 def as_json_lines(folder: Path, times: Times) -> Path:
     log = (f'{t // SECOND}.{t % SECOND:09d} {{"h": {90 - k / 10}}}\n' for k, t in enumerate(times.tolist()))
     (folder / "a.jsonl").write_text("".join(log), encoding="utf-8")
-    (folder / "usbldr.toml").write_text(
-        '[compass]\ncolumns = { heading = "h" }\nconvention = "compass"\nunit = "deg"\n'
-    )
+    (folder / "usbldr.toml").write_text(TOML.format("h"))
     return folder / "a.jsonl"
 
 

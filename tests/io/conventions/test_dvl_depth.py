@@ -138,12 +138,6 @@ def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> No
     assert log.start_ns == T0
 
 
-def test_an_imu_counts_from_east_by_its_type(tmp_path: Path) -> None:
-    log = logged(tmp_path, [yaw(T0, 0.0)])
-
-    assert log.provenance["compass"].conventions[0] == Convention("convention", "ENU", "type")
-
-
 def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:
     log = logged(tmp_path, [number(3.0)])
 

@@ -70,14 +70,16 @@ def lost(log: Log) -> dict[str, list[float]]:
 # ---- what is named and left out
 
 
-@pytest.mark.parametrize(("role", "columns"), [("dvl", VELOCITY), ("compass", ["heading_deg"])])
+@pytest.mark.parametrize(
+    ("role", "columns", "to_s"), [("dvl", VELOCITY, 360), ("compass", ["heading_deg"], 360), ("dvl", VELOCITY, np.inf)]
+)
 def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(
-    dive: Log, role: str, columns: list[str]
+    dive: Log, role: str, columns: list[str], to_s: float
 ) -> None:
-    log = stuck(dive, role, columns, 300, 360)
+    log = stuck(dive, role, columns, 300, to_s)
 
     assert found(log) == ["STUCK"]
-    assert lost(log) == {role: times(log, role)[within(log, role, 300, 360)][1:].tolist()}
+    assert lost(log) == {role: times(log, role)[within(log, role, 300, to_s)][1:].tolist()}
 
 
 def test_a_finding_counts_the_records_and_the_stretches_and_places_the_longest(dive: Log) -> None:
@@ -88,12 +90,6 @@ def test_a_finding_counts_the_records_and_the_stretches_and_places_the_longest(d
     assert (finding.topic, finding.level) == ("square/dvl", "warning")
     assert (finding.time_s, finding.worst, finding.unit) == (pytest.approx(300.2), pytest.approx(59.8), "s")
     assert log.provenance["dvl"].used == 4501 - 299 - 99
-
-
-def test_a_sensor_that_sticks_for_good_is_found(dive: Log) -> None:
-    log = stuck(dive, "dvl", VELOCITY, 200, np.inf)
-
-    assert lost(log) == {"dvl": times(log, "dvl")[within(log, "dvl", 200, np.inf)][1:].tolist()}
 
 
 def test_stuck_depths_are_named_and_stay(dive: Log) -> None:
@@ -108,17 +104,11 @@ def test_stuck_depths_are_named_and_stay(dive: Log) -> None:
     assert (found(log), lost(log)) == (["STUCK"], {})
 
 
-def test_of_a_fix_that_is_sent_again_the_first_is_used(dive: Log) -> None:
-    log = stuck(dive, "usbl", PLACE, 300, 360)
-
-    assert found(log) == ["USBL-REPEATED"]
-    assert lost(log) == {"usbl": times(log, "usbl")[within(log, "usbl", 300, 360)][1:].tolist()}
-
-
 def test_of_fixes_that_are_polled_faster_than_the_usbl_pings_each_is_used_once(dive: Log) -> None:
     every = np.arange(len(times(dive, "usbl")))
     log = changed(dive, "usbl", PLACE, dive.tables["usbl"][PLACE].to_numpy()[every // 3 * 3])
 
+    assert found(log) == ["USBL-REPEATED"]
     assert lost(log) == {"usbl": times(log, "usbl")[every % 3 != 0].tolist()}
 
 
@@ -182,14 +172,6 @@ def test_a_wrong_heading_of_any_size_changes_no_other(dive: Log, at: int, size_d
     was = dive.tables["compass"][~wrong].set_index("time_s")["heading_deg"]
     now = left.tables["compass"].set_index("time_s")["heading_deg"].reindex(was.index)
     pd.testing.assert_series_equal(now, was)
-
-
-def test_spikes_of_the_compass_are_left_out_and_no_other_heading(dive: Log) -> None:
-    rng = np.random.default_rng(2)
-    wrong = rng.random(len(times(dive, "compass"))) < 0.02
-    log = turned(dive, wrong, rng.choice([-60.0, 60.0], len(wrong)))
-
-    assert lost(log) == {"compass": times(log, "compass")[wrong].tolist()}
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1])

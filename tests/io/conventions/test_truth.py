@@ -250,10 +250,6 @@ def test_truth_can_be_switched_off(tmp_path: Path, toml: str, option: str | None
     assert "gps" in log.tables
 
 
-def test_a_log_without_gps_has_no_truth(tmp_path: Path) -> None:
-    assert dive(tmp_path).truth is None
-
-
 def test_a_truth_of_another_day_is_pointed_out(tmp_path: Path) -> None:
     log = dive(tmp_path, more=[fix(T0 + 86400 * SECOND, 45.0, 7.0)])
 

@@ -169,19 +169,6 @@ def test_heading_noise_of_a_fix_agrees_with_drawn_headings(tmp_path: Path) -> No
     np.testing.assert_allclose(places(log)[0], drawn.mean(axis=0), atol=0.05)
 
 
-def test_the_vehicles_way_round_a_beacon_is_found_again(tmp_path: Path) -> None:
-    """A vehicle circles a beacon at 25 m, its bow along the circle: the beacon stays abeam, the fixes go round."""
-    rows: list[Row] = []
-    truth: list[tuple[float, float]] = []
-    for k in range(60):
-        angle = 2 * math.pi * k / 60  # counter-clockwise from east of the beacon; the bow is 90 deg further
-        truth.append((10 + 25 * math.cos(angle), 20 + 25 * math.sin(angle)))
-        rows += [yaw(T0 + k * SECOND, math.degrees(angle) + 90), point(T0 + k * SECOND, 0.0, 25.0)]
-    toml = '[usbl]\nframe = "body"\naxes = "FPU"\nbeacon = { east_m = 10.0, north_m = 20.0 }'
-
-    np.testing.assert_allclose(places(logged(tmp_path, rows, toml)), truth, atol=1e-9)
-
-
 def test_inverted_fixes_need_the_heading_of_the_vehicle_near_their_time(tmp_path: Path) -> None:
     rows = [yaw(T0, 0.0), yaw(T0 + 10 * SECOND, 0.0), *(point(T0 + k * SECOND, 20.0, 0.0) for k in (0, 5))]
 

@@ -34,11 +34,6 @@ def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation(tmp_path: Pa
     assert place == pytest.approx([100 + SHALLOW_M * math.sin(bearing), 200 + SHALLOW_M * math.cos(bearing)])
 
 
-def test_a_rov_locator_without_a_head_is_no_use(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="/USRTH holds ranges and bearings; state head"):
-        logged(tmp_path, LOCATOR, toml="")
-
-
 def test_a_rov_locator_that_heard_nothing_tells_no_fix(tmp_path: Path) -> None:
     log = logged(tmp_path, LOCATOR, "USRTH,,,,,,,,-0.6,1.9,178.1,271.9,16")
 

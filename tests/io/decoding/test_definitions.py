@@ -98,31 +98,13 @@ def test_bytes_of_no_known_layout_are_named_with_the_way_out(tmp_path: Path) -> 
 
 
 PUBLISHED = {  # checksums of the fields as the packages' own .msg files give them, in the order of the layouts
-    "interfaces/msg/BottomTrack": (
-        530532187,
-        3672009620,
-    ),
+    "interfaces/msg/BottomTrack": (530532187, 3672009620),
     "interfaces/msg/AHRS": (2777103905,),
     "interfaces/msg/INS": (357821593,),
-    "sbg_driver/msg/SbgEkfEuler": (
-        1423584575,
-        4058058632,
-        327793669,
-    ),
-    "sbg_driver/msg/SbgEkfQuat": (
-        1032460708,
-        1330022712,
-        3844379208,
-    ),
-    "sbg_driver/msg/SbgEkfNav": (
-        41585990,
-        609418882,
-        36108182,
-    ),
-    "sbg_driver/msg/SbgGpsPos": (
-        1301906655,
-        3354498289,
-    ),
+    "sbg_driver/msg/SbgEkfEuler": (1423584575, 4058058632, 327793669),
+    "sbg_driver/msg/SbgEkfQuat": (1032460708, 1330022712, 3844379208),
+    "sbg_driver/msg/SbgEkfNav": (41585990, 609418882, 36108182),
+    "sbg_driver/msg/SbgGpsPos": (1301906655, 3354498289),
     "septentrio_gnss_driver/msg/AttEuler": (118665567,),
     "septentrio_gnss_driver/msg/INSNavGeod": (1602391508,),
     "septentrio_gnss_driver/msg/PVTGeodetic": (2105092687,),

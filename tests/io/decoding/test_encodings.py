@@ -210,17 +210,6 @@ def test_bytes_that_do_not_fit_are_counted(tmp_path: Path, channel: Channel, enc
     assert sentence == "location: 3 messages do not match their definition in the file"
 
 
-def test_the_first_of_several_fixes_counts(tmp_path: Path) -> None:
-    both = LocationFixes(fixes=[LocationFix(**BERMUDA), LocationFix(latitude=1.0, longitude=1.0)])
-    both.fixes[0].timestamp.seconds = T0 // SECOND
-    channel = ("foxglove.LocationFixes", *PROTOBUF[1:])
-
-    log = read_log(write(tmp_path / "dive.mcap", channel, [both.SerializeToString()]))
-
-    assert log.tables["gps"]["lat_deg"].tolist() == [32.25]
-    assert log.tables["gps"]["time_s"].tolist() == [0.0]
-
-
 def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> None:
     """proto3 gives zeros for a message that is absent; an absent DVL message is not zero velocity."""
     still = Dvl(velocity_valid=True)

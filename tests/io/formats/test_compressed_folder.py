@@ -16,7 +16,6 @@ from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
-from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
 PACK: Mapping[str, Callable[[bytes], bytes]] = {
@@ -26,7 +25,7 @@ PACK: Mapping[str, Callable[[bytes], bytes]] = {
     "xz": lzma.compress,
     "lz4": lz4.frame.compress,
 }
-NAMES = {"gz": "gzip", "zst": "zstd", "bz2": "bzip2"}
+NAMES = {"gz": "gzip", "zst": "zstd", "bz2": "bzip2", "xz": "xz", "lz4": "lz4"}
 COUNT = 60
 TIMES = [T0 + k * SECOND for k in range(COUNT)]
 
@@ -56,10 +55,7 @@ def test_a_folder_with_compressed_files_is_the_folder_without(tmp_path: Path, na
         packed(tmp_path / "dive", name, ending)
     log = read_log(tmp_path / "dive")
 
-    assert (
-        log.format
-        == f"CSV folder, {['zstd', 'gzip', 'bzip2', 'xz', 'lz4'][['zst', 'gz', 'bz2', 'xz', 'lz4'].index(ending)]}"
-    )
+    assert log.format == f"CSV folder, {NAMES[ending]}"
     assert log.tables.keys() == plain.tables.keys() == {"dvl", "compass", "gps"}
     assert {role: p.topic for role, p in log.provenance.items()} == {r: p.topic for r, p in plain.provenance.items()}
     for sensor, table in plain.tables.items():
@@ -147,13 +143,3 @@ def test_the_copies_go_with_the_reader(tmp_path: Path, monkeypatch: pytest.Monke
     del log
     gc.collect()
     assert list((tmp_path / "temporary").iterdir()) == []
-
-
-def test_a_run_names_the_folder_that_the_user_has(tmp_path: Path) -> None:
-    packed(dive(tmp_path / "dive"), "dvl.csv")
-    log = read_log(tmp_path / "dive")
-
-    assert log.path == tmp_path / "dive"
-    with pytest.raises(LogError) as fault:
-        read_log(tmp_path / "dive", Request(topics={"usbl": "/absent"}))
-    assert str(fault.value).startswith(f"{tmp_path / 'dive'}: ")

@@ -5,7 +5,6 @@ import gc
 import gzip
 import hashlib
 import lzma
-import random
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -14,9 +13,10 @@ import numpy as np
 import pytest
 import zstandard
 
-from recordings import SECOND, T0, Row, point, sentence, short_dive, twist, write_bag, write_csv, write_mcap, yaw
+from damaged_formats import dive
+from recordings import SECOND, T0, sentence, short_dive, write_bag, write_csv, write_mcap
 from speed.bombs import in_mcap_in_file
-from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reader import Records
@@ -37,14 +37,6 @@ PACK: Mapping[str, Callable[[bytes], bytes]] = {
     "lz4": lz4.frame.compress,
 }
 DVL = "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0 + k * SECOND},{1 + k / 7:.9f},0.5\n" for k in range(60))
-
-
-def dive() -> list[Row]:
-    rows: list[Row] = []
-    for k in range(60):
-        t = T0 + k * SECOND
-        rows += [twist(t, 1 + k / 7, 0.5), yaw(t, 1 + k / 3), point(t, 1 + k / 11, 0.0)]
-    return rows
 
 
 def write_nmea(file: Path) -> Path:
@@ -115,38 +107,6 @@ def test_the_columns_of_a_compressed_csv_file_are_named_by_the_configuration(tmp
     (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
 
     assert read_log(file).tables["dvl"]["forward_mps"].tolist() == pytest.approx([1 + k / 7 for k in range(60)])
-
-
-@pytest.mark.parametrize("ending", ["zst", "gz", "bz2", "xz"])
-def test_a_compressed_log_with_a_wrong_checksum_is_reported(tmp_path: Path, ending: str) -> None:
-    packed, rng = PACK[ending](DVL.encode()), random.Random(ending)
-    file = tmp_path / f"dvl.csv.{ending}"
-    file.write_bytes(packed)
-    right, _ = read(file, "/dvl", ["forward_mps"])
-    for _ in range(40):
-        bent = bytearray(packed)
-        bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
-        file.write_bytes(bent)
-        rows, said = read(file, "/dvl", ["forward_mps"])
-        assert said or rows == right
-
-
-def rows_of(records: Records, paths: list[str]) -> set[tuple[float, ...]]:
-    columns = [records.received_ns, *(records.columns[path] for path in paths)]
-    return set(zip(*(column.tolist() for column in columns), strict=True))
-
-
-def read(file: Path, topic: str, paths: list[str]) -> tuple[set[tuple[float, ...]], bool]:
-    """Return the rows of a topic, and whether it is said that data were lost."""
-    try:
-        log = open_log(file)
-        if any(t.name == topic and not t.problem for t in log.topics()):
-            rows = rows_of(log.read({topic: paths})[topic], paths)
-        else:
-            rows = set[tuple[float, ...]]()
-        return rows, any(finding.lost_data for finding in log.findings())
-    except UsbldrError as fault:
-        return set(), str(fault).startswith(f"{file}: ") and "/usbldr-" not in str(fault)
 
 
 def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> None:

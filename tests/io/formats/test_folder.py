@@ -2,15 +2,12 @@
 
 import codecs
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pyarrow import parquet
 
 import table_recordings
@@ -71,32 +68,6 @@ def test_what_surrounds_or_encodes_a_table_costs_none_of_it(tmp_path: Path, what
     assert log.provenance["gps"].used == COUNT
     np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 45 + np.arange(COUNT) / 1e5, atol=1e-9)
     assert not any(finding.lost_data for finding in log.findings)
-
-
-@settings(max_examples=20)
-@given(
-    at=st.integers(0, 7).map(lambda k: 512 * k),
-    length=st.sampled_from([512, 4096, 100_000]),
-    junk=st.sampled_from([b"", b"\0", b"\xff\7"]),
-)
-def test_a_file_with_a_lost_sector_is_read_in_part_and_a_file_that_is_none_is_named(
-    at: int, length: int, junk: bytes
-) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = dive(Path(name) / "dive")
-        whole = GPS.encode()
-        (folder / "gps.csv").write_bytes((whole[:at] + bytes(length) + whole[at + length :]) if junk == b"\0" else junk)
-        code = run("info", folder).return_value
-        log = open_log(folder)
-        present = {topic.name: topic.count for topic in log.topics() if not topic.problem}
-
-        assert code == 3
-        assert present["/dvl"] == present["/compass"] == COUNT
-        if junk == b"\0" and at:
-            left = whole[:at].count(b"\n") - 1 + whole[at + length :].count(b"\n")
-            assert left - 2 <= present["/gps"] < COUNT
-        elif not at or junk != b"\0":
-            assert any("gps" in finding.text for finding in log.findings()) or "/gps" not in present
 
 
 @pytest.mark.parametrize("writer", [as_csv, as_parquet, as_hdf5, as_mat])

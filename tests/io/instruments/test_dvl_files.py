@@ -11,7 +11,6 @@ from dvl_recordings import COUNT, ensemble, write_json, write_pd0, write_pd6
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
-from usbldr.io.log import Log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
@@ -179,16 +178,7 @@ def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) ->
 
 
 def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> None:
-    place = {
-        "cog": -1,
-        "fix_quality": 1,
-        "hdop": 1.9,
-        "lat": 63.4,
-        "lon": 10.4,
-        "numsats": 11,
-        "orientation": 42,
-        "sog": 0,
-    }
+    place = {"cog": -1, "fix_quality": 1, "hdop": 1.9, "lat": 63.4, "lon": 10.4, "numsats": 11, "sog": 0}
     lines = [json.dumps({**place, "lat": 63.4 + k * 1e-6}) for k in range(COUNT)]
     (tmp_path / "bare.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (tmp_path / "whole.txt").write_text(
@@ -207,10 +197,3 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     whole = open_log(tmp_path / "whole.txt")
     assert whole.read({"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
     assert not whole.findings()
-
-
-def test_each_file_is_a_log(tmp_path: Path) -> None:
-    for file in (write_pd0(tmp_path / "a.csv"), write_pd6(tmp_path / "b.csv"), write_json(tmp_path / "c.csv")):
-        log = read_log(file)
-        assert isinstance(log, Log)
-        assert "dvl" in log.tables

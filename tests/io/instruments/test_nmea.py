@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence, write_mcap
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.provenance import Convention
@@ -227,14 +227,6 @@ def test_a_position_that_was_not_measured_or_has_no_hemisphere_is_left_out(
     assert "1 of 2 records are invalid and left out" in codes(log)["GPS-INVALID"]
 
 
-def test_a_target_in_the_south_is_in_the_south(tmp_path: Path) -> None:
-    line = sentence("RATLL,01,6300.000,S,00700.000,W,boat,122640.00,T,")
-
-    usbl = open_log(logged_nmea(tmp_path, line).path).read({"/RATLL": ["lat_deg", "lon_deg"]})["/RATLL"]
-
-    assert (usbl.columns["lat_deg"][0], usbl.columns["lon_deg"][0]) == (-63, -7)
-
-
 @settings(max_examples=25)
 @given(cold=st.integers(0, 30), warm=st.integers(2, 30), zda=st.booleans(), clock=st.integers(0, 86_000))
 def test_a_cold_start_neither_dates_nor_places(cold: int, warm: int, zda: bool, clock: int) -> None:
@@ -266,13 +258,6 @@ def test_rmc_repeats_the_position_of_gga_and_is_used_if_that_is_missing(tmp_path
     assert both.provenance["gps"].topic == "/GPGGA"
     assert alone.provenance["gps"].topic == "/GPRMC"
     assert alone.start_ns == T0
-
-
-def test_two_receivers_are_not_chosen_between(tmp_path: Path) -> None:
-    gga = "GGA,122640.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"
-
-    with pytest.raises(UsageError, match=r"2 topics could be the gps: /GPGGA .*; /INGGA"):
-        logged_nmea(tmp_path, sentence("GP" + gga), sentence("IN" + gga))
 
 
 @pytest.mark.parametrize(
@@ -327,11 +312,6 @@ def test_no_reply_is_no_fix_even_with_status_a(tmp_path: Path) -> None:
     log = logged_nmea(tmp_path, *timed(NORTH_UP, silent), toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }")
 
     assert len(log.tables["usbl"]) == 1
-
-
-def test_relative_fixes_without_a_head_are_an_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="/PSIMSSB_C_N holds positions relative to the head; state head"):
-        logged_nmea(tmp_path, f"1600000000 {NORTH_UP}")
 
 
 def test_the_ellipse_of_ranger_is_along_its_direction(tmp_path: Path) -> None:
