@@ -121,8 +121,12 @@ class Reader(Protocol):
         """List the topics of the log, without decoding any message."""
         ...
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Read the fields of the topics, both as `topics` lists them, in one pass over the log."""
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Read the fields of the topics, both as `topics` lists them, in one pass over the log.
+
+        Yields topics and blocks of their records in the order of the log, so that only what is made of them needs
+        memory; may raise BeginAgainError.
+        """
         ...
 
     def findings(self) -> tuple[Finding, ...]:
@@ -141,23 +145,6 @@ class NamedColumns(Protocol):
 
 class BeginAgainError(Exception):
     """The blocks that a reader has yielded are void; it yields all anew if asked again."""
-
-
-@runtime_checkable
-class BlockReader(Protocol):
-    """A log that can be read in blocks of messages, so that only what is made of them needs memory."""
-
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Yield topics and blocks of their records, in the order of the log; may raise BeginAgainError."""
-        ...
-
-
-def blocks_of(reader: Reader, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-    """Yield topics and blocks of their records; of a log that is not read in blocks, all records of each topic."""
-    if isinstance(reader, BlockReader):
-        yield from reader.blocks(wanted)
-    else:
-        yield from reader.read(wanted).items()
 
 
 def name_of(text: str) -> str:

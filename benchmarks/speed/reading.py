@@ -126,6 +126,7 @@ def message(store: Any, name: str, ns: int, rng: Any) -> Any:
 
 
 def by_usbldr(file: Path) -> Callable[[], int]:
+    from usbldr.io.decoding.collected import read_whole
     from usbldr.io.formats.detect import open_log
 
     open_log(file).topics()  # the imports
@@ -133,7 +134,7 @@ def by_usbldr(file: Path) -> Callable[[], int]:
     def read() -> int:
         log = open_log(file)
         log.topics()
-        records = log.read({topic: STAMP + paths for topic, (_, paths) in SENSORS.items()})
+        records = read_whole(log, {topic: STAMP + paths for topic, (_, paths) in SENSORS.items()})
         assert not log.findings()
         return sum(len(one.received_ns) for one in records.values())
 
@@ -164,13 +165,14 @@ def by_rosbags(file: Path) -> Callable[[], int]:
 
 
 def whole_by_usbldr(file: Path) -> Callable[[], int]:
+    from usbldr.io.decoding.collected import read_whole
     from usbldr.io.formats.detect import open_log
 
     open_log(file).topics()  # the imports
 
     def read() -> int:
         log = open_log(file)
-        records = log.read({topic.name: topic.fields for topic in log.topics() if not topic.problem})
+        records = read_whole(log, {topic.name: topic.fields for topic in log.topics() if not topic.problem})
         assert not any(finding.lost_data for finding in log.findings())
         return sum(len(one.received_ns) for one in records.values())
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from usbldr.io.reader import BeginAgainError, BlockReader, Column, Reader, Records
+from usbldr.io.reader import BeginAgainError, Column, Reader, Records
 
 
 class GrowingColumn:
@@ -76,8 +76,7 @@ class CollectedRecords:
 
 
 def read_whole(reader: Reader, wanted: Mapping[str, Sequence[str]]) -> dict[str, Records]:
-    """Read a log by its blocks; return the records of each topic."""
-    assert isinstance(reader, BlockReader)
+    """Read the fields of the topics; return the records of each topic."""
     counts = {topic.name: 0 for topic in reader.topics()}
     for topic in reader.topics():
         counts[topic.name] = max(counts[topic.name], topic.count)

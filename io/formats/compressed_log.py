@@ -69,10 +69,10 @@ class CopiedLog:
         with self._naming():
             return tuple(replace(topic, problem=self._named(topic.problem)) for topic in self._contents.topics())
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Read the fields of the topics."""
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
+        """Read the fields of the topics, block by block."""
         with self._naming():
-            return self._contents.read(wanted)
+            yield from self._contents.blocks(wanted)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost in the files, and in their contents."""

@@ -96,14 +96,14 @@ class AlogLog:
         """List the applications; a record of all variables is counted by the one that is posted most often."""
         return tuple(_info(topic, postings) for topic, postings in self._postings.items())
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Put the wanted variables together."""
         for topic, paths in wanted.items():
             found = self._postings[topic].texts
             self._texts |= {
                 f"{topic}: {found[path]} values of {path} are no numbers": topic for path in paths if found[path]
             }
-        return {topic: _records(self._postings[topic], paths) for topic, paths in wanted.items()}
+            yield topic, _records(self._postings[topic], paths)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was left out."""

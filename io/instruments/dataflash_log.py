@@ -7,7 +7,7 @@ the first GPS message with a fix gives the date. There are no checksums: what is
 import io
 import os
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from functools import cached_property
 from importlib import import_module
@@ -181,9 +181,10 @@ class DataflashLog:
             found.append(TopicInfo(name, kind, "dataflash", len(times), *span, tuple(form.columns)))
         return tuple(found)
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted messages."""
-        return {topic: self._records(self._sources[topic], paths) for topic, paths in wanted.items()}
+        for topic, paths in wanted.items():
+            yield topic, self._records(self._sources[topic], paths)
 
     def _records(self, source: Source, paths: Sequence[str]) -> Records:
         table, times = self._rows(source)

@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, json_decoder
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
@@ -102,10 +101,6 @@ class JsonLinesLog:
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the kinds of lines."""
         return tuple(stream.info() for stream in self._streams.values())
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted lines."""
-        return read_whole(self, wanted)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted lines block by block."""

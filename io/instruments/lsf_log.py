@@ -5,7 +5,7 @@ A topic is a message of an entity of a vehicle: "imc/30/AHRS/EulerAngles". Sourc
 
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 from mmap import mmap
@@ -193,9 +193,10 @@ class LsfLog:
             found.append(TopicInfo(name, kind, "imc", *counted, fields, problem))
         return tuple(found)
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted messages."""
-        return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
+        for topic, paths in wanted.items():
+            yield topic, self._records(topic, paths)
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         definition, which = self._topics[topic]

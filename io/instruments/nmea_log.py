@@ -13,7 +13,7 @@ from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_sentences import SENTENCE, WORD_LINE, SentenceSet, find_sentences, undecoded_findings
 from usbldr.io.file_access.open_file import head_lines, text_lines
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
+from usbldr.io.reader import Reader, Records, TopicInfo
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
 """Last part of the type of a topic that may carry sentences, and its field."""
@@ -60,12 +60,11 @@ class NmeaFile:
         """List the kinds of sentences."""
         return tuple(info for _, info in self._topics.values())
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Parse the wanted kinds."""
-        found: dict[str, Records] = {}
         for topic, paths in wanted.items():
-            found[topic], self._undecoded[topic] = self._sentences.by_name[self._topics[topic][0]].records(paths)
-        return found
+            records, self._undecoded[topic] = self._sentences.by_name[self._topics[topic][0]].records(paths)
+            yield topic, records
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was dropped."""
@@ -84,7 +83,7 @@ class LogWithSentences:
     def _sentences(self) -> Mapping[str, SentenceSet]:
         stamped = {t.name for t in self._carried.topics() if t.has("header.stamp")}
         wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in self._carriers.items()}
-        records = self._carried.read(wanted)
+        records = read_whole(self._carried, wanted)
         return {
             topic: find_sentences(
                 topic, map(str, r.columns[self._carriers[topic]]), r.received_ns, r.columns.get("header.stamp")
@@ -103,15 +102,11 @@ class LogWithSentences:
         """List the log's own topics and the kinds of sentences."""
         return (*self._carried.topics(), *(info for _, _, info in self._topics.values()))
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Read the log's own topics in one pass, and parse the wanted sentences."""
-        return read_whole(self, wanted)
-
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the log's own topics block by block, and the wanted sentences of each kind."""
         own = {topic: paths for topic, paths in wanted.items() if topic not in self._topics}
         if own:
-            yield from blocks_of(self._carried, own)
+            yield from self._carried.blocks(own)
         for topic, paths in wanted.items():
             if topic not in own:
                 sentences, name, _ = self._topics[topic]

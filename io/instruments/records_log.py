@@ -1,6 +1,6 @@
 """A file of an instrument whose records are all read when its topics are first listed."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -34,9 +34,10 @@ class RecordsLog:
         counted = len(times), int(times.min()), int(times.max())
         return TopicInfo(name, kind, self._encoding, *counted, tuple(records.columns))
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Return the wanted columns."""
-        return {topic: self._tables[topic].only(paths) for topic, paths in wanted.items()}
+        for topic, paths in wanted.items():
+            yield topic, self._tables[topic].only(paths)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was left out."""

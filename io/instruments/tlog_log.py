@@ -5,7 +5,7 @@ pymavlink finds the packets, checks them, and has the definitions of their messa
 
 import re
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -149,10 +149,11 @@ class TelemetryLog:
         arrays = frozenset(f"message.{field}" for field, length in lengths.items() if length > 1)
         return TopicInfo(name, f"mavlink/{kind.msgname}", "mavlink", *counted, fields, arrays=arrays)
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted messages."""
         keys = {self._name(key): key for key in self._packets}
-        return {topic: self._records(keys[topic], paths) for topic, paths in wanted.items()}
+        for topic, paths in wanted.items():
+            yield topic, self._records(keys[topic], paths)
 
     def _records(self, key: Key, paths: Sequence[str]) -> Records:
         kind, packets = self._types[key[2]], self._packets[key]

@@ -15,6 +15,7 @@ from usbldr.io.conventions.converted import chosen_convention
 from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_truth_file, read_truth_file
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import OriginKind
 from usbldr.io.log import Log
@@ -115,7 +116,7 @@ def _of_topic(
     choice = topic_named(path, reader.topics(), "truth", name, "option")
     topic, layout = choice.topic, choice.layout
     paths = wanted_paths(topic, layout)
-    raw = raw_records(path, topic, layout, reader.read({topic.name: list(paths.values())})[topic.name], paths)
+    raw = raw_records(path, topic, layout, read_whole(reader, {topic.name: list(paths.values())})[topic.name], paths)
     try:
         is_ned = named_ned(raw.frame_id)
         used, chosen_by, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")

@@ -11,7 +11,7 @@ from usbldr.io.conventions.usbl_head import SHIP_HEADING
 from usbldr.io.decoding.collected import CollectedRecords
 from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
 from usbldr.io.messages.roles import TopicChoice
-from usbldr.io.reader import BeginAgainError, Reader, Records, blocks_of
+from usbldr.io.reader import BeginAgainError, Reader, Records
 
 EVIDENCE_RECORDS = 100_000  # [records] of which the medians of messages are taken: these are sure to 0.4 % of a sigma
 MAX_ATTITUDES = 1_000_000  # [records] of which roll and pitch are kept, 40 MB: 28 per second in 10 hours
@@ -43,7 +43,7 @@ def read_roles(
             of_topic = wanted.setdefault(one.topic.name, [])
             of_topic += [path for path in one.fields if path not in of_topic]
         try:
-            for topic, block in blocks_of(reader, wanted):
+            for topic, block in reader.blocks(wanted):
                 for one in kept.values():
                     if one.topic.name == topic and len(block.received_ns):
                         one.add(block)

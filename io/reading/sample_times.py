@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.roles import find_topic
-from usbldr.io.reader import Nanoseconds, blocks_of
+from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, open_configured
 
 PHOTOS = (".jpg", ".jpeg", ".tif", ".tiff", ".png", ".webp")
@@ -84,9 +85,8 @@ def _topic(name: str, log: Path) -> SampleTimes:
         listed = ", ".join(one.name for one in reader.topics()[:20])
         raise UsageError(f"{name} is no file, no folder and no topic of {log} (its topics: {listed})")
     stamp = "header.stamp"
-    blocks = [block for _, block in blocks_of(reader, {topic.name: [stamp] if topic.has(stamp) else []})]
-    times = [block.columns.get(stamp, block.received_ns) for block in blocks]
-    time_ns = np.concatenate([np.empty(0, dtype=np.int64), *times])
+    records = read_whole(reader, {topic.name: [stamp] if topic.has(stamp) else []})[topic.name]
+    time_ns = records.columns.get(stamp, records.received_ns).astype(np.int64)
     return SampleTimes(time_ns, [str(row + 1) for row in range(len(time_ns))], pd.DataFrame(index=range(len(time_ns))))
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_blocks
 from usbldr.io.file_access.decompression import unread_text
@@ -52,10 +51,6 @@ class BagLog:
                 elif record.connection in connections:
                     connections[record.connection].add_messages(1, record.time_ns, record.time_ns)
         return streams, connections, scan
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted topics; if a topic has several types, the one with most messages."""
-        return read_whole(self, wanted)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted topics block by block."""

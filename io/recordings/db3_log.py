@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
@@ -147,10 +146,6 @@ class Db3Log:
             rows = database.execute("SELECT data FROM messages WHERE topic_id = ? LIMIT 5", (number,)).fetchall()
         self._unpacker = unpacker = self._unpacker or MessageUnpacker(self.path)
         return [unpacker.unpacked(data) for (data,) in rows]
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted topics; if a topic has several types, the one with most messages."""
-        return read_whole(self, wanted)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted topics block by block."""

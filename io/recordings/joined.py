@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.definitions import ros2_name
 from usbldr.io.findings import Finding
 from usbldr.io.messages.registry import STAMPS
-from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo, blocks_of
+from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
 from usbldr.io.recordings.counts import count_findings
 
 UNDATED = ("NMEA-DATE", "NO-DATE")
@@ -72,10 +71,6 @@ class JoinedLog:
             raise faults[number]
         return replace(self, parts=tuple(parts))
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Read each part, shift its times, and put the records in the order of log time."""
-        return read_whole(self, wanted)
-
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read one part after the other block by block, and shift its times."""
 
@@ -86,7 +81,7 @@ class JoinedLog:
         for part in self.parts:
             present = {_key(topic) for topic in part.reader.topics() if topic.count}
             own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
-            for topic, records in blocks_of(part.reader, own) if own else ():
+            for topic, records in part.reader.blocks(own) if own else ():
                 yield topic, _moved(records, part.offset_ns, self.time_units_ns)
 
     def findings(self) -> tuple[Finding, ...]:

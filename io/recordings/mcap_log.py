@@ -11,7 +11,6 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
@@ -74,10 +73,6 @@ class McapLog:
         for channel, summary in self._index.channel_summaries.items():
             self._known[self._keys[channel]].add_messages(*summary)
         return self._known
-
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Decode the wanted topics; if a topic has several types, the one with most messages."""
-        return read_whole(self, wanted)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Decode the wanted topics block by block; raise BeginAgainError if the file disagrees with its index."""

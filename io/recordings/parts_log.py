@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
 from usbldr.io.messages.topic_names import without_numbers
-from usbldr.io.reader import Reader, Records, TopicInfo, blocks_of
+from usbldr.io.reader import Reader, Records, TopicInfo
 
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
 
@@ -41,14 +40,10 @@ class PartsLog:
             if topic.name not in taken
         )
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
-        """Read the topics, of parts one after the other."""
-        return read_whole(self, wanted)
-
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the topics in blocks, of parts one after the other."""
         firsts = {name: first for first in wanted for name in (first, *self.followers.get(first, ()))}
-        for topic, records in blocks_of(self.whole, {name: wanted[first] for name, first in firsts.items()}):
+        for topic, records in self.whole.blocks({name: wanted[first] for name, first in firsts.items()}):
             yield firsts[topic], records
 
     def findings(self) -> tuple[Finding, ...]:

@@ -4,7 +4,7 @@ A "__" in a stem is a "/" of the topic. One long file may hold several sensors: 
 sensor, which is the topic. csv_sheets lists the columns that are understood.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -169,9 +169,10 @@ class CsvLog:
         cells = self._cells(source, clock.column)
         return nanoseconds(cells, clock.column) if clock.unit_ns == 1 else times(cells, *clock)
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the wanted columns; rows with an invalid cell in one of them are left out."""
-        return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
+        for topic, paths in wanted.items():
+            yield topic, self._records(topic, paths)
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         source, sheet = self._sources[topic], self._sources[topic].sheet

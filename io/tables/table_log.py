@@ -4,7 +4,7 @@ Each kind of file lists its tables; what their columns mean, topic_sheets says. 
 no value.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -156,9 +156,10 @@ class TableLog:
             values = np.datetime_as_string(values, unit="ms")
         return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, Records]:
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the wanted columns; rows without a time are left out."""
-        return {topic: self._records(topic, paths) for topic, paths in wanted.items()}
+        for topic, paths in wanted.items():
+            yield topic, self._records(topic, paths)
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         table, sheet = self._tables[self._topics[topic].table], self._topics[topic].sheet

@@ -8,6 +8,7 @@ import pytest
 from checkout import FIELD_CONFIGURATIONS
 from commands import findings, run
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.recordings.mcap_log import McapLog
 
 LOGS = [
@@ -64,7 +65,9 @@ def test_the_heading_of_stpere_is_biased_by_six_degrees_at_its_nominal_mounting(
 def test_the_lost_bottom_lock_of_tanana_is_found(field_logs: Path, name: str) -> None:
     """Without lock the record is NaN; one of the logs ends in its longest loss."""
     log = McapLog(field_logs / "mhkit_tanana" / f"{name}.mcap")
-    columns = log.read({"/adcp/bottom_track": ["header.stamp", "twist.twist.linear.x"]})["/adcp/bottom_track"].columns
+    columns = read_whole(log, {"/adcp/bottom_track": ["header.stamp", "twist.twist.linear.x"]})[
+        "/adcp/bottom_track"
+    ].columns
     locked_s = columns["header.stamp"][np.isfinite(columns["twist.twist.linear.x"])] / 1e9
     last_s = max(topic.last_ns or 0 for topic in log.topics()) / 1e9
 

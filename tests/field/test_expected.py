@@ -18,6 +18,7 @@ import pytest
 from field.logs import FOLDERS
 from usbldr.filters.evaluation.alignment import fit_rigid
 from usbldr.filters.replay.dead_reckoning import displacement_m, dr
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
@@ -70,7 +71,7 @@ def test_every_topic_holds_the_messages_and_stamps_that_they_counted(field_logs:
     for topic in log.topics():
         theirs = counted[topic.name]
         fields = ["header.stamp", "header.frame_id"] if "header.stamp" in topic.fields else topic.fields[:1]
-        records = log.read({topic.name: fields})[topic.name]
+        records = read_whole(log, {topic.name: fields})[topic.name]
         received_ns, columns = records.received_ns, records.columns
         assert topic.type == theirs["type"]
         assert (received_ns[0], received_ns[-1]) == (theirs["log_first_ns"], theirs["log_last_ns"])

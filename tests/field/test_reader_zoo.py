@@ -9,6 +9,7 @@ from mcap.reader import make_reader
 
 from commands import run
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 
 # file -> exit code, messages counted (the collection's expected.json), and words that the page must hold
@@ -95,7 +96,7 @@ def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:
     log = open_log(zoo / "08_test_bad_schema.mcap")
     readable = [topic for topic in log.topics() if not topic.problem]
 
-    read = log.read({topic.name: topic.fields[:1] for topic in readable})
+    read = read_whole(log, {topic.name: topic.fields[:1] for topic in readable})
 
     assert sum(len(records.received_ns) for records in read.values()) == sum(topic.count for topic in readable) > 0
 
@@ -106,7 +107,7 @@ def test_log_time_is_arrival_and_publish_time_is_not(zoo: Path) -> None:
     with (zoo / "09_test_publish_vs_log_time.mcap").open("rb") as file:
         messages = [message for _, _, message in make_reader(file).iter_messages()]
 
-    received = log.read({topic.name: topic.fields[:1]})[topic.name].received_ns
+    received = read_whole(log, {topic.name: topic.fields[:1]})[topic.name].received_ns
 
     assert received.tolist() == [message.log_time for message in messages]
     assert received.tolist() != [message.publish_time for message in messages]

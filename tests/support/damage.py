@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from damaged_formats import FORMATS
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reader import Reader
 
@@ -43,7 +44,7 @@ def read(path: Path, form: str) -> Read:
             if topic in present and all(present[topic].has(path) for path in paths)
         }
         unread = any(topic in present and present[topic].problem for topic in wanted)  # a problem is reported
-        for topic, records in log.read(ask).items() if not unread else ():
+        for topic, records in read_whole(log, ask).items() if not unread else ():
             columns = [*([records.received_ns] if timed else []), *(records.columns[path] for path in wanted[topic])]
             found = set(zip(*(column.tolist() for column in columns), strict=True))
             rows[topic] = {row for row in found if not any(isinstance(v, float) and math.isnan(v) for v in row)}
@@ -57,7 +58,7 @@ def count(log: Reader, form: str) -> list[int]:
     """Return how many records of each wanted topic are read."""
     wanted = FORMATS[form].wanted
     present = {one.name for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
-    found = log.read({topic: paths for topic, paths in wanted.items() if topic in present})
+    found = read_whole(log, {topic: paths for topic, paths in wanted.items() if topic in present})
     return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
 
 

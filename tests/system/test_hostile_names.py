@@ -9,6 +9,7 @@ from mcap.writer import Writer
 from commands import run
 from recordings import ROS2, SECOND, T0, message, short_dive
 from usbldr.filters.errors import MAX_SENTENCE, LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
 from usbldr.io.recordings.mcap_log import McapLog
 
@@ -78,7 +79,7 @@ def test_init_quotes_the_names_that_it_writes(tmp_path: Path) -> None:
 def test_a_topic_is_chosen_by_the_name_that_is_shown(tmp_path: Path) -> None:
     log = McapLog(hostile_dive(tmp_path / "a.mcap"))
 
-    assert len(log.read({"/dvl" + SHOWN: ["header.stamp"]})["/dvl" + SHOWN].received_ns) == 11
+    assert len(read_whole(log, {"/dvl" + SHOWN: ["header.stamp"]})["/dvl" + SHOWN].received_ns) == 11
 
 
 def test_an_endless_sentence_is_shortened_in_the_middle() -> None:

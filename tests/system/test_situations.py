@@ -10,6 +10,7 @@ from mcap.writer import CompressionType
 from checkout import ROOT
 from recordings import FLOAT64, SECOND, T0, short_dive, twist, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
@@ -76,7 +77,7 @@ def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> No
         file = write_mcap(tmp_path / f"{size}.mcap", rows, CompressionType.NONE, True, 1 << 20)
         del rows, text
         tracemalloc.start()
-        McapLog(file).read({"/dvl": ["twist.linear.x"]})
+        read_whole(McapLog(file), {"/dvl": ["twist.linear.x"]})
         peaks.append(tracemalloc.get_traced_memory()[1] / 2**20)
         tracemalloc.stop()
 

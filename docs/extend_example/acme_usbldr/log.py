@@ -1,6 +1,6 @@
 """ACME logs: a first line "ACME 1", then a line for each record: nanoseconds since 1970, its kind, its numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,16 +43,14 @@ class AcmeLog:
             if t
         )
 
-    def read(self, wanted: Mapping[str, Sequence[str]]) -> Mapping[str, usbldr.Records]:
-        """Read the fields of the topics."""
-        found: dict[str, usbldr.Records] = {}
+    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, usbldr.Records]]:
+        """Read the fields of the topics: of each topic one block of records, or several in order of time."""
         for topic, paths in wanted.items():
             kind = topic.removeprefix("acme/")
             columns = np.array(self._rows[kind]).T
             values = dict(zip(FIELDS[kind], columns, strict=True))
             values[TIME] = times_ns = np.array(self._times_ns[kind], np.int64)
-            found[topic] = usbldr.Records(times_ns, {path: values[path] for path in paths if path in values})
-        return found
+            yield topic, usbldr.Records(times_ns, {path: values[path] for path in paths if path in values})
 
     def findings(self) -> tuple[usbldr.Finding, ...]:
         """Report what was lost: nothing is passed over in silence."""

@@ -16,6 +16,7 @@ from commands import run
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import RosDecoder, from_idl
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.decoders import decoder_of, decoder_without_definition
 from usbldr.io.decoding.definitions import KNOWN, SHIPPED, with_folders
@@ -62,7 +63,7 @@ def test_the_layout_that_the_bytes_have_is_found(tmp_path: Path, layout: str, ha
     log = Db3Log(undefined_dvl(tmp_path / "a", layout))
 
     (topic,) = log.topics()
-    dvl = log.read({"/dvl/data": ["velocity.x", "fom", "velocity_valid", "header.stamp"]})["/dvl/data"]
+    dvl = read_whole(log, {"/dvl/data": ["velocity.x", "fom", "velocity_valid", "header.stamp"]})["/dvl/data"]
 
     assert topic.has("covariance.0") == has_covariance
     np.testing.assert_array_equal(dvl.columns["velocity.x"], np.arange(10.0))
@@ -78,7 +79,7 @@ def test_so_it_is_in_an_mcap_file(tmp_path: Path) -> None:
     schema = ("dvl_msgs/msg/DVL", "ros2msg", b"")
     file = write_payloads(tmp_path / "a.mcap", "/dvl/data", "cdr", schema, [data for _, data in rows])
 
-    dvl = McapLog(file).read({"/dvl/data": ["velocity.x"]})["/dvl/data"]
+    dvl = read_whole(McapLog(file), {"/dvl/data": ["velocity.x"]})["/dvl/data"]
 
     np.testing.assert_array_equal(dvl.columns["velocity.x"], np.arange(10.0))
 
@@ -197,7 +198,7 @@ def test_a_damaged_definition_of_time_does_no_harm() -> None:
 def test_a_folder_of_definitions_makes_messages_readable(own: Path, folder: str) -> None:
     log = Db3Log(own / "own" / "own.db3", with_folders([str(own / folder)]))
 
-    read = log.read({"/compass": ["heading.degrees"]})["/compass"]
+    read = read_whole(log, {"/compass": ["heading.degrees"]})["/compass"]
 
     np.testing.assert_array_equal(read.columns["heading.degrees"], np.arange(5.0))
 
@@ -276,7 +277,7 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
     )
 
     paths = ["header.stamp", "header.frame_id", "position.1", "valid", "name"]
-    read = McapLog(file).read({"/fix": paths})["/fix"]
+    read = read_whole(McapLog(file), {"/fix": paths})["/fix"]
 
     assert {path: column[0] for path, column in read.columns.items()} == dict(
         zip(paths, [7_000_000_005, "map", 2.0, True, "one"], strict=True)
@@ -305,4 +306,4 @@ def test_a_schema_without_text_is_read_by_what_is_known_of_its_type(tmp_path: Pa
     schema = ("std_msgs/msg/Float64", "ros2msg", b"")
     file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", schema, [b"\0\1\0\0" + struct.pack("<d", 12.5)])
 
-    assert McapLog(file).read({"/heading": ["data"]})["/heading"].columns["data"].tolist() == [12.5]
+    assert read_whole(McapLog(file), {"/heading": ["data"]})["/heading"].columns["data"].tolist() == [12.5]

@@ -17,6 +17,7 @@ from mcap.writer import Writer
 
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.decoding.protobuf import ProtobufDecoder
@@ -278,7 +279,7 @@ def test_the_fields_of_a_ships_protobuf_log_are_found(field_logs: Path) -> None:
     reader = open_log(field_logs / "reader_zoo" / "11_test.mcap")
     topic = max(reader.topics(), key=lambda topic: topic.count)
 
-    records = reader.read({topic.name: ["timestamp"]})[topic.name]
+    records = read_whole(reader, {topic.name: ["timestamp"]})[topic.name]
 
     assert topic.fields == ("timestamp",)
     assert np.all(np.abs(records.columns["timestamp"] - records.received_ns) < 3600 * SECOND)

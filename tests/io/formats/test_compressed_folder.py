@@ -14,6 +14,7 @@ import zstandard
 
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
@@ -111,7 +112,7 @@ def test_a_wrong_cell_is_named_with_the_compressed_file(tmp_path: Path) -> None:
     file = packed(folder, "dvl.csv")
 
     with pytest.raises(LogError) as fault:
-        open_log(folder).read({"/dvl": ["forward_mps"]})
+        read_whole(open_log(folder), {"/dvl": ["forward_mps"]})
     assert str(fault.value) == f'{file}: line 2: forward_mps is "x", not a number'
 
 

@@ -17,6 +17,7 @@ from damaged_formats import dive
 from recordings import SECOND, T0, sentence, short_dive, write_bag, write_csv, write_mcap
 from speed.bombs import in_mcap_in_file
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reader import Records
@@ -73,7 +74,7 @@ def test_a_log_in_any_compression_is_the_log_itself(tmp_path: Path, form: str, e
         found = open_log(packed)
         assert found.topics() == log.topics()
         (topic,) = wanted
-        assert same(found.read(wanted)[topic], log.read(wanted)[topic])
+        assert same(read_whole(found, wanted)[topic], read_whole(log, wanted)[topic])
         assert found.findings() == log.findings()
         assert found.path == packed
 

@@ -24,6 +24,7 @@ from mcap.writer import Writer
 from recordings import FLOAT64, T0, short_dive, write_mcap, write_rosbag2
 from speed.bombs import bz2_of, in_bag, in_db3, in_file, in_mcap, in_mcap_in_file, lz4_of, zstd_of
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoders import decoder_of
 from usbldr.io.findings import Finding
 from usbldr.io.formats.detect import open_log
@@ -89,13 +90,13 @@ def test_the_limits_are_raised_by_a_factor(tmp_path: Path, monkeypatch: pytest.M
     file = write_mcap(tmp_path / "a.mcap", short_dive() * 60)
     monkeypatch.setenv(VARIABLE, "0.0015")  # a chunk of 0.2 MB
     log = open_log(file)
-    log.read({"/dvl": ["header.stamp"]})
+    read_whole(log, {"/dvl": ["header.stamp"]})
     (finding,) = log.findings()
     assert "chunks are damaged or decompress to more than 0.201 MB each (--limits 10 raises the limits" in finding.text
 
     monkeypatch.setenv(VARIABLE, "0.01")
     log = open_log(file)
-    assert len(log.read({"/dvl": ["header.stamp"]})["/dvl"].received_ns) == 660
+    assert len(read_whole(log, {"/dvl": ["header.stamp"]})["/dvl"].received_ns) == 660
     assert log.findings() == ()
 
 

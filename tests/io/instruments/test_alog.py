@@ -8,6 +8,7 @@ import pytest
 from moos_recordings import COUNT, HEAD, line, write_alog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.doctor.proposed_columns import proposed_columns
 from usbldr.io.formats.detect import open_log
 from usbldr.io.instruments.alog_log import AlogLog
@@ -64,7 +65,7 @@ def test_types_may_be_marked_and_times_may_count_from_1970(tmp_path: Path) -> No
     texts = ["D:1.5", "S:2.5", "TRUE", "D:3.5"]
     rows = "".join(line(T0 / SECOND + k, "V", "app", text) for k, text in enumerate(texts))
     (tmp_path / "a.alog").write_text(f"%% LOGSTART {T0 // SECOND}.00\n%% DATATYPE MARKING ON\n{rows}")
-    records = open_log(tmp_path / "a.alog").read({"/app": ["V"]})["/app"]
+    records = read_whole(open_log(tmp_path / "a.alog"), {"/app": ["V"]})["/app"]
 
     assert records.columns["V"].tolist() == [1.5, 2.5, 1.0, 3.5]
     assert (records.received_ns - T0).tolist() == [k * SECOND for k in range(4)]
@@ -81,7 +82,7 @@ def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
     log = open_log(tmp_path / "a.alog")
 
     (topic,) = log.topics()
-    records = log.read({"/app": topic.fields})["/app"].columns
+    records = read_whole(log, {"/app": topic.fields})["/app"].columns
 
     assert {path: column[0] for path, column in records.items() if path.startswith("NODE")} == {
         "NODE_REPORT_LOCAL.UTC_TIME": 1252348077.59,
@@ -122,7 +123,7 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
     rows += [(0.3, "X", 5), (0.3, "Y", 6), (0.305, "X", 7), (0.305, "Y", 8)]
     text = "".join(line(time_s, name, "app", value) for time_s, name, value in rows)
     (tmp_path / "a.alog").write_text(HEAD + text)
-    columns = open_log(tmp_path / "a.alog").read({"/app": ["X", "Y"]})["/app"].columns
+    columns = read_whole(open_log(tmp_path / "a.alog"), {"/app": ["X", "Y"]})["/app"].columns
 
     np.testing.assert_array_equal(columns["X"], [1, 3, np.nan, 5, 7])
     np.testing.assert_array_equal(columns["Y"], [2, np.nan, 4, 6, 8])
@@ -141,7 +142,7 @@ def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
     (tmp_path / "a.alog").write_text(text)
     log = open_log(tmp_path / "a.alog")
 
-    assert log.read({"/app": ["X"]})["/app"].columns["X"].tolist() == [1.5, 2.5]
+    assert read_whole(log, {"/app": ["X"]})["/app"].columns["X"].tolist() == [1.5, 2.5]
     (finding,) = log.findings()
     assert finding.lost_data
     assert finding.text == "a.alog: 2 lines have no time, variable and source, the first is line 6; left out"
@@ -154,7 +155,7 @@ def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
     (tmp_path / "a.alog").write_text(text)
     log = open_log(tmp_path / "a.alog")
 
-    values = log.read({"/iDVL": ["DVL_VEL_X"]})["/iDVL"].columns["DVL_VEL_X"]
+    values = read_whole(log, {"/iDVL": ["DVL_VEL_X"]})["/iDVL"].columns["DVL_VEL_X"]
     assert values.tolist() == [1 + k / 64 for k in range(COUNT) if k != 32]
     (finding,) = log.findings()
     assert finding.lost_data

@@ -15,6 +15,7 @@ from pymavlink.generator.mavcrc import x25crc
 from autopilot_recordings import COUNT, onboard, packets, row, write_bin, write_tlog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
@@ -41,7 +42,7 @@ def test_a_telemetry_log_has_the_values_of_pymavlink(tmp_path: Path, version_1: 
     for topic in log.topics():
         paths = [path for path in topic.fields if path not in topic.arrays]
         paths += [f"{path}.{k}" for path in topic.arrays for k in range(3)]
-        records = log.read({topic.name: paths})[topic.name]
+        records = read_whole(log, {topic.name: paths})[topic.name]
         for path in paths:
             assert records.columns[path].tolist() == [value_of(message, path) for message in oracle[topic.name]]
         times = [message._timestamp for message in oracle[topic.name]]
@@ -109,13 +110,13 @@ def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:
 
     assert {name: topic.count for name, topic in topics.items()} == {name: len(found) for name, found in oracle.items()}
     for name, topic in topics.items():
-        records = log.read({name: topic.fields})[name]
+        records = read_whole(log, {name: topic.fields})[name]
         for path in topic.fields:
             values = [getattr(message, path) for message in oracle[name]]
             texts = isinstance(values[0], str)
             assert records.columns[path].tolist() == (values if texts else pytest.approx(values, rel=1e-15))
     times = [message._timestamp for message in oracle["ATT"]]
-    np.testing.assert_allclose(log.read({"ATT": ["Yaw"]})["ATT"].received_ns / 1e9, times, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(read_whole(log, {"ATT": ["Yaw"]})["ATT"].received_ns / 1e9, times, rtol=0, atol=1e-5)
     assert log.findings() == ()
 
 
@@ -137,7 +138,7 @@ def test_an_onboard_log_is_a_dive(tmp_path: Path) -> None:
 def test_an_onboard_log_without_gps_is_timed_from_power_on(tmp_path: Path) -> None:
     log = open_log(write_bin(tmp_path / "a.BIN", onboard(gps=False)))
 
-    assert log.read({"ATT": ["Yaw"]})["ATT"].received_ns[:2].tolist() == [5 * SECOND, 6 * SECOND]
+    assert read_whole(log, {"ATT": ["Yaw"]})["ATT"].received_ns[:2].tolist() == [5 * SECOND, 6 * SECOND]
 
 
 @pytest.mark.parametrize("rest", [b"\0" * 300, b"\xff" * 300])

@@ -10,6 +10,7 @@ import pytest
 from dvl_recordings import COUNT, ensemble, write_json, write_pd0, write_pd6
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
@@ -27,7 +28,7 @@ def test_bottom_track_of_pd0_is_the_bottoms_motion(tmp_path: Path, coordinates: 
     np.testing.assert_allclose(dvl["up_mps"], -0.01)
     np.testing.assert_allclose(log.tables["compass"]["heading_deg"], (355 + np.arange(COUNT) / 2) % 360)
     np.testing.assert_allclose(log.tables["depth"]["depth_m"], 10 + np.arange(COUNT) / 10)
-    gps = open_log(tmp_path / "a.pd0").read({"/gga": ["latitude", "longitude", "quality"]})["/gga"]
+    gps = read_whole(open_log(tmp_path / "a.pd0"), {"/gga": ["latitude", "longitude", "quality"]})["/gga"]
     assert gps.columns["latitude"].tolist() == [64.5 + k * 1e-6 for k in range(COUNT)]
     assert set(gps.columns["longitude"].tolist()) == {-149.0}
     np.testing.assert_allclose(np.diff(dvl["time_s"]), 1.0)
@@ -78,8 +79,8 @@ def test_a_river_boats_pd0_has_the_values_of_an_independent_reader(field_logs: P
     log = open_log(folder / "RiverPro_test01.PD0")
     (file,) = (folder / "csv").glob("*dvl.csv")
     rows = list(csv.DictReader(file.open(encoding="utf-8")))
-    track = log.read({"/bottom_track": ["x", "y", "z"]})["/bottom_track"].columns
-    heading = log.read({"/heading": ["heading_deg"]})["/heading"].columns["heading_deg"]
+    track = read_whole(log, {"/bottom_track": ["x", "y", "z"]})["/bottom_track"].columns
+    heading = read_whole(log, {"/heading": ["heading_deg"]})["/heading"].columns["heading_deg"]
 
     assert [topic.count for topic in log.topics()][:2] == [273, 273]
     assert log.findings() == ()
@@ -145,7 +146,7 @@ def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -
 
     logs = [open_log(whole), open_log(tmp_path / "b.json")]
 
-    read = [log.read({"/velocity": ["vx", "time_of_validity"]})["/velocity"] for log in logs]
+    read = [read_whole(log, {"/velocity": ["vx", "time_of_validity"]})["/velocity"] for log in logs]
     np.testing.assert_array_equal(read[1].received_ns, read[0].received_ns)
     np.testing.assert_array_equal(read[1].columns["vx"], read[0].columns["vx"])
     assert [finding.text for finding in logs[1].findings()] == []
@@ -170,7 +171,7 @@ def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) ->
     (tmp_path / "b.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in reports), encoding="utf-8")
 
     log = open_log(tmp_path / "b.jsonl")
-    read = log.read({"/velocity": ["time_of_validity"]})["/velocity"]
+    read = read_whole(log, {"/velocity": ["time_of_validity"]})["/velocity"]
 
     assert read.received_ns[:20].tolist() == [30_050_000_000 + 200_000_000 * k for k in range(20)]
     (text,) = [finding.text for finding in log.findings() if finding.code == "NO-DATE"]
@@ -195,5 +196,5 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     assert len(log.tables["usbl"]) == COUNT
     assert log.start_ns == T0
     whole = open_log(tmp_path / "whole.txt")
-    assert whole.read({"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
+    assert read_whole(whole, {"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
     assert not whole.findings()

@@ -10,6 +10,7 @@ import pytest
 from imc_recordings import COUNT, definitions, imcpy, messages, sent, write_lsf
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import read_log
 
@@ -26,7 +27,7 @@ def test_the_numbers_of_all_messages_are_those_of_imcpy(tmp_path: Path) -> None:
         if topic.problem:
             continue
         kind = topic.type.removeprefix("imc/")
-        records = log.read({topic.name: topic.fields})[topic.name]
+        records = read_whole(log, {topic.name: topic.fields})[topic.name]
         for path in topic.fields:
             name, _, flag = path.partition(".")
             values = [getattr(message, name) for message in oracle[kind]]

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence, write_mcap
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.provenance import Convention
@@ -92,7 +93,7 @@ def test_without_log_times_each_date_is_that_of_the_sentences_around_it(
     (tmp_path / "gps.nmea").write_text("\n".join([*lines, sentence("HEHDT,1.0,T")]) + "\n", encoding="utf-8")
 
     log = open_log(tmp_path / "gps.nmea")
-    read = log.read({"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
+    read = read_whole(log, {"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
 
     starts = [
         np.datetime64(f"20{d[4:]}-{d[2:4]}-{d[:2]}T12:{m}", "ns") for d, m in zip(dates, ("00", "10"), strict=True)
@@ -169,7 +170,7 @@ def test_lines_with_a_time_of_day_are_timed_by_it(tmp_path: Path) -> None:
 def read_times(folder: Path, lines: Sequence[str], topic: str) -> list[int]:
     """Return the log times of a file of such lines."""
     (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    times: list[int] = open_log(folder / "a.nmea").read({topic: ["1"]})[topic].received_ns.tolist()
+    times: list[int] = read_whole(open_log(folder / "a.nmea"), {topic: ["1"]})[topic].received_ns.tolist()
     return times
 
 

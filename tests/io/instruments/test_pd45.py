@@ -9,6 +9,7 @@ import pytest
 from pd45_recordings import COUNT, pd45_ensemble, pd45_ensembles, write_pd45
 from recordings import SECOND, T0, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.read import read_log
@@ -73,7 +74,7 @@ def test_days_follow_each_other_at_midnight(tmp_path: Path) -> None:
     parts = [pd45_ensemble(4, h, x=1, y=2, z=3) for h in hundredths]
     (tmp_path / "a.pd4").write_bytes(b"".join(parts))
 
-    times = open_log(tmp_path / "a.pd4").read({"/bottom_track": ["x"]})["/bottom_track"].received_ns
+    times = read_whole(open_log(tmp_path / "a.pd4"), {"/bottom_track": ["x"]})["/bottom_track"].received_ns
     np.testing.assert_array_equal(times, np.array(hundredths) * (SECOND // 100))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from recordings import SECOND
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
@@ -19,7 +20,7 @@ STAMP = "header.stamp"
 
 def test_positions_have_the_utc_of_the_last_fix_and_headings_the_instruments_clock(tmp_path: Path) -> None:
     log = open_log(write_enx(tmp_path / "a.ENX"))
-    found = log.read({"/navigation": [STAMP, "latitude", "longitude", "valid"], "/heading": ["heading_deg"]})
+    found = read_whole(log, {"/navigation": [STAMP, "latitude", "longitude", "valid"], "/heading": ["heading_deg"]})
     places, heading = found["/navigation"], found["/heading"]
 
     assert log.format == "PD0"
@@ -53,7 +54,7 @@ def test_fixes_without_a_valid_position_or_time_are_marked(tmp_path: Path) -> No
     parts.append(pd0_ensemble([*leaders(9, 9), navigation(day=0, month=0, year=0)]))  # before the first fix
     (tmp_path / "a.STA").write_bytes(b"".join(parts))
 
-    places = open_log(tmp_path / "a.STA").read({"/navigation": ["valid"]})["/navigation"]
+    places = read_whole(open_log(tmp_path / "a.STA"), {"/navigation": ["valid"]})["/navigation"]
     assert places.columns["valid"].tolist() == [1, 0, 0, 0]
 
 
@@ -62,7 +63,7 @@ def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
     parts = [pd0_ensemble([*leaders(k, k), block]) for k in range(2)]
     (tmp_path / "a.LTA").write_bytes(b"".join(parts))
 
-    stamps = open_log(tmp_path / "a.LTA").read({"/navigation": [STAMP]})["/navigation"].columns[STAMP]
+    stamps = read_whole(open_log(tmp_path / "a.LTA"), {"/navigation": [STAMP]})["/navigation"].columns[STAMP]
     assert set(stamps.tolist()) == {int(np.datetime64("2021-01-01T00:00:01", "ns").astype(np.int64))}
 
 
@@ -92,7 +93,7 @@ def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path
         parts.append(pd0_ensemble([fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)]))
     (tmp_path / "a.ENX").write_bytes(b"".join(parts))
     log = open_log(tmp_path / "a.ENX")
-    found = log.read({"/heading": ["heading_deg"], "/navigation": ["latitude"]})
+    found = read_whole(log, {"/heading": ["heading_deg"], "/navigation": ["latitude"]})
 
     assert found["/heading"].received_ns.tolist() == expected
     assert found["/navigation"].received_ns.tolist() == expected

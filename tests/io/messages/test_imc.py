@@ -9,6 +9,7 @@ import pytest
 from imc_recordings import imcpy, sent, write_messages
 from logs import codes
 from recordings import SECOND, T0
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
 from usbldr.io.reading.read import Request, read_log
@@ -126,5 +127,5 @@ def test_a_bit_that_is_none_is_no_field(tmp_path: Path) -> None:
 
     flags = [path for path in topic.fields if path.startswith("validity.")]
     assert flags == ["validity.VALID_DATE", "validity.VALID_TIME", "validity.VALID_POS"]
-    values = open_log(file).read({topic.name: flags})[topic.name].columns
+    values = read_whole(open_log(file), {topic.name: flags})[topic.name].columns
     assert [values[flag][0] for flag in flags] == [True, False, True]

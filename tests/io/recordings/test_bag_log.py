@@ -12,6 +12,7 @@ import pytest
 from mcap.writer import Writer
 
 from recordings import ROS1, SECOND, T0, Row, message, short_dive, twist, write_bag, yaw
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.recordings.bag_log import BagLog
 from usbldr.io.recordings.mcap_log import McapLog
@@ -40,7 +41,7 @@ def test_every_compression_gives_the_same_columns(tmp_path: Path, compression: s
     log = open_log(written(tmp_path / "a.bag", compression, 4096))
 
     topics = {topic.name: topic for topic in log.topics()}
-    dvl = log.read(TWIST_X)["/dvl"]
+    dvl = read_whole(log, TWIST_X)["/dvl"]
 
     assert log.format == "ROS 1 bag"
     assert {name: topic.count for name, topic in topics.items()} == {"/dvl": 500, "/imu": 500}
@@ -54,7 +55,7 @@ def test_every_compression_gives_the_same_columns(tmp_path: Path, compression: s
 def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
     rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
 
-    dvl = BagLog(write_bag(tmp_path / "a.bag", rows, chunk_size=1)).read(TWIST_X)["/dvl"]
+    dvl = read_whole(BagLog(write_bag(tmp_path / "a.bag", rows, chunk_size=1)), TWIST_X)["/dvl"]
 
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 3, 1, 2])
 
@@ -87,7 +88,7 @@ def test_a_bag_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(tmp_path
         log = BagLog(file)
 
         names = [topic.name for topic in log.topics()]
-        x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
+        x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
 
         np.testing.assert_array_equal(x, np.arange(float(len(x))))
         if end > 13:
@@ -105,7 +106,7 @@ def test_a_flipped_bit_costs_one_chunk(tmp_path: Path) -> None:
     file.write_bytes(bent)
 
     log = BagLog(file)
-    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
 
     assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("DAMAGED", True)]
     assert 400 < len(x) < 500
@@ -131,7 +132,7 @@ def test_a_chunk_that_decompresses_to_less_than_stated_is_lost_data(tmp_path: Pa
     (tmp_path / "b.bag").write_bytes(with_index_at(bag, len(packed) - length))
     log = BagLog(tmp_path / "b.bag")
 
-    x = log.read({"/dvl": ["twist.linear.x"]})["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, {"/dvl": ["twist.linear.x"]})["/dvl"].columns["twist.linear.x"]
 
     np.testing.assert_array_equal(x, np.arange(len(x)))
     assert len(x) < 60
@@ -201,7 +202,7 @@ def test_the_fields_of_a_message_come_in_any_order_with_others_between(
 
     log = by_hand(tmp_path / "a.bag", *(record(header, struct.pack("<d", 30.0 + k)) for k in range(3)))
 
-    read = log.read({"/hdg": ["data"]})["/hdg"]
+    read = read_whole(log, {"/hdg": ["data"]})["/hdg"]
     assert read.columns["data"].tolist() == [30.0, 31.0, 32.0]
     assert read.received_ns.tolist() == [T0 + 10] * 3
 
@@ -218,7 +219,7 @@ def test_a_damaged_message_is_none_and_is_reported(tmp_path: Path, damaged: byte
     log = by_hand(tmp_path / "a.bag", record(HEADER, struct.pack("<d", 30.0)), damaged)
 
     assert [topic.count for topic in log.topics()] == [1]
-    assert log.read({"/hdg": ["data"]})["/hdg"].columns["data"].tolist() == [30.0]
+    assert read_whole(log, {"/hdg": ["data"]})["/hdg"].columns["data"].tolist() == [30.0]
     assert any(finding.code == "DAMAGED" and finding.lost_data for finding in log.findings())
 
 
@@ -229,7 +230,7 @@ def test_zeros_before_the_index_lose_nothing(tmp_path: Path, shift: int) -> None
     (tmp_path / "b.bag").write_bytes(with_index_at(whole[:at] + bytes(49) + whole[at:], shift))
     log = BagLog(tmp_path / "b.bag")
 
-    np.testing.assert_array_equal(log.read(TWIST_X)["/dvl"].columns["twist.linear.x"], np.arange(500.0))
+    np.testing.assert_array_equal(read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"], np.arange(500.0))
     (finding,) = log.findings()
     assert finding.text == f"the bag is damaged at byte {at} of {len(whole) + 49}: 1000 of 1000 messages could be read"
     assert (finding.code, finding.level) == ("DAMAGED", "warning")
@@ -247,7 +248,7 @@ def test_messages_that_the_index_counts_and_the_chunks_lack_are_reported(tmp_pat
     (tmp_path / "b.bag").write_bytes(bent)
     log = BagLog(tmp_path / "b.bag")
 
-    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 499
+    assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 499
     finding, *more = log.findings()
     surplus = "" if alteration == "op" else " and 1 are not in the bag's index"
     assert finding.text == f"1 of 1000 messages in the bag's index are missing{surplus}"
@@ -287,7 +288,7 @@ def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> Non
     file.write_bytes(bent)
     log = BagLog(file)
 
-    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
 
     lost = sorted(set(range(500)) - set(x.astype(int)))
     assert 5 < len(lost) < 100
@@ -313,7 +314,7 @@ def test_mcap_with_ros_1_messages_gives_what_the_bag_gives(tmp_path: Path) -> No
         writer.finish()
     wanted = TWIST_X | {"/imu": ["header.stamp", "orientation.z"], "/usbl": ["header.stamp", "point.x"]}
 
-    ours, theirs = McapLog(file).read(wanted), BagLog(write_bag(tmp_path / "a.bag", rows)).read(wanted)
+    ours, theirs = read_whole(McapLog(file), wanted), read_whole(BagLog(write_bag(tmp_path / "a.bag", rows)), wanted)
 
     for topic in wanted:
         np.testing.assert_array_equal(ours[topic].received_ns, theirs[topic].received_ns)

@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.recordings.mcap_log import McapLog
 
 CONTAINERS = [
@@ -67,7 +68,7 @@ def test_every_kind_of_container_gives_the_same_columns(
     log = McapLog(written(tmp_path / "a.mcap", compression, chunked, 4096, summary))
 
     topics = {topic.name: topic for topic in log.topics()}
-    dvl = log.read(TWIST_X)["/dvl"]
+    dvl = read_whole(log, TWIST_X)["/dvl"]
 
     assert {name: topic.count for name, topic in topics.items()} == {"/dvl": 1000, "/imu": 1000}
     assert topics["/dvl"].type == TWIST
@@ -87,7 +88,7 @@ def test_a_file_that_agrees_with_its_index_is_not_scanned(
     monkeypatch.setattr("usbldr.io.recordings.mcap_log.McapScan", None)
     log = McapLog(file)
 
-    read = log.read({**TWIST_X, "/imu": ["header.stamp"]})
+    read = read_whole(log, {**TWIST_X, "/imu": ["header.stamp"]})
 
     np.testing.assert_array_equal(read["/dvl"].columns["twist.linear.x"], np.arange(1000.0))
     np.testing.assert_array_equal(read["/imu"].columns["header.stamp"], T0 + np.arange(1000))
@@ -101,12 +102,12 @@ def test_chunks_without_a_wanted_message_are_not_looked_at(tmp_path: Path) -> No
     at = bent_in(file, -1)
     log = McapLog(file)
 
-    dvl = log.read(TWIST_X)["/dvl"]
+    dvl = read_whole(log, TWIST_X)["/dvl"]
 
     assert at > file.stat().st_size / 2
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(500.0))
     assert log.findings() == ()
-    log.read({"/imu": ["header.stamp"]})
+    read_whole(log, {"/imu": ["header.stamp"]})
     assert [finding.code for finding in log.findings()] == ["CHECKSUM"]
 
 
@@ -128,7 +129,7 @@ def test_a_wrong_index_is_not_used(tmp_path: Path, what: str) -> None:
     bent[offset] ^= 1
     file.write_bytes(bent)
 
-    dvl = McapLog(file).read(TWIST_X)["/dvl"]
+    dvl = read_whole(McapLog(file), TWIST_X)["/dvl"]
 
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], np.arange(1000.0))
     np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(1000) * (SECOND // 10))
@@ -142,7 +143,7 @@ def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> Non
     file.write_bytes(bent)
     log = McapLog(file)
 
-    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
     (finding,) = log.findings()
 
     lost = sorted(set(range(1000)) - set(x.astype(int)))
@@ -156,7 +157,7 @@ def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
     rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
     log = McapLog(write_mcap(tmp_path / "a.mcap", rows))
 
-    dvl = log.read(TWIST_X)["/dvl"]
+    dvl = read_whole(log, TWIST_X)["/dvl"]
 
     np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 3, 1, 2])
     np.testing.assert_array_equal(dvl.received_ns, T0 + np.array([0, 3, 1, 2]) * SECOND)
@@ -174,7 +175,7 @@ def test_a_file_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(
         log = McapLog(file)
 
         names = [topic.name for topic in log.topics()]
-        x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
+        x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
         (finding,) = log.findings()
 
         np.testing.assert_array_equal(x, np.arange(float(len(x))))
@@ -192,7 +193,7 @@ def test_an_uncompressed_file_loses_only_the_message_it_is_cut_in(tmp_path: Path
     (tmp_path / "cut.mcap").write_bytes(whole[: whole.index(marker)])
     log = McapLog(tmp_path / "cut.mcap")
 
-    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
 
     np.testing.assert_array_equal(x, np.arange(500.0))
     (finding,) = log.findings()
@@ -225,7 +226,7 @@ def test_a_destroyed_chunk_costs_only_its_own_messages(
     file.write_bytes(bent)
     log = McapLog(file)
 
-    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
     (finding,) = log.findings()
 
     assert finding.code == "DAMAGED"
@@ -249,7 +250,7 @@ def test_a_chunk_with_a_wrong_checksum_is_read_and_reported(
     file.write_bytes(bent)
     log = McapLog(file)
 
-    x = log.read(TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
     (finding,) = log.findings()
 
     np.testing.assert_array_equal(x, np.arange(1000.0))
@@ -268,7 +269,7 @@ def test_impossible_times_of_an_altered_chunk_and_of_its_message_are_left_out(tm
     file.write_bytes(bent)
     log = McapLog(file)
 
-    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 999
+    assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 999
     assert "1 messages have an impossible log time; left out" in [finding.text for finding in log.findings()]
 
 
@@ -293,7 +294,7 @@ def test_an_altered_value_in_data_without_chunks_is_reported(tmp_path: Path) -> 
     file.write_bytes(file.read_bytes().replace(struct.pack("<d", 20.0), struct.pack("<d", 20.5)))
     log = McapLog(file)
 
-    assert 20.5 in log.read({"/heading": ["data"]})["/heading"].columns["data"]
+    assert 20.5 in read_whole(log, {"/heading": ["data"]})["/heading"].columns["data"]
     (finding,) = log.findings()
     assert (finding.code, finding.lost_data) == ("CHECKSUM", True)
     assert finding.text == ("the checksum of the data is wrong, but all messages could be read: values may be altered")
@@ -310,7 +311,7 @@ def test_messages_that_the_statistics_count_and_the_data_lack_are_reported(tmp_p
     file.write_bytes(bent)
     log = McapLog(file)
 
-    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 999
+    assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 999
     finding = next(finding for finding in log.findings() if finding.code == "DAMAGED")
     more = "" if alteration == "opcode" else " and 1 are not in the file's statistics"
     assert finding.text == f"1 of 2000 messages in the file's statistics are missing{more}"
@@ -340,7 +341,7 @@ def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(
         ("/heading", "std_msgs/msg/Float64", 10),
         ("/depth", "std_msgs/msg/Float64", 10),
     ]
-    read = log.read({"/heading": ["data"], "/depth": ["data"]})
+    read = read_whole(log, {"/heading": ["data"], "/depth": ["data"]})
     for topic in ("/heading", "/depth"):
         np.testing.assert_array_equal(read[topic].columns["data"], np.arange(10.0))
     assert not any(finding.lost_data for finding in log.findings())
@@ -351,7 +352,7 @@ def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -
     file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, (good, good[:7], good, b""))
     log = McapLog(file)
 
-    heading = log.read({"/heading": ["data"]})["/heading"]
+    heading = read_whole(log, {"/heading": ["data"]})["/heading"]
 
     np.testing.assert_array_equal(heading.columns["data"], [12.5, 12.5])
     (finding,) = log.findings()
@@ -365,7 +366,7 @@ def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str
     file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, payloads)
     log = McapLog(file)
 
-    assert len(log.read({"/heading": ["data"]})["/heading"].received_ns) == 1
+    assert len(read_whole(log, {"/heading": ["data"]})["/heading"].received_ns) == 1
     (finding,) = log.findings()
     assert finding.text.endswith(f"their definition in the file: they are in {name}, not plain CDR")
 
@@ -375,7 +376,7 @@ def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0snap"))
     log = McapLog(file)
 
-    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 0
+    assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 0
     (finding,) = log.findings()
     assert "1 chunks are damaged or use an unknown compression (snap) (logged between" in finding.text
     assert finding.text.endswith(": 0 of 2000 messages could be read")
@@ -390,7 +391,7 @@ def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
     (tmp_path / "b.mcap").write_bytes(whole[:first_message] + future + whole[first_message:])
     log = McapLog(tmp_path / "b.mcap")
 
-    assert len(log.read(TWIST_X)["/dvl"].received_ns) == 1000
+    assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 1000
     assert log.findings() == ()
 
 
@@ -403,7 +404,7 @@ def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_p
     (topic,) = log.topics()
     assert topic.count == 1
     with pytest.raises(LogError) as fault:
-        log.read({"/fix": ["latitude"]})
+        read_whole(log, {"/fix": ["latitude"]})
 
     assert str(fault.value).startswith(
         f"{file}: /fix cannot be read: encoding flatbuffer with flatbuffer definitions is not supported, only cdr with "

@@ -25,6 +25,7 @@ from recordings import (
     write_rosbag2,
 )
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log, require
@@ -46,7 +47,7 @@ def parts(folder: Path, *numbers: int) -> Path:
 
 
 def x_of(path: Path) -> list[float]:
-    return open_log(path).read(TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()
+    return read_whole(open_log(path), TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
@@ -57,7 +58,7 @@ def test_a_folder_is_read_with_and_without_its_metadata(tmp_path: Path, storage:
         (folder / "metadata.yaml").unlink()
 
     log = open_log(folder)
-    dvl = log.read(TWIST_X)["/dvl"]
+    dvl = read_whole(log, TWIST_X)["/dvl"]
 
     assert log.format == "rosbag2 folder"
     assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 11, "/imu": 11, "/usbl": 11}
@@ -92,7 +93,7 @@ def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
 
     log = open_log(killed / "dive.db3")
 
-    assert log.read(TWIST_X)["/dvl"].columns["twist.linear.x"].tolist() == [0, 1, 2, 3, 4] * 2
+    assert read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"].tolist() == [0, 1, 2, 3, 4] * 2
     assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("JOURNAL", False)]
     assert {path: path.read_bytes() for path in killed.iterdir()} == before
     assert open_log(file).topics()[0].count == 10
@@ -272,7 +273,7 @@ def test_messages_of_an_mcap_file_that_decompress_to_too_much_are_left_out(
     monkeypatch.setenv(VARIABLE, "0.01")
     log = open_log(file)
 
-    assert len(log.read({"/speed": ["data"]})["/speed"].received_ns) == 0
+    assert len(read_whole(log, {"/speed": ["data"]})["/speed"].received_ns) == 0
     (finding, _) = log.findings()
     assert finding.text.startswith("messages decompress to more than 1.34 MB each and are left out (--limits 10")
 

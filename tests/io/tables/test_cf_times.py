@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from recordings import SECOND, T0
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cf_times import clock_of
@@ -41,7 +42,7 @@ def write_nc(file: Path, times: Any, units: str | bytes, **attributes: str) -> P
 def stamps(file: Path) -> list[int]:
     (topic,) = open_log(file).topics()
     assert topic.problem == ""
-    return open_log(file).read({topic.name: ["heading_deg"]})[topic.name].received_ns.tolist()
+    return read_whole(open_log(file), {topic.name: ["heading_deg"]})[topic.name].received_ns.tolist()
 
 
 @pytest.mark.parametrize("units", UNITS)

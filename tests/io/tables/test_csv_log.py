@@ -8,6 +8,7 @@ import pytest
 
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables import csv_text
@@ -43,7 +44,7 @@ def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> Non
 def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: Path) -> None:
     log = CsvLog(write_csv(tmp_path / "dive", dvl=DVL))
 
-    dvl = log.read({"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
+    dvl = read_whole(log, {"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
 
     np.testing.assert_array_equal(dvl.received_ns, [T0 + 7, T0 + 5])
     np.testing.assert_array_equal(dvl.columns["header.stamp"], [T0, T0 + 2])
@@ -57,7 +58,7 @@ def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: P
 def test_headers_may_carry_a_mark_blanks_and_rostopics_prefixes(tmp_path: Path, head: str) -> None:
     log = CsvLog(write_csv(tmp_path / "dive", compass=f"{head}\n5,90.25"))
 
-    compass = log.read({"/compass": ["header.stamp", "heading_deg"]})["/compass"]
+    compass = read_whole(log, {"/compass": ["header.stamp", "heading_deg"]})["/compass"]
 
     assert (compass.columns["header.stamp"][0], compass.columns["heading_deg"][0]) == (5, 90.25)
 
@@ -219,7 +220,7 @@ def test_a_point_beside_other_decimals_parts_no_thousands(tmp_path: Path, forwar
     rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(forward, start=1))
     (tmp_path / "usbl.csv").write_text(f"time_ns;east_m;north_m\n{rows}", encoding="utf-8")
 
-    east = open_log(tmp_path / "usbl.csv").read({"/usbl": ["east_m"]})["/usbl"].columns["east_m"]
+    east = read_whole(open_log(tmp_path / "usbl.csv"), {"/usbl": ["east_m"]})["/usbl"].columns["east_m"]
 
     assert east.tolist() == [float(cell.replace(",", ".")) for cell in forward]
 
@@ -233,7 +234,7 @@ def test_cells_that_are_kept_in_pieces_are_those_of_the_file(
     lines[rows // 2] = f"{T0 + rows // 2};;1,25"
     text = "\n".join(["time_ns;starboard_mps;forward_mps", *lines])
 
-    dvl = CsvLog(write_csv(tmp_path / "dive", dvl=text)).read({"/dvl": ["starboard_mps", "forward_mps"]})["/dvl"]
+    dvl = read_whole(CsvLog(write_csv(tmp_path / "dive", dvl=text)), {"/dvl": ["starboard_mps", "forward_mps"]})["/dvl"]
 
     at = np.arange(rows)
     np.testing.assert_array_equal(dvl.received_ns, T0 + at)

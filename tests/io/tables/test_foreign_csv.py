@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from logs import MAP, codes, logged_csv
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.tables.cells import numbers
 from usbldr.io.tables.date_times import with_iso_times
@@ -169,7 +170,7 @@ def test_a_line_of_units_is_no_row(tmp_path: Path, names: str, units: str, lost:
     (tmp_path / "dvl.csv").write_text("\n".join([names, units, *rows]) + "\n", encoding="utf-8")
 
     log = open_log(tmp_path / "dvl.csv")
-    dvl = log.read({"/dvl": ["forward_mps"]})["/dvl"]
+    dvl = read_whole(log, {"/dvl": ["forward_mps"]})["/dvl"]
 
     assert dvl.columns["forward_mps"].tolist() == [1.5, 1.5]
     left_out = [finding.text for finding in log.findings() if finding.lost_data]
@@ -180,7 +181,7 @@ def test_lines_may_end_in_two_returns(tmp_path: Path) -> None:
     text = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\n"
     (tmp_path / "compass.csv").write_bytes(text.replace("\n", "\r\r\n").encode())
 
-    read = open_log(tmp_path / "compass.csv").read({"/compass": ["heading_deg"]})["/compass"]
+    read = read_whole(open_log(tmp_path / "compass.csv"), {"/compass": ["heading_deg"]})["/compass"]
 
     assert read.columns["heading_deg"].tolist() == [1.5, 2.5]
 
@@ -256,7 +257,7 @@ def test_a_file_of_nothing_but_faults_says_so(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", ahrs="t_s,heading_deg\nnoon,10\nnight,11")
 
     with pytest.raises(LogError, match=r"t_s is .noon., not a number of seconds"):
-        open_log(folder).read({"/ahrs": ["heading_deg"]})
+        read_whole(open_log(folder), {"/ahrs": ["heading_deg"]})
 
 
 def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None:
@@ -287,7 +288,7 @@ def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], i
 def test_of_a_time_of_day_among_nanoseconds_the_cell_of_the_file_is_named(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n12:00,10\n12:01,11")
     with pytest.raises(LogError, match=r'line 2: time_ns is "12:00", not a whole number of nanoseconds'):
-        open_log(folder).read({"/compass": ["heading_deg"]})
+        read_whole(open_log(folder), {"/compass": ["heading_deg"]})
 
 
 def test_dates_and_times_of_digits_are_read_beside_each_other() -> None:
@@ -343,7 +344,7 @@ def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
         log = open_log(file)
         (topic,) = log.topics()
         if not topic.problem:
-            log.read({"/usbl": ["lat_deg"]})
+            read_whole(log, {"/usbl": ["lat_deg"]})
         said = topic.problem + "".join(finding.text for finding in log.findings())
 
     assert f'"{text}"' in said

@@ -7,6 +7,7 @@ import pytest
 
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.csv_log import CsvLog
@@ -26,7 +27,7 @@ def test_times_are_whole_nanoseconds_and_arrays_have_numbered_fields(tmp_path: P
 
     (topic,) = log.topics()
     paths = ["header.stamp", "header.frame_id", "twist.twist.linear.y", "twist.covariance.0", "twist.covariance.35"]
-    records = log.read({"/nav/dvl": paths})["/nav/dvl"]
+    records = read_whole(log, {"/nav/dvl": paths})["/nav/dvl"]
 
     assert (topic.name, topic.type, topic.count) == ("/nav/dvl", "geometry_msgs/TwistWithCovarianceStamped", 1)
     assert topic.first_ns == STAMP + 3
@@ -94,7 +95,7 @@ def test_a_frame_is_a_text_wherever_its_type_names_it(tmp_path: Path) -> None:
 def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
     text = f"{HEADER},field.time,field.velocity.x,field.velocity_valid\n{T0 + 5},1,{T0},f,123.5,1,True"
 
-    records = CsvLog(write_csv(tmp_path / "dive", dvl=text)).read({"/dvl": ["time", "header.stamp"]})["/dvl"]
+    records = read_whole(CsvLog(write_csv(tmp_path / "dive", dvl=text)), {"/dvl": ["time", "header.stamp"]})["/dvl"]
 
     assert (records.received_ns[0], records.columns["header.stamp"][0], records.columns["time"][0]) == (
         T0 + 5,
@@ -153,7 +154,7 @@ def test_a_broken_number_of_a_long_file_is_reported_with_its_line(tmp_path: Path
     file = write_csv(tmp_path / "dive", everything=LONG.replace("0.2,1.5", "0.2,fast")) / "everything.csv"
 
     findings = CsvLog(file)
-    findings.read({"/dvl": ["forward_mps"]})
+    read_whole(findings, {"/dvl": ["forward_mps"]})
 
     assert [finding.text.partition(": ")[2] for finding in findings.findings()] == [
         '1 of 4 rows are left out: line 5: forward_mps is "fast", not a number'

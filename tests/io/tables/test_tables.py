@@ -16,6 +16,7 @@ from pyarrow import parquet
 from recordings import SECOND, T0
 from table_recordings import COUNT, WRITERS, as_csv, dive
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.opening import Request
@@ -76,7 +77,9 @@ def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> No
     times = pd.array([T0 + 1, None, T0 + 3], dtype="Int64")
     pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
 
-    records = open_log(tmp_path / "compass.parquet").read({"/compass": ["header.stamp", "heading_deg"]})["/compass"]
+    records = read_whole(open_log(tmp_path / "compass.parquet"), {"/compass": ["header.stamp", "heading_deg"]})[
+        "/compass"
+    ]
 
     assert records.received_ns.tolist() == records.columns["header.stamp"].tolist() == [T0 + 1, T0 + 3]
 
@@ -133,7 +136,10 @@ def test_a_whole_number_without_a_value_leaves_the_others_exact(tmp_path: Path) 
         file["compass/time_ns"].attrs["_FillValue"] = -1
         file["compass/heading_deg"] = np.arange(3.0)
 
-    assert open_log(tmp_path / "dive.h5").read({"/compass": []})["/compass"].received_ns.tolist() == [T0 + 1, T0 + 3]
+    assert read_whole(open_log(tmp_path / "dive.h5"), {"/compass": []})["/compass"].received_ns.tolist() == [
+        T0 + 1,
+        T0 + 3,
+    ]
 
 
 def test_what_is_in_other_files_or_has_too_many_dimensions_is_named(tmp_path: Path) -> None:
@@ -179,7 +185,7 @@ def test_records_in_a_column_are_a_table_and_texts_are_columns(tmp_path: Path) -
     )
     log = open_log(tmp_path / "dive.h5")
 
-    found = log.read({"/compass": ["heading_deg"]})["/compass"]
+    found = read_whole(log, {"/compass": ["heading_deg"]})["/compass"]
     np.testing.assert_array_equal(found.columns["heading_deg"], columns["heading_deg"])
     assert [topic.name for topic in log.topics()] == ["/compass", "/fixes"]
     np.testing.assert_array_equal(read_log(tmp_path / "dive.h5").tables["usbl"]["east_m"], [1.0, 3.0])
@@ -244,10 +250,10 @@ def test_a_damaged_column_is_an_error_if_it_is_used(
     file.write_bytes(bent)
     log = open_log(file)
 
-    found = log.read({"/compass": ["sd_deg"]})["/compass"].columns["sd_deg"]
+    found = read_whole(log, {"/compass": ["sd_deg"]})["/compass"].columns["sd_deg"]
     np.testing.assert_array_equal(found, compass["sd_deg"])
     with pytest.raises(LogError, match="damaged, cut or of an unknown kind"):
-        log.read({"/compass": ["heading_deg"]})
+        read_whole(log, {"/compass": ["heading_deg"]})
 
 
 def long_parquet(folder: Path, rows: int) -> Path:
