@@ -4,7 +4,7 @@ The sentence says which file or topic, what is wrong, and what to do.
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 MAX_SENTENCE = 2000  # [characters] of a sentence; longer ones are cut
@@ -31,6 +31,12 @@ def did_you_mean(name: str, known: Iterable[str], count: int = 1) -> str:
     lower = {one.lower(): one for one in known}
     near = difflib.get_close_matches(name.lower(), lower, n=count)
     return f"; did you mean {' or '.join(lower[one] for one in near)}?" if near else ""
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names as text, of many the first ``most``."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 class UsbldrError(Exception):

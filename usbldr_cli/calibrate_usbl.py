@@ -15,6 +15,7 @@ from usbldr_cli.options.output_files import (
     require_free,
     toml_option,
     write_file,
+    write_json,
 )
 from usbldr_cli.options.verbosity import verbose_option
 
@@ -178,16 +179,13 @@ def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path,
 
 
 def _print(found: "Calibration", json_to: str | None) -> None:
-    from usbldr.io.reports.run_directory import json_text
     from usbldr.io.reports.usbl_calibration import content, notes, summary, tables
     from usbldr_cli.tables.run_table import aligned
 
     if json_to is not None:
-        text = json_text(content(found))
-        if json_to == "-":
-            click.echo(text, nl=False)
-            return
-        write_file("--json", Path(json_to), text)
+        write_json(json_to, content(found))
+    if json_to == "-":
+        return
     installation, scatter = tables(found)
     parts = [found.measured, aligned(installation), "\n".join(notes(found)), aligned(scatter), summary(found)]
     click.echo("\n\n".join(part for part in parts if part))

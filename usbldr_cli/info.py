@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, listed
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.log_options import read_request, selection_options
 from usbldr_cli.options.verbosity import verbose_option
@@ -126,8 +126,7 @@ def _topic_table(found: "Survey", all_topics: bool) -> list[str]:
         if topic.problem:
             problems.setdefault(topic.problem, []).append(topic.name)
     for problem, names in problems.items():
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        lines.append(f"cannot be read: {', '.join(names[:3])}{more}: {problem}")
+        lines.append(f"cannot be read: {listed(names, 3)}: {problem}")
     return lines
 
 

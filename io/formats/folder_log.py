@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, listed
 from usbldr.io.file_access.open_file import real_path
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import ENDINGS, compressed_log
@@ -167,8 +167,7 @@ def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> lis
     ]
     others = [file.name for file in files if file not in sensors and _may_hold_records(file)]
     if others:
-        more = f" and {len(others) - SHOWN} more" if len(others) > SHOWN else ""
-        text = f"not read of this folder: {', '.join(others[:SHOWN])}{more}; --with FILE adds one"
+        text = f"not read of this folder: {listed(others, SHOWN)}; --with FILE adds one"
         findings.append(Finding("NOT-READ", text))
     return findings
 

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from usbldr.filters.errors import UsageError, did_you_mean
+from usbldr.filters.errors import UsageError, did_you_mean, listed
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS
 from usbldr.io.reader import TopicInfo, listed_field, shown_field
@@ -108,18 +108,10 @@ def named_fields(
         path_of = field_of(name, fields, arrays)
         if path_of is None:
             hint = did_you_mean(plain(name), shown, 2)
-            raise UsageError(
-                f"{topic} has no {plain(name)} ([{stated.sensor}] columns {key}){hint} (it has {listed(shown)})",
-                path=path,
-            )
+            text = f"{topic} has no {plain(name)} ([{stated.sensor}] columns {key}){hint}"
+            raise UsageError(f"{text} (it has {listed(shown, SHOWN_FIELDS) or 'no fields'})", path=path)
         found[key] = path_of
     return found
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return the names of fields as a text, the first of many."""
-    more = f" and {len(names) - SHOWN_FIELDS} more" if len(names) > SHOWN_FIELDS else ""
-    return (", ".join(names[:SHOWN_FIELDS]) + more) or "no fields"
 
 
 def topic_with_columns(

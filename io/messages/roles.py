@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError, did_you_mean
+from usbldr.filters.errors import LogError, UsageError, UsbldrError, did_you_mean, listed
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, configured_layout, topic_with_columns
 from usbldr.io.messages.layouts import MessageLayout
@@ -159,7 +159,8 @@ def existing_topic(log: Path, topics: Sequence[TopicInfo], name: str, purpose: s
     if topic is not None:
         return topic
     hint = did_you_mean(name, [topic.name for topic in topics], 3)
-    raise LogError(f"no topic {name}{purpose}{hint} (topics in this log: {_listed(topics)})", path=log)
+    known = listed([topic.name for topic in topics], 20) or "none"
+    raise LogError(f"no topic {name}{purpose}{hint} (topics in this log: {known})", path=log)
 
 
 def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
@@ -282,9 +283,3 @@ def _choice_text(role: str, found: Sequence[TopicInfo]) -> str:
     described = "; ".join(f"{t.name} ({t.type}, {t.count} messages, {t.rate_hz:.2f} Hz)" for t in found)
     choose = f"choose one with --{role} TOPIC or with topic under [{role}] in the configuration"
     return f"{len(found)} topics could be the {role}: {described}; {choose}"
-
-
-def _listed(topics: Sequence[TopicInfo]) -> str:
-    names = [topic.name for topic in topics]
-    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
-    return ", ".join(names[:20]) + more if names else "none"

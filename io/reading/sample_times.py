@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError, UsageError, listed
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.roles import find_topic
@@ -98,8 +98,7 @@ def _photos(folder: Path) -> SampleTimes:
     times = {file.name: _taken_ns(file) for file in files}
     untimed = [name for name, time_ns in times.items() if time_ns is None]
     if untimed:
-        more = f" and {len(untimed) - 1} more" if len(untimed) > 1 else ""
-        raise LogError(f"{folder}: {untimed[0]}{more} states no time (EXIF DateTimeOriginal)", path=folder)
+        raise LogError(f"{folder}: {listed(untimed, 1)} states no time (EXIF DateTimeOriginal)", path=folder)
     time_ns = np.array([found for found in times.values() if found is not None], dtype=np.int64)
     return SampleTimes(time_ns, list(times), pd.DataFrame(index=range(len(times))))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+from usbldr.filters.errors import listed
 from usbldr.io.findings import Finding
 from usbldr.io.messages.topic_names import without_numbers
 from usbldr.io.reader import Reader, Records, TopicInfo
@@ -49,7 +50,9 @@ class PartsLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report which topics are read as one."""
         found = [
-            Finding("TOPIC-PARTS", f"{first}: read as one topic with {_listed(others)}: they follow each other", first)
+            Finding(
+                "TOPIC-PARTS", f"{first}: read as one topic with {listed(others, 5)}: they follow each other", first
+            )
             for first, others in self.followers.items()
         ]
         return (*found, *self.whole.findings())
@@ -86,8 +89,3 @@ def _span_ns(topic: TopicInfo) -> tuple[int, int]:
 def _follow(*topics: TopicInfo) -> bool:
     pauses_s = [(_span_ns(after)[0] - _span_ns(before)[1]) / 1e9 for before, after in pairwise(topics)]
     return all(0 <= pause_s <= LONGEST_PAUSE_S for pause_s in pauses_s)
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
-    return ", ".join(names[:5]) + more

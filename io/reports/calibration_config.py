@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
-from tomlkit.items import InlineTable
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.identification import Identification
@@ -18,7 +17,7 @@ from usbldr.filters.types import Trajectory
 from usbldr.io.log import Log
 from usbldr.io.reports.estimate_text import error_text
 from usbldr.io.settings.configuration import parse_configuration
-from usbldr.io.settings.toml_text import comment
+from usbldr.io.settings.toml_text import comment, put
 from usbldr.io.settings.validation import read_text
 
 KEYS = {reported.name: reported for reported in REPORTED_QUANTITIES.values() if reported.key}
@@ -52,7 +51,7 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
         before = float(section.get(place.key, 0.0))
         both = before + value if place.unit else (1 + before) * (1 + value) - 1  # relative errors multiply
         number = tomlkit.item(round(both, place.digits))
-        _put(
+        put(
             section,
             place.key,
             number,
@@ -73,19 +72,11 @@ def _add_lever_and_clock(document: Any, found: Identification) -> None:
     if forward := estimates.get("dvl_lever_forward_m"):
         starboard = estimates["dvl_lever_starboard_m"]
         lever = tomlkit.item([round(metres, 3) for metres in found.parameters.dvl_lever_m])
-        _put(dvl, "lever_arm_m", lever, f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated")
+        put(dvl, "lever_arm_m", lever, f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated")
     if clock := estimates.get("dvl_clock_s"):
         before = float(dvl.get("latency_s", 0.0))
         late = tomlkit.item(round(before + clock.value, 3))
-        _put(dvl, "latency_s", late, f"{before:g} stated, {clock.value:+.3f} ± {clock.sd:.3f} estimated")
-
-
-def _put(section: Any, key: str, item: Any, comment: str) -> None:
-    """Put a value and the comment on it into a section; an inline table has no room for comments."""
-    if not isinstance(section, InlineTable):
-        item.comment(comment)
-        item.trivia.comment_ws = "  "
-    section[key] = item
+        put(dvl, "latency_s", late, f"{before:g} stated, {clock.value:+.3f} ± {clock.sd:.3f} estimated")
 
 
 def _without_start(document: Any) -> str:

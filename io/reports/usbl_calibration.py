@@ -20,7 +20,7 @@ from usbldr.io.reports.report_text import Table
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.settings.configuration import parse_configuration
-from usbldr.io.settings.toml_text import comment
+from usbldr.io.settings.toml_text import comment, put
 from usbldr.io.settings.validation import read_text
 
 LABELS = {
@@ -36,7 +36,12 @@ LABELS = {
     "north_m": ("transponder north", "m", 2),
     "depth_m": ("transponder depth", "m", 2),
 }
-USBL_KEYS = {"mount_roll_deg": "mount_roll_deg", "mount_pitch_deg": "mount_pitch_deg", "mount_heading_deg": "mount_deg"}
+USBL_KEYS = {
+    "mount_roll_deg": "mount_roll_deg",
+    "mount_pitch_deg": "mount_pitch_deg",
+    "mount_heading_deg": "mount_deg",
+    "scale": "sound_speed_scale",
+}
 HEAD_KEYS = {"attitude_latency_s": "heading_latency_s", "position_latency_s": "latency_s"}
 
 
@@ -220,9 +225,8 @@ def calibrated_configuration(found: Calibration) -> str:
     usbl["level"] = found.level
     for name, key in USBL_KEYS.items():
         if name in settled:
-            _put(usbl, key, settled[name], 3)
-    if "scale" in settled:
-        _put(usbl, "sound_speed_scale", settled["scale"], 5)
+            one, digits = settled[name], LABELS[name][2]
+            put(usbl, key, tomlkit.item(round(one.value, digits)), f"± {one.sd:.{digits}f}")
     if "head" not in usbl:
         usbl["head"] = _ship_head(found)
     head = usbl["head"]
@@ -245,11 +249,6 @@ def _ship_head(found: Calibration) -> InlineTable:
     head = tomlkit.inline_table()
     head["topic"], head["heading_topic"] = found.topics[SHIP], found.topics[SHIP_HEADING]
     return head
-
-
-def _put(section: Any, key: str, one: Parameter, digits: int) -> None:
-    section[key] = round(one.value, digits)
-    section[key].comment(f"± {one.sd:.{digits}f}")
 
 
 def plan_table(planned: Sequence[Parameter]) -> Table:

@@ -5,6 +5,7 @@ Names of topics and files are foreign text: the library of the format quotes the
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from usbldr.filters.errors import printable
 from usbldr.filters.models.noise import FAMILIES, NoiseFamily
@@ -33,6 +34,16 @@ def quoted(text: str) -> str:
 def comment(text: str) -> str:
     """Return a text as a comment of one line."""
     return f"# {printable(text)}"
+
+
+def put(section: Any, key: str, item: Any, comment: str) -> None:
+    """Put a TOML item and the comment on it into a section; an inline table has no room for comments."""
+    from tomlkit.items import InlineTable
+
+    if not isinstance(section, InlineTable):
+        item.comment(comment)
+        item.trivia.comment_ws = "  "
+    section[key] = item
 
 
 def shortest_degrees(angle_rad: float) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, overload
 
+from usbldr.filters import errors
 from usbldr.io.findings import Finding
 
 MAX_NAMES = 20  # of names in a sentence
@@ -53,8 +54,7 @@ class TextTable(NamedTuple):
 
 def listed(names: Sequence[str]) -> str:
     """Return names as text, the first of many."""
-    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return ", ".join(name[:MAX_CHARACTERS] for name in names[:MAX_NAMES]) + more
+    return errors.listed([name[:MAX_CHARACTERS] for name in names], MAX_NAMES)
 
 
 def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:

@@ -43,6 +43,16 @@ def test_a_circle_is_open_and_leaves_its_keys_as_stated(tmp_path):
     assert "mount_deg" not in written
 
 
+def test_a_configuration_with_an_inline_table_is_completed(survey, tmp_path):
+    usbl = '{ frame = "body", head = { topic = "gps", heading_topic = "compass" } }'
+    (tmp_path / "inline.toml").write_text(
+        f"schema = 1\nusbl = {usbl}\n[map]\norigin_lat_deg = 45.0\norigin_lon_deg = -30.0\n"
+    )
+    done = run("calibrate-usbl", survey, "--config", tmp_path / "inline.toml", "--write", tmp_path / "found.toml")
+    assert done.exception is None
+    assert "mount_deg" in (tmp_path / "found.toml").read_text()
+
+
 def test_a_plan_needs_a_survey():
     done = run("calibrate-usbl", "survey-spin", "--plan")
     assert done.return_value == 0

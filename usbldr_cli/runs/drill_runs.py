@@ -66,16 +66,13 @@ class DrillPlan:
         return Job(self.log, method or RAW, choices, self.selection, drill=drill, examine=method is None)
 
 
-def run_drills(plan: DrillPlan, where: Executor, store: Path, examine: bool = True) -> DrillReport:
-    """Run a plan; finished runs are kept in ``store``, an existing folder.
-
-    ``examine``: let the doctor examine every log, too.
-    """
+def run_drills(plan: DrillPlan, where: Executor, store: Path) -> DrillReport:
+    """Run a plan, and let the doctor examine every log; finished runs are kept in ``store``, an existing folder."""
     methods = tuple(dict.fromkeys((*plan.methods, RAW)))
     cells = {
         (drill, method): plan.seeds_of(drill, method is not None and METHODS[method].draws)
         for drill in (UNDAMAGED, *plan.drills)
-        for method in ((None, *methods) if examine else methods)
+        for method in (None, *methods)
     }
     # seed by seed, so that a dive is simulated once
     places = sorted(((seed, k) for k, seeds in enumerate(cells.values()) for seed in seeds), key=lambda at: at[0])

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from usbldr.filters.errors import listed
 from usbldr.filters.evaluation.metrics import Direction
 from usbldr.io.reports.page import Labelled, Page, Plot, Section
 from usbldr.io.reports.report_text import Table
@@ -128,8 +129,7 @@ def summary(checked: Sequence[CheckedRow]) -> str:
     stale = sum(c.verdict == STALE for c in every)
     hint = f"; {stale} better than the baseline by more than the limit: update it with --update" if stale else ""
     if failed:
-        more = f" and {len(failed) - 3} more" if len(failed) > 3 else ""
-        return f"FAILED: {', '.join(failed[:3])}{more}{hint}"
+        return f"FAILED: {listed(failed, 3)}{hint}"
     good = sum(c.verdict == OK for c in every)
     return f"passed: {good} of {len(every)} metrics in {len(checked)} rows within their limits{hint}"
 

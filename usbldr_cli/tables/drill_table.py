@@ -21,7 +21,7 @@ LEGEND = (
 )
 
 
-def drill_table(rows: Sequence[DrillRow], title: str, name_columns: int | None = NAME) -> Table:
+def drill_table(rows: Sequence[DrillRow], name_columns: int | None = NAME) -> Table:
     """Return one line for each filter and drill, worst drill first; a long name is cut to ``name_columns``."""
     body: list[tuple[str, ...]] = []
     last = ""
@@ -31,7 +31,7 @@ def drill_table(rows: Sequence[DrillRow], title: str, name_columns: int | None =
         )
         body.append(("" if row.drill.name == last else name, *_cells(row)))
         last = row.drill.name
-    return Table(title, HEADS, tuple(body))
+    return Table("faults, m", HEADS, tuple(body))
 
 
 def _cells(row: DrillRow) -> tuple[str, ...]:
@@ -78,7 +78,7 @@ def render(report: DrillReport, colour: bool = False) -> str:
     """Return the text for the terminal, in colour only on a terminal."""
     rows, usual = report.rows, report.usual
     blocks = [title(f"drills on {usual[0].log}", colour), pairs(context(usual)), "", aligned(usual_table(usual)), ""]
-    blocks += [aligned(drill_table(rows, "faults, m")), "", pairs(finding_lines(rows))]
+    blocks += [aligned(drill_table(rows)), "", pairs(finding_lines(rows))]
     if lines := _failures(rows):
         blocks += ["", pairs(lines)]
     blocks += ["", pairs([("note", LEGEND)]), "", title(filled(overall(rows)), colour)]
@@ -95,7 +95,7 @@ def page(report: DrillReport, figures: Sequence[Picture | Plot], made: RunProven
     reported = (*finding_lines(rows), *_failures(rows), *notes(usual))
     sections = (
         Section("", (Labelled(tuple(context(usual))),)),
-        Section("Errors", (usual_table(usual), drill_table(rows, "faults, m", None), LEGEND)),
+        Section("Errors", (usual_table(usual), drill_table(rows, None), LEGEND)),
         Section("Findings", (Labelled(reported),)),
         Section("Figures", tuple(figures)),
         provenance_section(made),
