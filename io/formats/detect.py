@@ -87,10 +87,10 @@ def _json_lines(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.nmea_log import NmeaFile, form_of
+    from usbldr.io.instruments.nmea_log import form_of, nmea_file
 
     form = form_of(head)
-    return NmeaFile(path, form) if form else None
+    return nmea_file(path, form) if form else None
 
 
 def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:

@@ -5,7 +5,7 @@ may begin with the time at which it was logged.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -38,58 +38,19 @@ def form_of(head: bytes) -> re.Pattern[str] | None:
     return WORD_LINE if next(words, None) and 1 + sum(map(bool, words)) > len(lines) / 2 else None
 
 
-class NmeaFile:
-    """A text file of sentences."""
+class SentenceLog:
+    """Kinds of sentences as topics: those of a text file, or those of the text topics of a log, beside its own."""
 
-    format = "NMEA text"
-
-    def __init__(self, path: Path, form: re.Pattern[str] = SENTENCE) -> None:
-        """Take the file and the form of its sentences: SENTENCE or WORD_LINE."""
-        self.path, self._form = path, form
-        self._undecoded: dict[str, int] = {}
-
-    @cached_property
-    def _sentences(self) -> SentenceSet:
-        return find_sentences(self.path.name, text_lines(self.path), form=self._form)
-
-    @cached_property
-    def _topics(self) -> Mapping[str, tuple[str, TopicInfo]]:
-        return self._sentences.topics("")
-
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the kinds of sentences."""
-        return tuple(info for _, info in self._topics.values())
-
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Parse the wanted kinds."""
-        for topic, paths in wanted.items():
-            records, self._undecoded[topic] = self._sentences.by_name[self._topics[topic][0]].records(paths)
-            yield topic, records
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what was dropped."""
-        return (*self._sentences.findings, *undecoded_findings(self._undecoded))
-
-
-class LogWithSentences:
-    """A log in which some text topics carry sentences; each kind of sentence is an additional topic."""
-
-    def __init__(self, carried: Reader, carriers: Mapping[str, str]) -> None:
-        self._carried, self._carriers = carried, carriers
-        self.path, self.format = carried.path, carried.format
+    def __init__(
+        self, path: Path, kind: str, find: Callable[[], Mapping[str, SentenceSet]], carried: Reader | None = None
+    ) -> None:
+        """Take what finds the sentences by the topic that carries them, "" for a file; ``kind``: of the log."""
+        self.path, self.format, self._find, self._carried = path, kind, find, carried
         self._undecoded: dict[str, int] = {}
 
     @cached_property
     def _sentences(self) -> Mapping[str, SentenceSet]:
-        stamped = {t.name for t in self._carried.topics() if t.has("header.stamp")}
-        wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in self._carriers.items()}
-        records = read_whole(self._carried, wanted)
-        return {
-            topic: find_sentences(
-                topic, map(str, r.columns[self._carriers[topic]]), r.received_ns, r.columns.get("header.stamp")
-            )
-            for topic, r in records.items()
-        }
+        return self._find()
 
     @cached_property
     def _topics(self) -> Mapping[str, tuple[SentenceSet, str, TopicInfo]]:
@@ -100,12 +61,13 @@ class LogWithSentences:
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the log's own topics and the kinds of sentences."""
-        return (*self._carried.topics(), *(info for _, _, info in self._topics.values()))
+        own = self._carried.topics() if self._carried else ()
+        return (*own, *(info for _, _, info in self._topics.values()))
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the log's own topics block by block, and the wanted sentences of each kind."""
         own = {topic: paths for topic, paths in wanted.items() if topic not in self._topics}
-        if own:
+        if own and self._carried:
             yield from self._carried.blocks(own)
         for topic, paths in wanted.items():
             if topic not in own:
@@ -115,8 +77,19 @@ class LogWithSentences:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what the log lost, and which sentences were dropped."""
-        own = [f for s in self._sentences.values() for f in s.findings if s.by_name or f.code != "NMEA-OTHER"]
-        return (*self._carried.findings(), *own, *undecoded_findings(self._undecoded))
+        own = self._carried.findings() if self._carried else ()
+        found = [
+            finding
+            for topic, sentences in self._sentences.items()
+            for finding in sentences.findings
+            if sentences.by_name or finding.code != "NMEA-OTHER" or not topic
+        ]
+        return (*own, *found, *undecoded_findings(self._undecoded))
+
+
+def nmea_file(path: Path, form: re.Pattern[str] = SENTENCE) -> SentenceLog:
+    """Return a text file of sentences, whose form is SENTENCE or WORD_LINE."""
+    return SentenceLog(path, "NMEA text", lambda: {"": find_sentences(path.name, text_lines(path), form=form)})
 
 
 def with_sentences(log: Reader) -> Reader:
@@ -128,4 +101,14 @@ def with_sentences(log: Reader) -> Reader:
         suggested = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
         if field and suggested and topic.count and not topic.problem and topic.has(field):
             carriers[topic.name] = field
-    return LogWithSentences(log, carriers) if carriers else log
+    return SentenceLog(log.path, log.format, lambda: _carried(log, carriers), log) if carriers else log
+
+
+def _carried(log: Reader, carriers: Mapping[str, str]) -> dict[str, SentenceSet]:
+    """Return the sentences of some topics, ``carriers`` with their fields."""
+    stamped = {topic.name for topic in log.topics() if topic.has("header.stamp")}
+    wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in carriers.items()}
+    return {
+        topic: find_sentences(topic, map(str, r.columns[carriers[topic]]), r.received_ns, r.columns.get("header.stamp"))
+        for topic, r in read_whole(log, wanted).items()
+    }

@@ -144,15 +144,11 @@ def _mark(axes: Axes, artist: Any, columns: _Columns) -> dict[str, Any] | None:
     label, alpha = str(artist.get_label()), artist.get_alpha()
     named = "" if label.startswith("_child") else label.removeprefix("_")
     found["key"] = getattr(artist, DETAILS, {}).get("key") or named
-    if label in _legend(axes):
+    if label in {text.get_text() for legend in axes.figure.figure.legends for text in legend.get_texts()}:
         found["label"] = label
     found["alpha"] = 1.0 if alpha is None else alpha
     found["order"] = artist.get_zorder()
     return found
-
-
-def _legend(axes: Axes) -> set[str]:
-    return {text.get_text() for legend in axes.figure.figure.legends for text in legend.get_texts()}
 
 
 def _line(axes: Axes, line: Any, columns: _Columns) -> dict[str, Any] | None:
