@@ -31,7 +31,9 @@ TYPES = {  # further ones have the layouts that their drivers publish, which tes
 }
 define(TYPES)
 for known in (
-    name for name in KNOWN if name.startswith(("interfaces/", "sbg_", "ublox_", "sept", "vectornav", "mavros"))
+    name
+    for name in KNOWN
+    if name.startswith(("interfaces/", "sbg_", "ublox_", "sept", "vectornav", "mavros_msgs/msg/VfrHud"))
 ):
     ROS2.register(dict(SHIPPED.layouts(known)[0]))
 
