@@ -67,6 +67,12 @@ def define(definitions: Mapping[str, str]) -> None:
 
 define(EXTRA)
 
+
+def fields(*lines: str) -> str:
+    """Return a definition from "type name name ..."."""
+    return "".join(f"{kind} {name}\n" for line in lines for kind, *names in [line.split()] for name in names)
+
+
 Row = tuple[int, str, str, Mapping[str, Any]]  # log time, topic, type, values by field path
 
 

@@ -38,7 +38,7 @@ def field(
 
 
 def descriptors() -> FileDescriptorSet:
-    """Return foxglove.LocationFix and LocationFixes by their published field numbers, and a DVL report of ours."""
+    """Return foxglove.LocationFix by its published field numbers, and a DVL report of ours."""
     file = FileDescriptorProto(name="all.proto", package="foxglove", syntax="proto3")
     file.dependency.append("google/protobuf/timestamp.proto")
     fix = file.message_type.add(name="LocationFix")
@@ -57,8 +57,6 @@ def descriptors() -> FileDescriptorSet:
         ]
     )
     fix.oneof_decl.add(name="_heading")
-    fixes = file.message_type.add(name="LocationFixes")
-    fixes.field.append(field("fixes", 1, Field.TYPE_MESSAGE, ".foxglove.LocationFix", repeated=True))
     dvl = file.message_type.add(name="DVL")
     vector = dvl.nested_type.add(name="Vector")
     vector.field.extend(field(axis, k + 1, Field.TYPE_DOUBLE) for k, axis in enumerate("xyz"))
@@ -79,9 +77,7 @@ POOL = DescriptorPool()
 for _file in reversed(DESCRIPTORS.file):
     POOL.AddSerializedFile(_file.SerializeToString())
 made_at_run_time: Any = GetMessageClass
-LocationFix, LocationFixes, Dvl = (
-    made_at_run_time(POOL.FindMessageTypeByName(f"foxglove.{name}")) for name in ("LocationFix", "LocationFixes", "DVL")
-)
+LocationFix, Dvl = (made_at_run_time(POOL.FindMessageTypeByName(f"foxglove.{name}")) for name in ("LocationFix", "DVL"))
 TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 SCHEMA = {
     "title": "foxglove.LocationFix",

@@ -9,16 +9,10 @@ import numpy as np
 import pytest
 
 from logs import MAP, codes, logged
-from recordings import FIX, HEADER, IMU, ROS2, SECOND, T0, Row, define, fix, turned, twist
+from recordings import FIX, HEADER, IMU, ROS2, SECOND, T0, Row, define, fields, fix, turned, twist
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import KNOWN, SHIPPED
 from usbldr.io.log import Log
-
-
-def fields(*lines: str) -> str:
-    """Return a definition from "type name name ..."."""
-    return "".join(f"{kind} {name}\n" for line in lines for kind, *names in [line.split()] for name in names)
-
 
 TYPES = {  # further ones have the layouts that their drivers publish, which test_definitions holds to checksums
     "ds_sensor_msgs/msg/NortekBTStatus": fields("uint8 xVelValid yVelValid z1VelValid z2VelValid"),

@@ -9,47 +9,39 @@ import numpy as np
 import pytest
 
 from logs import HEAD, MAP, codes, logged, places
-from recordings import FIX, HEADER, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, yaw
+from recordings import FIX, HEADER, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fields, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 
-USBLLONG = "float64 current_time\nfloat64 measurement_time\nint32 remote_address\n"
-QUALITY = "float32 propagation_time\nint32 rssi\nint32 integrity\nfloat32 accuracy\n"
-SEATRAC = "int32 position_easting\nint32 position_northing\nint32 position_depth\n"
+LONG = "float64 current_time measurement_time", "int32 remote_address"
+QUALITY = "float32 propagation_time", "int32 rssi integrity", "float32 accuracy"
+VECTOR, PLACE = "geometry_msgs/Vector3", "float64 latitude longitude"
+SEATRAC = "position_easting position_northing position_depth"
+OF_BEACON = "float64 range azimuth elevation", "geometry_msgs/Point relative_position"
 TYPES = {
     "dmac/msg/mUSBLFix": HEADER
-    + "int32 source_id\nstring source_name\nint32 type\ngeometry_msgs/Point relative_position\nfloat32 range\n"
-    + "float32 bearing\nfloat32 elevation\nfloat32 sound_speed\n",
-    "evologics_ros_sync/msg/EvologicsUsbllong": HEADER
-    + USBLLONG
-    + "".join(f"float32 {name}\n" for name in ("x", "y", "z", "n", "e", "u"))
-    + QUALITY,
-    "vehicle_interface/msg/AcousticModemUSBLLONG": HEADER
-    + USBLLONG
-    + "".join(f"float32 {name}\n" for name in "XYZENU")
-    + QUALITY,
-    "mvp_acomm/msg/EvologicsUsbllong": USBLLONG
-    + "geometry_msgs/Vector3 xyz\ngeometry_msgs/Vector3 enu\ngeometry_msgs/Vector3 rpy\n"
-    + QUALITY,
+    + fields("int32 source_id", "string source_name", "int32 type", "geometry_msgs/Point relative_position")
+    + fields("float32 range bearing elevation sound_speed"),
+    "evologics_ros_sync/msg/EvologicsUsbllong": HEADER + fields(*LONG, "float32 x y z n e u", *QUALITY),
+    "vehicle_interface/msg/AcousticModemUSBLLONG": HEADER + fields(*LONG, "float32 X Y Z E N U", *QUALITY),
+    "mvp_acomm/msg/EvologicsUsbllong": fields(*LONG, f"{VECTOR} xyz enu rpy", *QUALITY),
     "vehicle_interface/msg/AcousticLocalization": HEADER
-    + "uint8 sender_address\nfloat64 latitude\nfloat64 longitude\nfloat32 depth\nfloat64 measurement_time\n"
-    + "float32 accuracy\n",
-    "acomms_msgs/msg/UsblData": HEADER + USBLLONG + "geometry_msgs/Vector3 xyz\ngeometry_msgs/Vector3 enu\n" + QUALITY,
+    + fields("uint8 sender_address", PLACE, "float32 depth", "float64 measurement_time", "float32 accuracy"),
+    "acomms_msgs/msg/UsblData": HEADER + fields(*LONG, f"{VECTOR} xyz enu", *QUALITY),
     "seatrac_interfaces/msg/ModemRec": HEADER
-    + "uint8 src_id\nbool includes_position\nbool position_flt_error\n"
-    + SEATRAC.replace("int32", "int16"),
-    "seatrac_driver/msg/AcousticFix": "uint8 source_id\nbool position_valid\nbool position_filter_error\n"
-    + SEATRAC.replace("int32", "float32"),
+    + fields("uint8 src_id", "bool includes_position position_flt_error", f"int16 {SEATRAC}"),
+    "seatrac_driver/msg/AcousticFix": fields(
+        "uint8 source_id", "bool position_valid position_filter_error", f"float32 {SEATRAC}"
+    ),
     "seatrac_driver/msg/TransceiverFixStatus": "seatrac_driver/AcousticFix fix\n",
-    "stonefish_ros2/msg/BeaconInfo": HEADER
-    + "int64 beacon_id\nfloat64 range\nfloat64 azimuth\nfloat64 elevation\ngeometry_msgs/Point relative_position\n",
-    "sonardyne_msgs/msg/Position": HEADER
-    + "string UID\nstring name\nfloat64 latitude\nfloat64 longitude\nfloat64 depth\nfloat64 age\n",
-    "geographic_msgs/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude\n",
+    "stonefish_ros2/msg/BeaconInfo": HEADER + fields("int64 beacon_id", *OF_BEACON),
+    "sonardyne_msgs/msg/Position": HEADER + fields("string UID name", PLACE, "float64 depth age"),
+    "geographic_msgs/msg/GeoPoint": fields(PLACE, "float64 altitude"),
     "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
     "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
-    "holoocean_interfaces/msg/AcousticBeaconSensor": "int64 timestamp\nstring msg_type\nint32 from_beacon\n"
-    + "float32 azimuth\nfloat32 elevation\nfloat32 range\nfloat32 z\n",
+    "holoocean_interfaces/msg/AcousticBeaconSensor": fields(
+        "int64 timestamp", "string msg_type", "int32 from_beacon", "float32 azimuth elevation range z"
+    ),
     "collaborative/msg/USBL": "float32 distance\nfloat32 bearing\n",
     "labust_msgs/msg/AcousticModemRange": HEADER + "float32 range_m\nuint8 id\n",
 }

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from recordings import HEADING, SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
-from usbldr.filters.errors import LogError, UsageError
+from recordings import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
+from usbldr.filters.errors import LogError
 from usbldr.io.log import COLUMNS
 from usbldr.io.reading.read import Request, read_log, require
 
@@ -133,20 +133,6 @@ def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
     assert sources == [(43.0, "[map]"), (44.0, "usbl head"), (45.0, "first gps fix")]
 
 
-def test_without_any_latitude_the_origin_is_unknown(tmp_path: Path) -> None:
-    assert read_log(write_mcap(tmp_path / "dive.mcap", short_dive())).origin is None
-
-
-def test_unclear_roles_are_an_error(tmp_path: Path) -> None:
-    rows = [*short_dive(), point(T0, 0, 0, topic="/usbl_2"), point(T0 + SECOND, 0, 0, topic="/usbl_2")]
-    file = write_mcap(tmp_path / "dive.mcap", rows)
-
-    with pytest.raises(UsageError, match="2 topics could be the usbl"):
-        read_log(file)
-    assert len(read_log(file, Request(topics={"usbl": "/usbl_2"})).tables["usbl"]) == 2
-    assert "usbl" not in read_log(file, Request(topics={"usbl": "none"})).tables
-
-
 def test_the_digest_of_a_folder_changes_with_its_files_and_not_with_its_configuration(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2")
     first = read_log(folder).sha256
@@ -155,25 +141,6 @@ def test_the_digest_of_a_folder_changes_with_its_files_and_not_with_its_configur
 
     write_csv(folder, compass="time_ns,heading_deg\n1,3")
     assert read_log(folder).sha256 != first
-
-
-def test_one_topic_may_serve_two_sensors(tmp_path: Path) -> None:
-    odometry = {"header.stamp": T0, "twist.twist.linear.x": 1.5, "pose.pose.orientation.w": 1.0}
-    file = write_mcap(tmp_path / "dive.mcap", [(T0, "/dvl/odom", "nav_msgs/msg/Odometry", odometry)])
-
-    log = read_log(file, Request(topics={"dvl": "/dvl/odom", "compass": "/dvl/odom"}))
-
-    assert log.tables["dvl"]["forward_mps"].iloc[0] == 1.5
-    assert log.tables["compass"]["heading_deg"].iloc[0] == 90.0
-
-
-def test_a_log_time_beyond_all_calendars_costs_only_its_message(tmp_path: Path) -> None:
-    beyond = (1 << 63, *twist(T0, 1.0, 0.0)[1:])
-
-    log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), beyond]))
-
-    assert len(log.tables["dvl"]) == 11
-    assert [f.text for f in log.findings if f.lost_data] == ["1 messages have an impossible log time; left out"]
 
 
 def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Path) -> None:
@@ -229,16 +196,6 @@ def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usb
     assert right.truth is not None
     assert (right.provenance["usbl"].topic, right.truth.source) == ("/usbl/fix", "/gps/fix")
     assert swapped.truth is None
-
-
-def test_a_topic_that_was_passed_over_is_told(tmp_path: Path) -> None:
-    number = [(T0 + k * SECOND, "/compass_hdg", HEADING, {"data": 90.0}) for k in range(11)]
-
-    log = read_log(write_mcap(tmp_path / "dive.mcap", [*short_dive(), *number]))
-
-    assert log.provenance["compass"].topic == "/compass_hdg"
-    (sentence,) = [finding.text for finding in log.findings if finding.code == "ROLE-PREFERRED"]
-    assert "its type is preferred to that of /imu (sensor_msgs/msg/Imu, 11 messages)" in sentence
 
 
 @pytest.mark.parametrize(("unit_ns", "unit"), [(1_000, "us"), (1_000_000, "ms"), (SECOND, "s")])

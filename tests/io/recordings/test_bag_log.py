@@ -78,41 +78,6 @@ def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
-def test_a_bag_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(tmp_path: Path, compression: str) -> None:
-    whole = written(tmp_path / "whole.bag", compression, 8192).read_bytes()
-    counts: list[int] = []
-    for end in [*range(13, len(whole), len(whole) // 19), len(whole) - 1]:
-        file = tmp_path / "cut.bag"
-        file.write_bytes(whole[:end])
-        log = BagLog(file)
-
-        names = [topic.name for topic in log.topics()]
-        x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
-
-        np.testing.assert_array_equal(x, np.arange(float(len(x))))
-        if end > 13:
-            assert any(finding.lost_data for finding in log.findings()) or len(x) == 500, f"cut at {end}"
-        counts.append(len(x))
-    assert counts == sorted(counts)
-    assert counts[0] == 0
-    assert counts[-1] == 500
-
-
-def test_a_flipped_bit_costs_one_chunk(tmp_path: Path) -> None:
-    file = written(tmp_path / "a.bag", "bz2", 8192)
-    bent = bytearray(file.read_bytes())
-    bent[len(bent) // 3] ^= 0x10
-    file.write_bytes(bent)
-
-    log = BagLog(file)
-    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
-
-    assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("DAMAGED", True)]
-    assert 400 < len(x) < 500
-    assert set(x) < set(np.arange(500.0))
-
-
 def with_index_at(bag: bytes, shift: int) -> bytes:
     """Return a bag whose index is further back than its header says."""
     at = bag.index(b"index_pos=") + len(b"index_pos=")

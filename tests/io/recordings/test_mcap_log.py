@@ -163,30 +163,6 @@ def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(dvl.received_ns, T0 + np.array([0, 3, 1, 2]) * SECOND)
 
 
-@pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
-def test_a_file_cut_anywhere_gives_an_unbroken_beginning_and_is_reported(
-    tmp_path: Path, chunked: bool, compression: CompressionType
-) -> None:
-    whole = written(tmp_path / "whole.mcap", compression, chunked, 8192).read_bytes()
-    counts: list[int] = []
-    for end in range(8, len(whole), max(1, len(whole) // 13)):
-        file = tmp_path / "cut.mcap"
-        file.write_bytes(whole[:end])
-        log = McapLog(file)
-
-        names = [topic.name for topic in log.topics()]
-        x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"] if "/dvl" in names else np.empty(0)
-        (finding,) = log.findings()
-
-        np.testing.assert_array_equal(x, np.arange(float(len(x))))
-        assert finding.code == "TRUNCATED"
-        assert finding.lost_data or len(x) == 1000, f"cut at {end}"
-        counts.append(len(x))
-    assert counts == sorted(counts)
-    assert counts[0] == 0
-    assert counts[-1] > 900
-
-
 def test_an_uncompressed_file_loses_only_the_message_it_is_cut_in(tmp_path: Path) -> None:
     whole = written(tmp_path / "whole.mcap", CompressionType.NONE).read_bytes()
     marker = struct.pack("<d", 500.0)  # x of the 501st message
@@ -271,33 +247,6 @@ def test_impossible_times_of_an_altered_chunk_and_of_its_message_are_left_out(tm
 
     assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 999
     assert "1 messages have an impossible log time; left out" in [finding.text for finding in log.findings()]
-
-
-def with_data_checksum(file: Path) -> Path:
-    """Write an unchunked file that states the checksum of its data."""
-    with file.open("wb") as stream:
-        writer = Writer(stream, use_chunking=False, enable_data_crcs=True)
-        writer.start()
-        numbers = [
-            writer.register_channel(topic, "cdr", writer.register_schema(*FLOAT64)) for topic in ("/heading", "/depth")
-        ]
-        for k in range(50):
-            data = b"\0\1\0\0" + struct.pack("<d", float(k))
-            writer.add_message(numbers[k % 2], T0 + k * SECOND, data, T0 + k * SECOND)
-        writer.finish()
-    return file
-
-
-def test_an_altered_value_in_data_without_chunks_is_reported(tmp_path: Path) -> None:
-    file = with_data_checksum(tmp_path / "a.mcap")
-    assert McapLog(file).findings() == ()
-    file.write_bytes(file.read_bytes().replace(struct.pack("<d", 20.0), struct.pack("<d", 20.5)))
-    log = McapLog(file)
-
-    assert 20.5 in read_whole(log, {"/heading": ["data"]})["/heading"].columns["data"]
-    (finding,) = log.findings()
-    assert (finding.code, finding.lost_data) == ("CHECKSUM", True)
-    assert finding.text == ("the checksum of the data is wrong, but all messages could be read: values may be altered")
 
 
 @pytest.mark.parametrize("alteration", ["opcode", "channel"])

@@ -11,7 +11,7 @@ import pytest
 
 from checkout import FIELD_CONFIGURATIONS, ROOT
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
+from usbldr.filters.models.noise import Contamination, Mixture, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.io.axes import axis_signs
 from usbldr.io.settings.configuration import find_configuration, parameters, parse_configuration
@@ -85,21 +85,11 @@ def test_the_field_configurations_are_accepted(file: Path) -> None:
     assert parse_configuration(read_document(file), file).truth.max_gap_s in (5.0, 30.0)
 
 
-def test_the_field_configuration_of_uib_has_the_nominal_mount() -> None:
-    (file,) = (file for file in FIELD if file.stem == "uib_field")
-
-    assert parse_configuration(read_document(file), file).dvl.mount_deg == 135.0
-
-
 def test_letters_name_the_directions_of_x_y_and_z() -> None:
     assert axis_signs("FRD") == axis_signs("FSD") == ((1, 1), (0, 1), (2, -1))
     assert axis_signs("FLU") == axis_signs("FPU") == ((1, 1), (0, -1), (2, 1))
     assert axis_signs("SFU") == ((0, 1), (1, 1), (2, 1))
     assert axis_signs("UBL") == ((2, 1), (1, -1), (0, -1))
-
-
-def test_a_left_handed_set_of_axes_is_allowed() -> None:
-    assert axis_signs("FLD") == ((1, 1), (0, -1), (2, -1))
 
 
 def test_the_named_configuration_beats_the_one_of_the_folder(tmp_path: Path) -> None:
@@ -193,12 +183,6 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         gps_lever_m=(0.4, -1.0, 1.5),
         start=Start(1.0, 2.0, 3.0),
     )
-
-
-def test_usbl_noise_can_be_made_gaussian(tmp_path: Path) -> None:
-    file = written(tmp_path, '[usbl]\nnoise = { kind = "gaussian", per = "record" }')
-
-    assert parameters(parse_configuration(read_document(file), file)).usbl == Gaussian(per_scalar=False)
 
 
 DOCUMENT = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")

@@ -256,12 +256,6 @@ def test_times_may_be_dates(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tables["compass"]["time_s"], [0, 0.876543211, 1.876543211], atol=1e-9)
 
 
-def test_a_single_file_is_a_log_of_one_sensor(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", dvl=DVL)
-
-    assert [topic.name for topic in CsvLog(folder / "dvl.csv").topics()] == ["/dvl"]
-
-
 def test_words_may_state_whether_a_record_is_valid(tmp_path: Path) -> None:
     text = "time_ns,starboard_mps,forward_mps,valid\n1,0,1,True\n2,0,1,False\n3,0,1,1\n4,0,1,0\n5,0,0,true"
 

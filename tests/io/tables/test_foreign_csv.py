@@ -220,15 +220,6 @@ def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> N
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [59.5, 58.5])
 
 
-def test_a_bad_cell_of_a_foreign_file_costs_its_row_alone(tmp_path: Path) -> None:
-    log = logged_csv(
-        tmp_path, "", ahrs=f"t_s,heading_deg\n{T0 // SECOND},10\n{T0 // SECOND + 1},1o\n{T0 // SECOND + 2},12"
-    )
-
-    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [10, 12])
-    assert 'line 3: heading_deg is "1o", not a number' in codes(log)["UNDECODED"]
-
-
 @pytest.mark.parametrize(
     ("name", "label", "dimension", "factor"),
     [
@@ -251,13 +242,6 @@ def test_the_unit_of_a_name_is_found(name: str, label: str, dimension: str | Non
     found = named_unit(name)
 
     assert (found.label, found.dimension, found.factor) == (label, dimension, factor)
-
-
-def test_a_file_of_nothing_but_faults_says_so(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", ahrs="t_s,heading_deg\nnoon,10\nnight,11")
-
-    with pytest.raises(LogError, match=r"t_s is .noon., not a number of seconds"):
-        read_whole(open_log(folder), {"/ahrs": ["heading_deg"]})
 
 
 def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None:

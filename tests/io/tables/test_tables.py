@@ -262,14 +262,6 @@ def long_parquet(folder: Path, rows: int) -> Path:
     return folder / "compass.parquet"
 
 
-def long_hdf5(folder: Path, rows: int) -> Path:
-    """Write arrays without data: all their values are the fill value."""
-    with h5py.File(folder / "dive.h5", "w") as file:
-        for name in ("time_ns", "heading_deg"):
-            file.create_dataset(f"compass/{name}", shape=(1000 * rows,), dtype="i8", chunks=(1000,))
-    return folder / "dive.h5"
-
-
 def long_mat(folder: Path, rows: int) -> Path:
     """Write a variable that is no column, which must not be decompressed either."""
     compass = {"time_ns": T0 + np.arange(5), "heading_deg": np.zeros(5)}
@@ -278,7 +270,7 @@ def long_mat(folder: Path, rows: int) -> Path:
     return folder / "dive.mat"
 
 
-@pytest.mark.parametrize("write", [long_parquet, long_hdf5, long_mat])
+@pytest.mark.parametrize("write", [long_parquet, long_mat])
 def test_tables_far_longer_than_their_file_are_refused(
     tmp_path: Path, write: Callable[[Path, int], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
