@@ -5,6 +5,7 @@ import gc
 import gzip
 import hashlib
 import lzma
+import random
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 import zstandard
 
-from damaged_formats import dive
+import damage
+from damaged_formats import COUNT, FORMATS, dive
 from recordings import SECOND, T0, sentence, short_dive, write_bag, write_csv, write_mcap
 from speed.bombs import in_mcap_in_file
 from usbldr.filters.errors import LogError
@@ -108,6 +110,20 @@ def test_the_columns_of_a_compressed_csv_file_are_named_by_the_configuration(tmp
     (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
 
     assert read_log(file).tables["dvl"]["forward_mps"].tolist() == pytest.approx([1 + k / 7 for k in range(60)])
+
+
+@pytest.mark.parametrize("ending", ["bz2", "xz"])
+def test_a_compressed_log_with_a_wrong_checksum_is_reported(tmp_path: Path, ending: str) -> None:
+    """As those of gzip and zstd, which are among the formats of test_damage."""
+    packed, rng = PACK[ending](FORMATS["CSV"].write(tmp_path).read_bytes()), random.Random(ending)
+    file = tmp_path / f"usbl.csv.{ending}"
+    file.write_bytes(packed)
+    right = damage.read(file, "CSV")
+    for _ in range(40):
+        file.write_bytes(damage.flipped(packed, rng))
+        found = damage.read(file, "CSV")
+        assert found.said or found.rows == right.rows
+    assert len(right.rows["/usbl"]) == COUNT
 
 
 def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> None:
