@@ -177,16 +177,6 @@ def test_no_fix_moves_the_track_further_than_its_own_covariances_explain(
     assert max(by_prior) < 9
 
 
-@pytest.mark.parametrize("sensor", ["dvl", "compass", "usbl"])
-def test_a_silence_is_found_in_the_log(sensor: str) -> None:
-    (outage,) = dives(scenario((sensor,), 90.0, 60.0), "adf", 4)[0].line.outages
-
-    assert isinstance(outage, Outage)
-    assert outage.sensor == sensor
-    assert 89 <= outage.start_s <= 90
-    assert 150 <= outage.end_s <= 151
-
-
 def test_the_return_of_the_fixes_is_told_with_what_it_did_to_the_track() -> None:
     for dive in dives(scenario(("usbl",), 90.0, 60.0), "adf", 12):
         (one,) = dive.track.recoveries

@@ -9,8 +9,8 @@ import pytest
 
 from timelines import HZ, five_hz
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
-from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
+from usbldr.filters.models.noise import Gaussian, Mixture, NoiseFamily
+from usbldr.filters.models.parameters import Parameters, Start
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.methods import METHODS, FilterSettings
@@ -125,14 +125,6 @@ def test_every_filter_follows_a_clean_track(name: str) -> None:
     assert len(track.updates) == 151 * 3 + 30
 
 
-def test_the_same_seed_repeats_the_run_to_the_bit() -> None:
-    line = timeline(10.0, tuple(np.arange(10.0)))
-    a, b, c = (run("cpf", line, Parameters(usbl=Contamination()), FilterSettings(50, seed=s)) for s in (1, 1, 2))
-    np.testing.assert_array_equal(a.mean, b.mean)
-    np.testing.assert_array_equal(a.cov, b.cov)
-    assert len(a.updates) == len(c.updates)
-
-
 def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_is_a_fault() -> None:
     stated = prior(timeline(), Parameters(start=Start(5.0, -2.0, 0.01)), StateLayout())
     reported = prior(timeline(), Parameters(), StateLayout())
@@ -178,6 +170,8 @@ def test_the_truths_own_lever_arm_does_not_shift_an_anchor_on_it() -> None:
     [
         ("ekf", FilterSettings(order="backwards"), "there is no order 'backwards'"),
         ("pf", FilterSettings(guard=True), "pf takes no guard"),
+        ("kf", FilterSettings(), "there is no filter 'kf'"),
+        ("cpf", FilterSettings(gate=0.99), "cpf weighs outliers and takes no gate"),
     ],
 )
 def test_settings_that_do_not_fit_the_filter_are_a_sentence(name: str, settings: FilterSettings, said: str) -> None:
@@ -191,13 +185,6 @@ def test_gps_never_reaches_a_filter() -> None:
     lying = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e3))
     a, b = (run("cpf", x, Parameters(), FilterSettings(20)) for x in (line, lying))
     np.testing.assert_array_equal(a.mean, b.mean)
-
-
-def test_an_unknown_filter_or_a_gate_without_use_is_a_sentence() -> None:
-    with pytest.raises(UsageError, match="there is no filter 'kf'"):
-        run("kf", timeline(), Parameters())
-    with pytest.raises(UsageError, match="cpf weighs outliers and takes no gate"):
-        run("cpf", timeline(), Parameters(), FilterSettings(gate=0.99))
 
 
 def test_a_gross_first_fix_does_not_spoil_the_run() -> None:
@@ -220,15 +207,6 @@ def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
 
     assert any("USBL fixes look like outliers" in text for text in said)
     assert not sound
-
-
-def test_more_process_noise_gives_a_wider_band() -> None:
-    quiet, loud = (
-        run("ckf", timeline(), Parameters(process=ProcessNoise(position_m=q)), FilterSettings()) for q in (0.01, 0.5)
-    )
-    assert quiet.position_cov_m2 is not None
-    assert loud.position_cov_m2 is not None
-    assert loud.position_cov_m2[-1, 0, 0] > quiet.position_cov_m2[-1, 0, 0]
 
 
 @pytest.mark.parametrize("stage", ["prior", "smooth"])

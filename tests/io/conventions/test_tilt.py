@@ -83,19 +83,15 @@ def test_velocities_that_are_level_already_stay_so(tmp_path: Path) -> None:
     assert log.convention("dvl", "level").value == ""
 
 
-def test_without_a_depth_the_configuration_decides(tmp_path: Path) -> None:
+def test_the_configuration_decides_without_a_depth_and_goes_before_it(tmp_path: Path) -> None:
     rows = dive(depth=False)
 
     as_recorded, reported = (end_m(logged(tmp_path, rows, settings(dvl=key))) for key in ("", "level = true"))
 
     assert reported == pytest.approx(END_M, abs=0.3)
     assert np.linalg.norm(as_recorded - END_M) > 7  # 100 m * (1 - cos 25 deg) and a roll
-
-
-def test_what_the_configuration_says_goes_before_the_depth(tmp_path: Path) -> None:
-    level = end_m(logged(tmp_path, dive(), settings(dvl="level = false")))
-
-    assert np.linalg.norm(level - END_M) > 7
+    stated = end_m(logged(tmp_path, dive(), settings(dvl="level = false")))  # though there is a depth
+    assert np.linalg.norm(stated - END_M) > 7
 
 
 def test_an_imu_beside_the_bow_tilts_about_its_own_axes(tmp_path: Path) -> None:

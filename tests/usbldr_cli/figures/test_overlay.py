@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from usbldr_cli.figures.overlay import coincident_text, line_style
+from usbldr_cli.figures.overlay import coincident_text
 from usbldr_cli.runs.job_store import Trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
@@ -26,9 +26,3 @@ def test_tracks_closer_than_a_line_is_wide_are_said_to_coincide() -> None:
 
     assert coincident_text(traces) == "; adf, cpf coincide (95 % of the time)"  # dr is no filter
     assert coincident_text(traces[:2]) == ""
-
-
-def test_every_filter_has_a_line_of_the_same_width() -> None:
-    rows = [drawn(name, ERROR_M)[0] for name in ("ekf", "adf", "cpf")]
-
-    assert len({line_style(rows, row)["lw"] for row in rows}) == 1

@@ -11,11 +11,10 @@ from usbldr.filters.replay.run import run as run_filter
 from usbldr.filters.types import Outage, Trajectory
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.report_json import json_values, report_content
-from usbldr.io.reports.report_text import Table
 from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr_cli.tables.run_table import WIDTH, aligned, render
+from usbldr_cli.tables.run_table import WIDTH, render
 
 PAPER = find_scenario("paper")
 
@@ -72,12 +71,6 @@ def test_truth_order_alignment_and_share_stand_above_the_numbers() -> None:
     assert "first epoch moved onto the first truth row (shifted" in head
 
 
-def test_statistics_stand_in_the_order_of_evo() -> None:
-    heads = next(line for line in render(a_run()).splitlines() if line.startswith("error in m")).split()[3:]
-
-    assert heads[:6] == ["rmse", "mean", "median", "std", "min", "max"]
-
-
 def test_outages_and_warnings_are_told() -> None:
     outages = (Outage("usbl", 10.0, 22.5), Outage("usbl", 30.0, 41.0), Outage("dvl", 5.0, 9.0))
     warned = dataclasses.replace(CPF, warnings=("ESS stays below 5 %",))
@@ -97,13 +90,3 @@ def test_a_run_without_truth_has_a_table_without_errors() -> None:
     assert "truth        none" in text
     assert "rmse" not in text
     assert text.endswith("cpf: paper has no truth, so there are no errors")
-
-
-def test_numbers_are_set_to_the_right_under_their_heads() -> None:
-    table = Table("m", ("a", "longer"), (("x", "1.0", "2"), ("y", "", "10.25")))
-
-    assert aligned(table).splitlines() == [
-        "m                a  longer",
-        "x              1.0       2",
-        "y                    10.25",
-    ]
