@@ -162,19 +162,6 @@ def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> No
     ]
 
 
-def test_the_metrics_of_the_report_follow_from_its_own_error_table(tmp_path: Path) -> None:
-    out = written(tmp_path, a_run())
-
-    errors = pd.read_csv(out / "errors_1hz.csv")
-    metrics = read_strictly(out / "report.json")["metrics"]
-
-    assert len(errors) == metrics["matched"] == 61
-    assert metrics["mean_abs_east_m"] == pytest.approx(errors.error_east_m.abs().mean(), abs=1e-4)
-    assert metrics["rmse_north_m"] == pytest.approx(math.sqrt((errors.error_north_m**2).mean()), abs=1e-4)
-    length = np.hypot(errors.error_east_m, errors.error_north_m)
-    assert metrics["p95_horizontal_m"] == pytest.approx(np.percentile(length, 95), abs=1e-4)
-
-
 def test_the_written_track_minus_the_truth_is_the_error(tmp_path: Path) -> None:
     out = written(tmp_path, a_run())
 

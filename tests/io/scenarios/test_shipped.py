@@ -8,7 +8,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 from checkout import ROOT
-from commands import output_of, run
+from commands import output_of
 from everything import EVERYTHING, SCENARIO
 from usbldr.filters.errors import UsageError
 from usbldr.filters.simulation.scenario import RandomWalkMotion
@@ -142,13 +142,3 @@ def test_the_documentation_has_every_scenario_and_every_key() -> None:
     assert len(keys) > 40
     for key in keys:
         assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key
-
-
-@pytest.mark.long
-def test_the_doctor_examines_a_scenario_of_a_file_like_a_shipped_one(tmp_path: Path) -> None:
-    mine = tmp_path / "paper.toml"
-    mine.write_text('schema = 1\nlike = "paper"\nabout = "mine"\n', encoding="utf-8")
-
-    own, shipped = (run("doctor", name, "--json") for name in (mine, "paper"))
-
-    assert (own.return_value, own.output) == (shipped.return_value, shipped.output)

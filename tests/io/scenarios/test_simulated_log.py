@@ -125,19 +125,6 @@ def test_the_mcap_file_is_ros_2_with_zstd_chunks(tmp_path: Path) -> None:
     assert metadata == {"usbldr": {"scenario": "paper", "seed": "3"}}
 
 
-def test_every_float_of_the_csv_folder_comes_back_exactly(tmp_path: Path) -> None:
-    log, _ = write_scenario(SHORT, 5, tmp_path / "dive")
-
-    for name, table in log.tables.items():
-        back = pd.read_csv(tmp_path / "dive" / f"{name}.csv")
-        assert list(back.columns) == ["time_ns", "received_ns", *COLUMNS[name][2:]]
-        assert back["time_ns"].dtype == back["received_ns"].dtype == np.int64
-        np.testing.assert_array_equal((back["time_ns"] - START_NS) / 1e9, table["time_s"])
-        np.testing.assert_array_equal((back["received_ns"] - START_NS) / 1e9, table["received_s"])
-        for column in COLUMNS[name][2:]:
-            np.testing.assert_array_equal(back[column], table[column])
-
-
 def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) -> None:
     _, configuration = write_scenario(PAPER, 0, tmp_path / "dive.mcap")
     mixture = {"kind": "mixture", "share": 0.3, "variance_ratio": 10.0, "per": "scalar"}
@@ -186,23 +173,6 @@ def test_the_configuration_hides_every_true_error() -> None:
     scaled = dataclasses.replace(SHORT, dvl=dataclasses.replace(SHORT.dvl, scale_error=0.07))
 
     assert configuration_text(scaled, 0, {}) == configuration_text(plain, 0, {})
-
-
-def test_the_lawnmower_states_a_contamination_and_none_of_its_true_errors() -> None:
-    text = configuration_text(LAWNMOWER, 0, {})
-
-    assert tomllib.loads(text)["usbl"] == {
-        "sd_m": 0.6,
-        "noise": {"kind": "contamination", "share": 0.05, "sd_m": 10.0, "per": "record"},
-    }
-    assert simulated_log(LAWNMOWER, 0).parameters.usbl == Contamination(share=0.05, sd=10.0)
-    exact = dataclasses.replace(
-        LAWNMOWER,
-        dvl=dataclasses.replace(LAWNMOWER.dvl, scale_error=0.0, timing=Timing()),
-        compass=dataclasses.replace(LAWNMOWER.compass, bias_rad=0.0),
-        usbl=dataclasses.replace(LAWNMOWER.usbl, outliers=None, timing=Timing()),
-    )
-    assert configuration_text(exact, 0, {}) == text
 
 
 @pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
@@ -268,16 +238,6 @@ def test_a_configuration_of_the_users_own_is_not_overwritten_either(tmp_path: Pa
         write_scenario(SHORT, 0, tmp_path / "dive.mcap")
 
     assert [f.name for f in tmp_path.iterdir()] == ["dive.usbldr.toml"]
-
-
-def test_force_does_not_replace_a_folder_with_other_things_in_it(tmp_path: Path) -> None:
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter1.tex").write_text("dear")
-
-    with pytest.raises(UsageError, match=r"thesis: holds chapter1\.tex"):
-        write_scenario(SHORT, 0, tmp_path / "thesis", force=True)
-
-    assert (tmp_path / "thesis" / "chapter1.tex").read_text() == "dear"
 
 
 @pytest.mark.parametrize("name", ["dive.zip", "dive.csv", "dive.MAT", "dive.mcap.x1"])
