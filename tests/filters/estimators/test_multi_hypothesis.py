@@ -132,14 +132,6 @@ def test_a_track_that_followed_a_long_cluster_returns_with_its_end() -> None:
     assert result.error_m[result.after(46)].max() < 3
 
 
-def test_without_hypotheses_such_clusters_capture_the_track() -> None:
-    """Otherwise the test above could not fail."""
-    for off_m in (20.0, 50.0, 200.0):
-        line, truth = dive(1, 20, off_m)
-        result = replayed("adf", line, truth, UNCERTAIN, guarded=False)
-        assert result.error_m[result.after(23)].mean() > 5
-
-
 @pytest.mark.parametrize("name", ["ekf", "ckf", "ukf", "cpf", "upf"])
 def test_every_filter_can_be_guarded(name: str) -> None:
     line, truth = dive(2, 10, 50.0)
