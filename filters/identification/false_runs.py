@@ -14,34 +14,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.clusters import OFFSET_SD_M
+from usbldr.filters.identification.clusters import FAR, OFFSET_SD_M
 from usbldr.filters.identification.drift import drift_variances_m2
 from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
-    OFFSET_STATES,
     PASS_STATES,
     linearised,
     prior_sds,
 )
+from usbldr.filters.identification.noise_fit import estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
 from usbldr.filters.models.noise import Noise, robust_sd
 from usbldr.filters.models.parameters import FalseStart, Parameters, Start
 from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
-OFFSET_WALK_M = 0.3  # [m/√s] by judgement: an echo moves with the geometry, slowly
+OFFSET_WALK_M = 0.1  # [m/√s] by judgement: an echo moves with the geometry, slowly
+RATE_MPS = 0.1  # [m/s] each axis, by judgement: of an offset that grows
 DURATIONS_S = ((60.0, 3600.0), (20.0, 120.0), (30.0, 60.0))
 """Mean duration of a run and mean time between runs; the likeliest pair is taken."""
 HISTORIES = 10  # of each pair
 RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
 UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
 CORRECT, BEGINS, CONTINUES = range(3)
+RUN, OFFSET, RATE = slice(-4, None), slice(-4, -2), slice(-2, None)  # of the states, the last four are a run's
 
 
 class FalseRuns(NamedTuple):
     """The likeliest history."""
 
-    false: Mask  # (F,) of the first MAX_FIXES fixes
+    false: Mask  # (F,) fixes, of which only the first MAX_FIXES can be
     log_likelihood: float  # predictive, of all of them
     first: Sequence[Mapping[int, float]]  # after each fix: number of first fixes that are false -> log weight
 
@@ -53,30 +55,34 @@ class _Histories(NamedTuple):
     mean: Array  # (N, n)
     cov: Array  # (N, n, n)
     in_run: Mask  # (N,)
+    gradual: Mask  # (N,) the run began with a fix that was not far from the track
     pair: Indices  # (N,) in DURATIONS_S
     recent: Indices  # (N,) the last RECENT decisions as bits
     first: Indices  # (N,) how many of the first fixes are false
-    octave: Indices  # (N,) of the fix with which a run began, counted from 1; 0: none
+    octave: Indices  # (N,) of the fix with which the run began, or the last one if it was long, counted from 1; 0: none
 
 
 def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple[Mask, float]:
     """Return which fixes are false, (F,), and the log likelihood of all; of those after MAX_FIXES none is known to be.
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
-    with the stated correlated error and the sigma that neighbouring fixes show, too, and the likelier noise decides.
-    None is false if half of them would be: nothing says then which half.
+    with the stated correlated error and the sigma that neighbouring fixes show, too, then with the noise that fits
+    those of them that are correct; the likeliest noise decides. None is false if half of them would be: nothing says
+    then which half.
     """
-    fitted, none = member.parameters, np.zeros(len(timeline.fix_time_s), np.bool_)
-    found, errors = false_runs(timeline, member), stated.errors
+    fitted, found, errors = member.parameters, false_runs(timeline, member), stated.errors
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
     if at_fault or found.false.any() or fitted.errors.usbl_bias_m > errors.usbl_bias_m:
         errors = replace(fitted.errors, usbl_bias_m=errors.usbl_bias_m, usbl_bias_s=errors.usbl_bias_s)
         robust = replace(stated, errors=errors, usbl_sd_scale=_sd_scale(timeline, member))
         other = false_runs(timeline, member._replace(parameters=robust))
         found = max(found, other, key=lambda runs: runs.log_likelihood)
-    if found.false.mean() >= 0.5:
-        return none, found.log_likelihood
-    return np.append(found.false, none[len(found.false) :]), found.log_likelihood
+        if not other.false.all():
+            correct = timeline.with_fixes(~other.false)
+            refitted = estimate_usbl_noise(correct, member._replace(parameters=robust), stated)
+            other = false_runs(timeline, member._replace(parameters=refitted))
+            found = max(found, other, key=lambda runs: runs.log_likelihood)
+    return found.false & (found.false[:MAX_FIXES].mean() < 0.5), found.log_likelihood
 
 
 def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:
@@ -98,8 +104,11 @@ def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:
     return tuple(starts[1:])
 
 
-def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
-    """Return the likeliest history with the noise and the priors of a member; it starts in the spread of the fixes."""
+def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> FalseRuns:
+    """Return the likeliest history with the noise and the priors of a member; it starts in the spread of the fixes.
+
+    A run may begin gradually if it ends: if the fixes leave the track slowly and for ever, dead reckoning is at fault.
+    """
     time_s, errors = timeline.fix_time_s[:MAX_FIXES], member.parameters.errors
     log = linearised(timeline, member.parameters, MAX_FIXES, member.about)
     modes = member.parameters.usbl.modes(timeline.fix_cov_m2[:MAX_FIXES] * member.parameters.usbl_sd_scale**2)
@@ -114,18 +123,16 @@ def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
     else:
         start_m, sd[:2] = np.array([start.east_m, start.north_m]), start.sd_m
     used = np.flatnonzero(sd > 0)
-    used = np.append(used, [PASS_STATES.index(name) for name in OFFSET_STATES])
-    H = log.measurement_matrix[:, :, used].copy()
-    H[:, :, -2:] = 0.0  # the offset of a run enters where there is one
+    H = np.pad(log.measurement_matrix[:, :, used], ((0, 0), (0, 0), (0, 4)))  # a run's states enter if there is one
     bias = [int(np.flatnonzero(used == PASS_STATES.index(name))[0]) for name in BIAS_STATES]
     pairs = len(DURATIONS_S)
-    mean = np.zeros((pairs, len(used)))
+    mean = np.zeros((pairs, H.shape[2]))
     mean[:, :2] = start_m
     now = _Histories(
         np.zeros(pairs),
         mean,
-        np.tile(np.diag(sd[used] ** 2), (pairs, 1, 1)),
-        np.zeros(pairs, np.bool_),
+        np.tile(np.diag(np.append(sd[used] ** 2, np.zeros(4))), (pairs, 1, 1)),
+        *np.zeros((2, pairs), np.bool_),
         np.arange(pairs),
         *np.zeros((3, pairs), np.intp),
     )
@@ -135,7 +142,7 @@ def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
     for f, z in enumerate(log.residual_m):
         now = _predicted(now, bias, fade[f], errors.usbl_bias_m, drift_m2[f] if f else 0.0, dt_s[f])
         noise = Noise(modes.probabilities, modes.cov[:, f])
-        now, parent, decision = _updated(now, z, H[f], noise, dt_s[f], f)
+        now, parent, decision = _updated(now, z, H[f], noise, dt_s[f], f, gradual)
         weight = dict[int, float]()
         for fixes, log_weight in zip(now.first.tolist(), now.log_weight.tolist(), strict=True):
             weight[fixes] = float(np.logaddexp(weight.get(fixes, -np.inf), log_weight))
@@ -143,8 +150,10 @@ def false_runs(timeline: Timeline, member: Member) -> FalseRuns:
         parents.append(parent)
         decisions.append(decision)
     row = int(np.argmax(now.log_weight))
+    if gradual and now.gradual[row]:
+        return false_runs(timeline, member, gradual=False)
     total = float(now.log_weight[row])
-    false = np.zeros(len(time_s), np.bool_)
+    false = np.zeros(len(timeline.fix_time_s), np.bool_)
     for f in range(len(time_s) - 1, -1, -1):
         false[f] = decisions[f][row] != CORRECT
         row = int(parents[f][row])
@@ -170,15 +179,18 @@ def _predicted(
     added = np.zeros(mean.shape[1])
     added[:2], added[bias] = drift_m2, (1 - fade**2) * bias_m**2
     cov += np.diag(added)
-    cov[:, [-2, -1], [-2, -1]] += np.where(now.in_run, OFFSET_WALK_M**2 * dt_s, 0.0)[:, None]
+    mean[:, OFFSET] += dt_s * mean[:, RATE]
+    cov[:, OFFSET] += dt_s * cov[:, RATE]
+    cov[:, :, OFFSET] += dt_s * cov[:, :, RATE]
+    cov[:, OFFSET, OFFSET] += np.where(now.in_run, OFFSET_WALK_M**2 * dt_s, 0.0)[:, None, None] * np.eye(2)
     return now._replace(mean=mean, cov=cov)
 
 
 def _updated(
-    now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int
+    now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int, gradual: bool
 ) -> tuple[_Histories, Indices, Indices]:
     """Return the likeliest histories with this fix, the history before of each, and what each takes the fix for."""
-    count, offset = len(now.log_weight), now.cov[:, :, -2:]
+    count, offset = len(now.log_weight), now.cov[:, :, OFFSET]
     decision, parent = np.divmod(np.arange(3 * count), count)
     cross = np.concatenate([now.cov @ H.T] * 3)  # (3 N, n, 2)
     e, S = z - now.mean @ H.T, H @ cross[:count]
@@ -186,37 +198,45 @@ def _updated(
     begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)[:, None, None] * np.eye(2)
     apart_m2 = np.where(((now.first == f) & (f > 0))[:, None, None], begun_m2 - OFFSET_SD_M**2 * np.eye(2), 0.0)
     shared = H @ offset
-    cross[: 2 * count, -2:] = 0.0
+    cross[: 2 * count, RUN] = 0.0
     cross[:count, :2] += apart_m2
-    cross[count : 2 * count, -2:] = begun_m2
+    cross[count : 2 * count, OFFSET] = begun_m2
     cross[2 * count :] += offset
     log_l, inverse, weighted = _by_mode(
-        np.concatenate([e, e, e - now.mean[:, -2:]]),
-        np.concatenate([S + apart_m2, S + begun_m2, S + shared + shared.transpose(0, 2, 1) + offset[:, -2:]]),
+        np.concatenate([e, e, e - now.mean[:, OFFSET]]),
+        np.concatenate([S + apart_m2, S + begun_m2, S + shared + shared.transpose(0, 2, 1) + offset[:, OFFSET]]),
         noise,
     )
     of_fix = np.logaddexp.reduce(log_l, axis=0)
-    log_weight = of_fix + (now.log_weight + _log_prior(now, dt_s, f)).ravel()
+    near = (np.linalg.solve(S + noise.cov[0], e[:, :, None])[..., 0] * e).sum(axis=1) < FAR
+    log_prior = _log_prior(now, dt_s, f)
+    log_prior[BEGINS, near & (now.first < f) & (not gradual)] = -np.inf
+    log_weight = of_fix + (now.log_weight + log_prior).ravel()
     # a tail as heavy as a scale that is not known
     offset_m2 = np.concatenate([apart_m2[:, 0, 0] + OFFSET_SD_M**2, begun_m2[:, 0, 0]])
     log_weight[: 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / offset_m2)
     recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
-    octave = np.select([decision == BEGINS, decision == CONTINUES], [(f + 1).bit_length(), now.octave[parent]], 0)
     in_run = decision != CORRECT
+    short = now.in_run[parent] & ~in_run & (now.recent[parent] != 2**RECENT - 1)
+    octave = np.select([decision == BEGINS, ~short], [(f + 1).bit_length(), now.octave[parent]], 0)
     first = now.first[parent] + (in_run & (now.first[parent] == f))
-    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave, np.where(in_run, 0, first))
+    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave, np.where(in_run, 0, first), in_run)
     decision, parent, cross = decision[kept], parent[kept], cross[kept]
     mean, cov = now.mean[parent], now.cov[parent]
     ended = decision != CONTINUES
-    mean[ended, -2:] = 0.0
-    cov[ended, -2:] = 0.0
-    cov[ended, :, -2:] = 0.0
+    mean[ended, RUN] = 0.0
+    cov[ended, RUN] = 0.0
+    cov[ended, :, RUN] = 0.0
     cov[decision == CORRECT, :2, :2] += apart_m2[parent[decision == CORRECT]]
-    cov[decision == BEGINS, -2:, -2:] = begun_m2[parent[decision == BEGINS]]
+    cov[decision == BEGINS, OFFSET, OFFSET] = begun_m2[parent[decision == BEGINS]]
+    cov[decision == BEGINS, RATE, RATE] = RATE_MPS**2 * np.eye(2)
     g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
     mean += (cross @ g[:, :, None])[:, :, 0]
     cov += cross @ G @ cross.transpose(0, 2, 1)
-    after = _Histories(log_weight, mean, cov, in_run[kept], now.pair[parent], recent[kept], first[kept], octave[kept])
+    slowly = np.select([decision == BEGINS, decision == CONTINUES], [near[parent], now.gradual[parent]], False)
+    after = _Histories(
+        log_weight, mean, cov, in_run[kept], slowly, now.pair[parent], recent[kept], first[kept], octave[kept]
+    )
     return after, parent, decision
 
 
@@ -231,18 +251,19 @@ def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
 
 
 def _chosen(
-    log_weight: Vector, pair: Indices, recent: Indices, octave: Indices, start: Indices
+    log_weight: Vector, pair: Indices, recent: Indices, octave: Indices, start: Indices, in_run: Mask
 ) -> tuple[Indices, Vector]:
     """Return rows and weights of the likeliest HISTORIES of each pair, and of the likeliest long run of each octave.
 
-    So is the likeliest false start that has ended, of each octave of its ``start`` fixes: as many correct ones have to
-    follow until it is the likeliest of all. Of those that agree in the recent fixes, or in the octave of a long run,
-    the likeliest stands for all.
+    So are the likeliest long run that has ended, of each octave, and the likeliest false start, of each octave of its
+    ``start`` fixes: many correct ones may have to follow until it is the likeliest of all. Of those that agree in the
+    recent fixes, or in the octave of a long run, the likeliest stands for all.
     """
     order = np.argsort(-log_weight, kind="stable")
     order = order[np.isfinite(log_weight[order])]
     long = recent[order] == 2**RECENT - 1
-    code = ((pair[order] << RECENT | recent[order]) << 6) | np.where(long, octave[order], 0)  # MAX_FIXES has 12 bits
+    of_long = np.where(long | ~in_run[order], octave[order], 0)
+    code = ((pair[order] << RECENT | recent[order]) << 6) | of_long  # MAX_FIXES has 12 bits
     _, first, group = np.unique(code, return_index=True, return_inverse=True)
     top = log_weight[order[first]]
     total = top + np.log(np.bincount(group, np.exp(log_weight[order] - top[group])))
@@ -251,10 +272,10 @@ def _chosen(
     for p in range(len(DURATIONS_S)):
         mine = np.flatnonzero((pair[kept] == p) & ~long[first])
         rows.append(mine[np.argsort(-total[mine])[:HISTORIES]])
-    ended = np.frexp(start[kept])[1]  # octaves
-    for length in set(ended[ended > 0].tolist()):
-        mine = np.flatnonzero(ended == length)
-        rows.append(mine[[np.argmax(total[mine])]])
+    for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):  # octaves
+        for one in set(ended[ended > 0].tolist()):
+            mine = np.flatnonzero(ended == one)
+            rows.append(mine[[np.argmax(total[mine])]])
     each = np.unique(np.concatenate(rows))
     return kept[each], total[each]
 

@@ -58,6 +58,27 @@ def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
     assert mean_error_m(line) < 0.5
 
 
+@pytest.mark.long
+def test_fixes_that_drift_away_and_return_are_false() -> None:
+    """Until they return, dead reckoning might as well have drifted."""
+    from_s, until_s = 150.0, 270.0
+    drifting = (from_s < T) & (until_s > T)
+    line = moved(drifting, np.outer((T - from_s) / (until_s - from_s), (8.0, 4.0)))
+
+    false = np.isin(np.arange(len(T)), identify(line, ASSUMED).parameters.false_fixes)
+
+    assert not false[~drifting].any()
+    assert false[T > 200].sum() == np.count_nonzero(drifting & (T > 200))
+    assert mean_error_m(line) < 0.5
+
+
+def test_fixes_that_drift_away_for_ever_are_not_false() -> None:
+    """A compass or a DVL that drifts is more usual."""
+    line = moved(T > 250.0, np.outer((T - 250.0) / 150.0, (8.0, 4.0)))
+
+    assert not false_fixes(line, Member(ASSUMED, frozenset()), ASSUMED)[0].any()
+
+
 @pytest.mark.parametrize(
     ("seed", "until_s", "by_m"), [(1, 40.0, (16.0, 12.0)), (0, 60.0, (8.0, 6.0)), (3, 60.0, (8.0, 6.0))]
 )
@@ -147,7 +168,8 @@ def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false(off_
     """They outweigh the first ones when they have lasted for as long, however far apart both are."""
     dive = weaving_dive(Faults(), seconds=120)
     t, false_s = dive.fix_time_s, 20.0
-    line = replace(dive, fix_m=dive.fix_m + ((t < false_s) | ((t > 80) & (t < 90)))[:, None] * off_m)
+    moved_m = np.select([(t < false_s)[:, None], ((t > 80) & (t < 90))[:, None]], [off_m, off_m[::-1]], 0.0)
+    line = replace(dive, fix_m=dive.fix_m + moved_m)
     found = identify(line, ASSUMED).parameters
 
     track, without, clean = (
