@@ -3,6 +3,7 @@
 Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
 time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
 takes that of the line before. Any other object is a topic by its "type"; without any time they are taken as 1 s apart.
+An object may fill several lines.
 """
 
 import json
@@ -25,6 +26,7 @@ WATER_LINKED = (*REPORTS, "global", "acoustic")
 FIRST_VERSION = {"time", "vx", "vy", "vz", "velocity_valid"}
 """Keys of a report of velocities of the first version of the format (json_v1), which has no type."""
 FIRST_LINES = 20  # [lines] among which a report is looked for
+OBJECT_LINES = 200  # [lines] of an object at most
 SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
@@ -35,8 +37,14 @@ EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
 
 
 def looks_like_json_lines(head: bytes) -> bool:
-    """Return whether one of the first lines holds a report or a position of Water Linked's, or most any object."""
-    kinds = [_kind(_first(line)) for line in head_lines(head)[:FIRST_LINES]]
+    """Return whether one of the first lines holds a report or a position of Water Linked's, or most any object.
+
+    Or whether two objects fill several lines each: one may be the settings of something.
+    """
+    lines = head_lines(head)
+    if sum("\n" in text for _, text in _joined(lines[:OBJECT_LINES])) > 1:
+        return True
+    kinds = [_kind(_first(line)) for line in lines[:FIRST_LINES]]
     return any(kind in WATER_LINKED for kind in kinds) or sum(map(bool, kinds)) > len(kinds) / 2
 
 
@@ -119,12 +127,38 @@ class JsonLinesLog:
         return (*self._lost, *self._unfit.values())
 
 
+def _joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Yield lines with their numbers; those of an object whose brackets have lines of their own as one.
+
+    Objects within it are indented, so that the next one ends an object that is not closed.
+    """
+    held: list[str] = []
+    number = 0
+    for number, line in enumerate(lines, start=1):
+        opens = line.strip("[, \t\r\n") == "{"
+        if held and (len(held) == OBJECT_LINES or (opens and _indent(line) <= _indent(held[0]))):
+            yield from enumerate(held, start=number - len(held))
+            held = []
+        if not held and not opens:
+            yield number, line
+            continue
+        held.append(line)
+        if line.lstrip().startswith("}") and _first(text := "\n".join(map(str.rstrip, held))) is not None:
+            yield number - len(held) + 1, text
+            held = []
+    yield from enumerate(held, start=number - len(held) + 1)
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())
+
+
 def _objects(lines: Iterable[str]) -> Iterator[tuple[int, str, str, Mapping[str, Any] | None]]:
     """Yield the line's number, what stands before an object, its text and the object; None for what is none.
 
     A line may hold several objects, as an array on one line does, and a remark behind them.
     """
-    for number, line in enumerate(lines, start=1):
+    for number, line in _joined(lines):
         end, place = 0, line.find("{")
         while place >= 0:
             try:

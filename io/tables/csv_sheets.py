@@ -26,7 +26,7 @@ DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer,
 PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
-ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d:?\d\d)?")
+ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d(?::?\d\d)?)?")
 """A date and time."""
 TEXTS = ("target", "lat_side", "lon_side")  # keys of ``columns`` whose cells are no numbers
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"

@@ -18,11 +18,18 @@ from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
 from usbldr.io.tables.csv_sheets import ISO
 from usbldr.io.units import named_unit
 
-DATE = r"\d{1,4}(?P<part>[./-])(\d{1,2}|[A-Za-z]{3,9})(?P=part)\d{2,4}|\d{1,2} [A-Za-z]{3,9} \d{4}"
-CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9})?)?( ?[AaPp][Mm])?"
-ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}:?\d{2}))?"
+DATE = (
+    r"\d{1,4}(?P<part>[./-])(\d{1,2}|[A-Za-z]{3,9})(?P=part)\d{2,4}|\d{1,2} [A-Za-z]{3,9} \d{4}"
+    r"|[A-Za-z]{3,9} \d{1,2},? \d{4}"
+)
+CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9}|:\d{3})?)?( ?[AaPp][Mm])?"
+ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}(:?\d{2})?))?"
 DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
-DATE_TIME = re.compile(rf"({DATE})[T ,]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})")
+DATE_TIME = re.compile(
+    rf"({DATE})[T ,_]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})"
+    rf"|(19|20)\d{{6}}[T _]\d{{6}}([.,]\d{{1,9}})?{ZONE}"
+)
+MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
@@ -127,8 +134,9 @@ def _without_date(cells: Sequence[str]) -> list[str]:
 
 def _iso(texts: list[str], cells: Sequence[str]) -> list[str]:
     """Return dates and times as ISO text; the cell as it stands if it is none."""
-    plain = pd.Series(texts, dtype="str").str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
+    plain = pd.Series(texts, dtype="str").str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
     plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)
+    plain = plain.str.replace("_", " ", regex=False)
     zoned = plain.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
     first = plain.str.extract(r"^(\d{1,4})([./-])(\d{1,2})[./-]")
     day, month = (pd.to_numeric(first[k], errors="coerce") for k in (0, 2))

@@ -132,13 +132,17 @@ def test_reports_of_water_linked_are_read(tmp_path: Path) -> None:
             read_log(file, Request(topics={role: "/position_local"}))
 
 
-@pytest.mark.parametrize("form", ["array", "rows of an array", "two on a line", "text behind"])
+@pytest.mark.parametrize(
+    "form", ["array", "rows of an array", "indented", "indented array", "two on a line", "text behind"]
+)
 def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -> None:
     whole = write_json(tmp_path / "a.jsonl")
     lines = whole.read_text(encoding="utf-8").splitlines()
     text = {
         "array": f"[{', '.join(lines)}]",
         "rows of an array": "[\n" + ",\n".join(lines) + "\n]",
+        "indented": "\n".join(json.dumps(json.loads(line), indent=2) for line in lines),
+        "indented array": json.dumps([json.loads(line) for line in lines], indent=4),
         "two on a line": "\n".join(map("".join, zip(lines[::2], [*lines[1::2], ""], strict=True))),
         "text behind": "\n".join(f"{line} # rx 212 bytes" for line in lines),
     }[form]
@@ -150,6 +154,24 @@ def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -
     np.testing.assert_array_equal(read[1].received_ns, read[0].received_ns)
     np.testing.assert_array_equal(read[1].columns["vx"], read[0].columns["vx"])
     assert [finding.text for finding in logs[1].findings()] == []
+
+
+def test_an_object_that_is_not_closed_costs_its_lines_alone(tmp_path: Path) -> None:
+    whole = write_json(tmp_path / "a.jsonl")
+    texts = [json.dumps(json.loads(line), indent=2) for line in whole.read_text(encoding="utf-8").splitlines()]
+    texts[4] = texts[4].removesuffix("}")
+    (tmp_path / "b.json").write_text("\n".join(texts), encoding="utf-8")
+
+    log = open_log(tmp_path / "b.json")
+
+    lost = sum(topic.count for topic in open_log(whole).topics()) - sum(topic.count for topic in log.topics())
+    assert (lost, [finding.lost_data for finding in log.findings()]) == (1, [True])
+
+
+def test_settings_in_json_are_no_log(tmp_path: Path) -> None:
+    (tmp_path / "settings.json").write_text(json.dumps({"usbl": {"x": 1}, "list": [{"a": 1}]}, indent=2), "utf-8")
+    with pytest.raises(LogError, match="unknown format"):
+        open_log(tmp_path / "settings.json")
 
 
 @pytest.mark.parametrize("cut", ['"vx"', '"type"', "}"])

@@ -245,7 +245,7 @@ def test_cells_that_are_kept_in_pieces_are_those_of_the_file(
 def test_times_may_be_dates(tmp_path: Path) -> None:
     folder = write_csv(
         tmp_path / "dive",
-        compass="when,hdg\n2020-09-13T12:26:40.123456789Z,1\n2020-09-13 14:26:41+02:00,2\n2020-09-13T12:26:42,3",
+        compass="when,hdg\n2020-09-13T12:26:40.123456789Z,1\n2020-09-13 14:26:41+02:00,2\n2020-09-13T14:26:42+02,3",
     )
     columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
     (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
