@@ -132,7 +132,8 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
         np.zeros(pairs),
         mean,
         np.tile(np.diag(np.append(sd[used] ** 2, np.zeros(4))), (pairs, 1, 1)),
-        *np.zeros((2, pairs), np.bool_),
+        np.zeros(pairs, np.bool_),
+        np.zeros(pairs, np.bool_),
         np.arange(pairs),
         *np.zeros((3, pairs), np.intp),
     )
@@ -208,7 +209,7 @@ def _updated(
         noise,
     )
     of_fix = np.logaddexp.reduce(log_l, axis=0)
-    near = (np.linalg.solve(S + noise.cov[0], e[:, :, None])[..., 0] * e).sum(axis=1) < FAR
+    near = _chi_square(e, S + noise.cov[0]) < FAR
     log_prior = _log_prior(now, dt_s, f)
     log_prior[BEGINS, near & (now.first < f) & (not gradual)] = -np.inf
     log_weight = of_fix + (now.log_weight + log_prior).ravel()
@@ -289,6 +290,12 @@ def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array, Array]:
     weighted = (inverse @ e[:, :, None])[..., 0]
     log_l = -0.5 * ((weighted * e).sum(axis=-1) + np.log(det)) - np.log(2 * np.pi)
     return log_l + np.log(noise.probabilities)[:, None], inverse, weighted
+
+
+def _chi_square(e: Array, S: Array) -> Vector:
+    """Return how far innovations (N, 2) are from zero by their covariances (N, 2, 2)."""
+    chi_square: Vector = np.einsum("na,nab,nb->n", e, np.linalg.inv(S), e)
+    return chi_square
 
 
 def _correction(p: Array, inverse: Array, weighted: Array) -> tuple[Array, Array]:

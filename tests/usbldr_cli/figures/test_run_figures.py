@@ -3,17 +3,19 @@ import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
+from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.filters.types import Timeline, Trajectory
+from usbldr.filters.types import Outage, Timeline, Trajectory
+from usbldr.io.conventions.sanity import truth_jump_findings
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.run import Run, ScoredTrack
@@ -25,7 +27,7 @@ from usbldr_cli.figures.drawing import draw as draw_all
 from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
-from usbldr_cli.figures.style import broken_at_gaps, in_style
+from usbldr_cli.figures.style import broken_at_gaps, in_style, save
 from usbldr_cli.figures.track import track_figure
 
 PAPER = find_scenario("paper")
@@ -54,7 +56,7 @@ def a_curved_run(method: str, align: str = "none") -> Run:
     return a_run(run_filter(method, timeline(log), log.parameters, settings), align, log, timeline(log))
 
 
-def figure_of(draw: Callable[[Run], Figure | None], run: Run) -> Figure:
+def figure_of(draw: Callable[[Run], Any], run: Run) -> Any:
     with in_style():
         figure = draw(run)
     assert figure is not None
@@ -138,6 +140,17 @@ def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -
     assert re.search(r"; \d+ to \d+ s$", close.get_title(loc="left"))
 
 
+def test_the_truth_is_drawn_inside_the_scored_window_only() -> None:
+    run = a_run(CPF)
+    assert run.scored.report is not None
+    report = dataclasses.replace(run.scored.report, window=Window(20.0, 50.0))
+
+    axes = figure_of(track_figure, dataclasses.replace(run, scored=ScoredTrack(CPF, report))).axes[0]
+
+    truth = next(line for line in axes.get_lines() if str(line.get_label()).startswith("truth"))
+    assert len(truth.get_xdata()) == 31
+
+
 def test_a_straight_track_is_turned_so_that_its_errors_show() -> None:
     whole = figure_of(track_figure, a_run(CPF)).axes[0]
 
@@ -217,6 +230,19 @@ def run_with_wrong_truth_rows() -> Run:
     return dataclasses.replace(run, log=dataclasses.replace(run.log, truth=wrong), scored=scored)
 
 
+@pytest.mark.parametrize(("form", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_vector_graphics_have_the_same_bytes_each_time(tmp_path: Path, form: str, head: bytes) -> None:
+    figures = []
+    for name in ("one", "two"):
+        with in_style():
+            figure = error_figure(a_run(EKF))
+            save(figure, tmp_path / f"{name}.{form}")
+        figures.append((tmp_path / f"{name}.{form}").read_bytes())
+
+    assert figures[0] == figures[1]
+    assert figures[0].startswith(head)
+
+
 def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() -> None:
     run = run_with_wrong_truth_rows()
 
@@ -228,6 +254,30 @@ def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() ->
         assert np.ptp(axes.get_xlim()) < 300
     assert "1 larger, up to" in figure.axes[1].get_title(loc="left")
     assert "1 outside the axes" in next(text for text in labels(figure) if text.startswith("truth"))
+
+
+def test_the_close_up_is_not_of_a_truth_that_is_found_to_jump() -> None:
+    run = a_curved_run("ekf")
+    truth = run.log.truth
+    assert truth is not None
+    jumping_m = truth.position_m.copy()
+    jumping_m[50] += 40.0
+    jumping = dataclasses.replace(truth, position_m=jumping_m)
+    (finding,) = truth_jump_findings(jumping)
+    times_s = run.timeline.time_s[run.timeline.slow]
+    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, jumping, times_s=times_s))
+    assert scored.report is not None
+    assert scored.report.time_s[np.argmax(scored.report.horizontal_m)] == pytest.approx(truth.time_s[50])
+
+    titles = []
+    for findings in ((), (finding,)):
+        log = dataclasses.replace(run.log, truth=jumping, findings=findings)
+        close = figure_of(track_figure, dataclasses.replace(run, log=log, scored=scored)).axes[1]
+        titles.append(close.get_title(loc="left"))
+
+    assert f"at {truth.time_s[50]:.0f} s" in titles[0]
+    assert f"at {truth.time_s[50]:.0f} s" not in titles[1]
+    assert "their truth jumps" in titles[1]
 
 
 def test_the_axis_of_time_is_broken_where_a_long_time_has_no_truth() -> None:
@@ -292,6 +342,17 @@ def test_a_gross_error_is_marked_at_the_edge_instead_of_flattening_the_others() 
     assert top < 5
     assert [list(line.get_xdata()) for line in marks] == [[60.0]]
     assert 0 < marks[0].get_ydata()[0] < top
+
+
+def test_outages_are_shaded_and_named_once() -> None:
+    outages = (Outage("usbl", 10.0, 30.0), Outage("usbl", 50.0, 60.0), Outage("dvl", 80.0, 90.0))
+    run = dataclasses.replace(a_run(CPF), timeline=dataclasses.replace(TIMELINE, outages=outages))
+
+    figure = figure_of(error_figure, run)
+
+    assert [label for label in labels(figure) if label.startswith("no ")] == ["no usbl", "no dvl"]
+    spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in figure.axes[0].patches]
+    assert spans == [(10.0, 30.0), (50.0, 60.0), (80.0, 90.0)]
 
 
 def test_a_line_is_broken_where_epochs_were_left_out() -> None:
