@@ -107,7 +107,7 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """Return which fixes were left out, rivals, and what to check if the fixes contradict dead reckoning."""
         return (
-            *self._false_runs_text,
+            *([f"FALSE-FIXES: {text}"] if (text := self.false_runs_text) else []),
             *(
                 f"SENSOR-CHANGE: {text}; this was taken off, and later fixes decided it, too"
                 for text in self.change_texts
@@ -183,20 +183,21 @@ class Identification:
         return tuple(texts)
 
     @property
-    def _false_runs_text(self) -> tuple[str, ...]:
+    def false_runs_text(self) -> str:
+        """Return which fixes are false, and why; "" if none is."""
         if not self.false_runs:
-            return ()
+            return ""
         longest = max(self.false_runs, key=lambda run: run.fixes)
         count, where = sum(run.fixes for run in self.false_runs), f"from {longest.start_s:.0f} to {longest.end_s:.0f} s"
         if len(self.false_runs) > 1:
             where = f"in {len(self.false_runs)} runs, the longest {where}"
-        lie, were = f"{count} USBL fixes ({where}) lie together", "they were"
+        lie, are = f"{count} USBL fixes ({where}) lie together", "they are"
         if count == 1:
-            lie, were = f"a USBL fix at {longest.start_s:.0f} s lies", "it was"
+            lie, are = f"a USBL fix at {longest.start_s:.0f} s lies", "it is"
         decided = "and later fixes decided this, too"
         if any(run.last for run in self.false_runs):
             decided = "but no fix follows: perhaps dead reckoning is wrong from there on"
         return (
-            f"{lie} beside the track that dead reckoning and the other fixes give: {were} left out as false, {decided}"
-            "; check for echoes, a second beacon, or positions that were written before the first reply",
+            f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
+            "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"
         )

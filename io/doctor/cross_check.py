@@ -33,7 +33,12 @@ from usbldr.io.doctor.interpretations import (
 )
 from usbldr.io.doctor.message_evidence import message_evidence
 from usbldr.io.doctor.motion import motion_findings
-from usbldr.io.doctor.sensor_errors import change_findings, log_odds_text, sensor_error_findings
+from usbldr.io.doctor.sensor_errors import (
+    change_findings,
+    false_fix_findings,
+    log_odds_text,
+    sensor_error_findings,
+)
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -97,6 +102,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     if identification is not None:
         findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
         findings += change_findings(log, line, identification)
+        findings += false_fix_findings(log, identification)
         findings += fix_noise_findings(log, line, identification)
     return CrossCheck(tuple(findings), result, identification)
 

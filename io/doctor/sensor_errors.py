@@ -48,6 +48,16 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
     ]
 
 
+def false_fix_findings(log: Log, found: Identification) -> list[Finding]:
+    """Report the fixes in a row that replay leaves out; worst: the longest run."""
+    if not found.false_runs:
+        return []
+    longest = max(found.false_runs, key=lambda run: run.fixes)
+    usbl = topic_of(log, "usbl")
+    text = f"{usbl}: {found.false_runs_text}"
+    return [Finding("FALSE-FIXES", text, usbl, longest.start_s, longest.fixes, "fixes")]
+
+
 def explanation_text(one: Explanation) -> str:
     """Return the errors of an explanation in words, with its log odds against the best."""
     value = {estimate.name: estimate for estimate in one.estimates}

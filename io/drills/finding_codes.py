@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 
 from usbldr.io.drills.drill import Drill
 
-FALSE_FIXES = ("USBL-OUTLIERS",)
+FALSE_FIXES = ("FALSE-FIXES", "USBL-OUTLIERS")
 LATE_FIXES = ("USBL-LATENCY", "CLOCK-OFFSET", "LEVER-OR-LATENCY")
 FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
     "usbl": FALSE_FIXES,
@@ -15,7 +15,7 @@ NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "sd": {"usbl": ("USBL-NOISE",), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
     "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT", "SENSOR-CHANGE")},
     "bias": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
-    "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "SENSOR-CHANGE")},
+    "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
     "lever": {"dvl": ("DVL-LEVER", "LEVER-OR-LATENCY"), "usbl": ("DVL-LEVER", "LEVER-OR-LATENCY")},
     "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
     "spike": FALSE_RECORDS,

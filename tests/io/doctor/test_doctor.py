@@ -72,6 +72,14 @@ def test_a_scale_that_changes_within_the_log_is_named_with_its_time_and_its_metr
     assert found["worst"] == pytest.approx(np.std(np.cumsum(velocity) * 0.1), rel=0.1)
 
 
+def test_false_fixes_in_a_row_are_named_with_their_time_and_their_number(tmp_path: Path) -> None:
+    found = findings(written(tmp_path, gps=True, gross=tuple(range(100, 140))))["FALSE-FIXES"]
+
+    assert (found["level"], found["worst"], found["topic"]) == ("warning", 40, "/usbl")
+    assert found["time_s"] == pytest.approx(110.0, abs=0.5)
+    assert "later fixes decided this" in found["text"]
+
+
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
     done = run("doctor", written(tmp_path, gps=True))
 
