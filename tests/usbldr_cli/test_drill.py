@@ -70,7 +70,7 @@ def test_a_row_has_the_error_with_and_without_the_fault_and_what_doctor_says(dri
     assert off["raw_usbl_m"] == off["mean_horizontal_m"]
     assert off["mean_horizontal_m"] == pytest.approx(clean_m + 0.3 * 20, rel=0.1)  # 30 of 101 fixes
     assert off["ratio"] == pytest.approx(off["mean_horizontal_m"] / clean_m)
-    assert off["findings"] == ["USBL-OUTLIERS"]
+    assert off["findings"] == ["FALSE-FIXES", "USBL-OUTLIERS"]
     assert off["named_share"] == 1.0
     assert off["seeds"] == 2  # the direction of the cluster is drawn
     gap = row(drilled, "no fixes", "ekf")
