@@ -21,7 +21,7 @@ from usbldr.io.conventions.repeats import runs
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
-BLOCKS_AT_ONCE = 1000  # so that a long log needs little memory
+BLOCKS_AT_ONCE = 1000  # [blocks] so that a long log needs little memory
 BLOCK = 100  # [records] of a median: its sigma is known to 12 %
 MANOEUVRES = 3.0  # [-] of the variance of the motion: medians of blocks scatter about it by a third
 NOTABLE_FACTOR = 3.0  # [-] of a sigma: the tails of the noise families reach 2 in some block
