@@ -88,7 +88,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
     moving = motion_findings(log, timeline, result)
     if any(one.code == "USBL-MOTION" for one in moving):
-        return CrossCheck((*steps, *moving))
+        return CrossCheck((*steps, *(heading_unit_findings(log, timeline, result) or moving)))
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
@@ -170,7 +170,7 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
-        return moving
+        return heading_unit_findings(log, corrected, result) or moving
     found = [*steps, *_fit_findings(log, corrected, result)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()

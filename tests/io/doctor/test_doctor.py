@@ -13,10 +13,13 @@ import pytest
 
 from commands import findings, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
+from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv, yaw
 from usbldr.filters.errors import LogError
+from usbldr.io.doctor.cross_check import cross_check
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.reader import Records
+from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.recordings.mcap_log import McapLog
 
@@ -232,6 +235,25 @@ def test_headings_in_radians_are_told_from_degrees_by_the_fixes(tmp_path: Path) 
 
     assert 'state unit = "rad" under [compass]' in cured_by(log, '[compass]\nunit = "deg"\n')["HEADING-RADIANS"]["text"]
     assert "HEADING-RADIANS" not in cured_by(log, '[compass]\nunit = "rad"\n')
+
+
+def test_headings_in_radians_are_found_on_circles_too(tmp_path: Path) -> None:
+    """Six degrees instead of a turn: by them the fixes move unlike dead reckoning."""
+    time_s = np.arange(0.0, 600.0, 0.5)
+    heading_rad = np.mod(0.8 + time_s / 40, 2 * np.pi)
+    track_m = np.cumsum(0.5 * np.exp(1j * (np.pi / 2 - heading_rad)))
+    fix_m = track_m + np.random.default_rng(0).normal(0.0, 0.5, (2, len(time_s))).T @ [1, 1j]
+    rows = {
+        "dvl": ("time_s,starboard_mps,forward_mps", [f"{t},0.0,1.0" for t in time_s]),
+        "compass": ("time_s,hdg", [f"{t},{angle}" for t, angle in zip(time_s, heading_rad, strict=True)]),
+        "usbl": ("time_s,east_m,north_m", [f"{t},{p.real},{p.imag}" for t, p in zip(time_s, fix_m, strict=True)][::4]),
+    }
+    sheets = {name: "\n".join([head, *cells]) for name, (head, cells) in rows.items()}
+    log = logged_csv(tmp_path, '[compass]\ncolumns = { time_s = "time_s", heading = "hdg" }\n', **sheets)
+
+    found = {one.code: one.text for one in cross_check(log, timeline(log)).findings}
+
+    assert 'state unit = "rad" under [compass]' in found["HEADING-RADIANS"]
 
 
 def csv_dive(folder: Path, rows: list[Row]) -> Path:
