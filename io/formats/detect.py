@@ -18,11 +18,18 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"\x89MCAP0\r\r\n": f"an MCAP file whose {CONVERTED}",
     b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
+    b"FMT, 128": "a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from",
+    b"%%": "a table of all variables at equal times that MOOS writes (.aslog); read the .alog file beside it",
     b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""
 BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
 TAR, TAR_AT = b"ustar", 257  # fixed by the format
+
+
+def _is_other_text(head: bytes) -> bool:
+    """Return whether a text is of one of these formats, although its lines look like those of another one."""
+    return head.startswith(b"FMT, 128") or (head.startswith(b"%%") and b"\n%%%%(1)" in head)
 
 
 def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -90,13 +97,13 @@ def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.instruments.nmea_log import form_of, nmea_file
 
     form = form_of(head)
-    return nmea_file(path, form) if form else None
+    return nmea_file(path, form) if form and not _is_other_text(head) else None
 
 
 def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.instruments.alog_log import AlogLog, looks_like_alog
 
-    return AlogLog(path) if looks_like_alog(head) else None
+    return AlogLog(path) if looks_like_alog(head) and not _is_other_text(head) else None
 
 
 def _lsf(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -130,7 +137,7 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.tables.csv_log import CsvLog
     from usbldr.io.tables.csv_text import looks_like_csv
 
-    return CsvLog(path) if looks_like_csv(head) else None
+    return CsvLog(path) if looks_like_csv(head) and not _is_other_text(head) else None
 
 
 def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Reader | None]:
