@@ -21,7 +21,7 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, open_configure
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, keys_since_1970, of_gps, side_columns
+from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, dated_columns, keys_since_1970, of_gps, side_columns
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
@@ -145,7 +145,12 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
-    for column in filter(None, (named_column(path, (*VECTORS, *RULES, YAW, FLAG)) for path in paths)):
+    columns = [column for path in paths if (column := named_column(path, (*VECTORS, *RULES, YAW, FLAG)))]
+    times = [column for column in columns if column.rule.key == "time"]
+    if topic.first_row:
+        others = (column for column in columns if column not in times)
+        columns = [*dated_columns(dict(topic.first_row), times), *others]
+    for column in columns:
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         hinted = role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         if of_any or (hinted and column.rule.sensor in (role, "")):

@@ -86,12 +86,16 @@ def plain(name: str) -> str:
 
 
 def field_of(name: str, fields: Sequence[str], arrays: Collection[str] = ()) -> str | None:
-    """Return the field that a name means: itself, without its unit, or with an index in brackets; None if none."""
+    """Return the field that a name means: itself, without its unit, or with an index in brackets; None if none.
+
+    Or the only one of that name with a unit.
+    """
     for choice in (plain(name), named_unit(plain(name)).label):
         path = _path(choice)
         if listed_field(path, fields, arrays) is not None:
             return path
-    return None
+    with_unit = [field for field in fields if field != plain(name) == named_unit(field).label]
+    return with_unit[0] if len(with_unit) == 1 else None
 
 
 def _path(name: str) -> str:
@@ -144,7 +148,7 @@ def configured_layout(stated: ConfiguredColumns, topic: TopicInfo, path: Path) -
     if unused:
         beside = ", ".join(layout.required.values())
         raise UsageError(f"[{stated.sensor}] columns: {', '.join(unused)} cannot be used beside {beside}", path=path)
-    scale, unit = _scale(stated, names, path)
+    scale, unit = _scale(stated, names, fields, path)
     layout = replace(
         layout,
         required={quantity: fields[key] for quantity, key in layout.required.items()},
@@ -168,13 +172,16 @@ def _own_layout(stated: ConfiguredColumns, path: Path) -> MessageLayout:
     raise UsageError(f"[{stated.sensor}] columns must name {choices}", path=path)
 
 
-def _scale(stated: ConfiguredColumns, names: Mapping[str, str], path: Path) -> tuple[dict[str, float], dict[str, str]]:
+def _scale(
+    stated: ConfiguredColumns, names: Mapping[str, str], fields: Mapping[str, str], path: Path
+) -> tuple[dict[str, float], dict[str, str]]:
     """Return the factors of quantities whose names state a unit, and the key ``unit`` if those determine it."""
     dimensions = DVL_DIMENSIONS if stated.sensor == "dvl" else DIMENSIONS
     scale: dict[str, float] = {}
     fixed: dict[str, str] = {}
     for quantity, key in names.items():
-        dimension, own = dimensions.get(key), named_unit(plain(stated.columns[key]))
+        stated_unit = named_unit(plain(stated.columns[key]))
+        dimension, own = dimensions.get(key), stated_unit if stated_unit.unit else named_unit(fields[key])
         by_section = stated.unit is not None and key in ("x", "y", "z", "sd_mps", "heading", "pressure")
         if dimension is None or not own.unit or by_section:
             continue

@@ -15,7 +15,10 @@ from usbldr.io.tables.clean_csv import NumberColumn
 from usbldr.io.tables.csv_sheets import ISO, SECOND_NS
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 
-WORDS = {"": "nan", "true": "1", "false": "0"}
+NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
+WORDS: Mapping[str, str] = {"true": "1", "false": "0", **dict.fromkeys(NO_VALUE, "nan")}
+THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([., '\xa0\u202f])\d{3})(?:\1\d{3})*(?!\1)[.,]\d+")
+"""A number whose thousands are parted by another character than its decimals."""
 NUMBER = r"(\d+(?:\.\d*)?)"
 ANGLE = re.compile(
     rf"([NSEW]?) *([+-]?){NUMBER}(?: *([°º]) *| +|(?=[NSW]|$))"
@@ -75,7 +78,7 @@ def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> Pa
 
 
 def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedColumn:
-    """Return a column of numbers; an empty cell is NaN, True and False are 1 and 0.
+    """Return a column of numbers; an empty cell, and a word such as NA, is NaN, True and False are 1 and 0.
 
     ``by_commas``: commas part the columns; else all cells are faults if their points may part thousands.
     """
@@ -89,7 +92,12 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
         try:
             return float(WORDS.get(text.lower(), text))
         except ValueError:
-            return _degrees(text)
+            if THOUSANDS.fullmatch(text):
+                whole, _, decimals = text.replace(",", ".").rpartition(".")
+                return float(re.sub(r"[^\d+-]", "", whole) + "." + decimals)
+            return _degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
+
+    sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number
 
     return _parsed(texts, name, number, float("nan"), "a number")
 

@@ -18,9 +18,9 @@ from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plai
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
-from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
-from usbldr.io.tables.date_times import foreign_time, week_and_time, with_iso_times
+from usbldr.io.tables.date_times import foreign_time, parted_time, week_and_time, with_iso_times
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 
@@ -89,7 +89,7 @@ class CsvLog:
     def _row(self, file: Path) -> Sequence[str]:
         """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
         names, cells = self._begin(file)
-        foreign = self._formats or any(map(foreign_time, cells)) or week_and_time(names)
+        foreign = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
         if not foreign or not len(self._table(file).lines):
             return cells
         return [next(iter(column)) for column in self._table(file).columns.values()]
@@ -122,6 +122,7 @@ class CsvLog:
         sheet = source.sheet
         if sheet is None:
             problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
+            problem = f"{source.file.name} {NO_HEADER}" if holds_values(source.header) else problem
             return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
         if sheet.received is None:
             problem = f"{source.file.name} {sheet.problem}"

@@ -16,9 +16,10 @@ from typing import NamedTuple
 from usbldr.filters.errors import UsageError
 from usbldr.io.gps_time import WEEK_S
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
-from usbldr.io.messages.field_names import TIME_OF_WEEK, NamedColumn, sensors_by_name, words_of
+from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, sensors_by_name, words_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
-from usbldr.io.units import spellings
+from usbldr.io.tables.unnamed_columns import is_number
+from usbldr.io.units import NamedUnit, spellings
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
@@ -26,6 +27,7 @@ DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer,
 PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
+NO_HEADER = "has no header: its first line holds values; insert a line with the names of its columns"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d(?::?\d\d)?)?")
 """A date and time."""
 TEXTS = ("target", "lat_side", "lon_side")  # keys of ``columns`` whose cells are no numbers
@@ -156,10 +158,17 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     columns = {name: name for name in header if name in known}
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
     if missing:
+        if holds_values(header):
+            return Sheet(CANONICAL + sensor, columns, problem=NO_HEADER)
         problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"
     return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))
+
+
+def holds_values(header: Sequence[str]) -> bool:
+    """Return whether one of the names of columns is a value: then they are a row."""
+    return any(is_number(name) or ISO.fullmatch(name) for name in header)
 
 
 def _sensor(stem: str, header: set[str]) -> str | None:
@@ -184,7 +193,7 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     if not any(column.unit.unit for columns in found.values() for same in columns.values() for column in same):
         return {}
     cells = dict(zip(names, first_row, strict=False))
-    stamps, arrivals = (times.get(key, []) for key in ("time", "received"))
+    stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
     faults = [_no_time(stamps, arrivals, cells), *(_fault(columns) for columns in found.values())]
     fault = next((text for text in faults if text), "")
     if fault:
@@ -205,6 +214,17 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         )
         for sensor, columns in found.items()
     }
+
+
+def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn] = ()) -> Sequence[NamedColumn]:
+    """Return those of columns named as times whose first cells (by column) state a date, else all of them.
+
+    If none is named so: the columns of dates and times, whatever their names.
+    """
+    if not named:
+        return [NamedColumn(name, RULES[0], NamedUnit(name)) for name, cell in cells.items() if ISO.fullmatch(cell)]
+    first = [(column, cells.get(column.name, "")) for column in named]
+    return [column for column, cell in first if ISO.fullmatch(cell) or keys_since_1970(cell)] or named
 
 
 def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[str, str]:

@@ -14,6 +14,7 @@ from usbldr.io.file_access.decompression import compression_of, first_bytes
 from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, begin_of, head_lines, opened, text_lines
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
+from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.units import named_unit
@@ -86,10 +87,11 @@ def _is_value(cell: str) -> bool:
 def _header_place(lines: Sequence[str]) -> int:
     """Return the place of the column names among the first lines: before the first row, known by a number in it.
 
-    Comments and a title may precede them, units follow. If no row is found, it is the first line that is not blank.
+    Comments, a title, and words with their values may precede them, units follow; so a row that begins with a time or
+    number comes first. If no row is found, it is the first line that is not blank.
     """
     filled = [k for k, line in enumerate(lines) if line.strip() and not SEPARATOR_LINE.fullmatch(line)]
-    names, width = filled[0] if filled else 0, 0
+    names, width, worded = filled[0] if filled else 0, 0, -1
     for k, following in pairwise(filled):
         separator = _separator(lines[k])
         cells, row = (_cells(lines[place].lstrip(COMMENT), separator) for place in (k, following))
@@ -99,8 +101,10 @@ def _header_place(lines: Sequence[str]) -> int:
         if len(cells) != width or lines[names].startswith("#"):
             names, width = k, len(cells)
         if 1 < len(cells) == len(row) and any(map(_is_value, row)):
-            return names
-    return filled[0] if filled else 0
+            if _is_value(row[0]) or foreign_time(row[0]):
+                return names
+            worded = names if worded < 0 else worded
+    return worded if worded >= 0 else filled[0] if filled else 0
 
 
 def _separator(line: str) -> str:
@@ -114,18 +118,16 @@ def _with_point(cell: str) -> str:
 
 def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
-    first, lines, *_ = _begun(file)
-    separator = _separator(first)
-    return [name.strip() for name in _cells(first, separator)], _cells(
-        next((line for line in lines if line.strip()), ""), separator
-    )
+    names, separator, lines, *_ = _begun(file)
+    return names, _cells(next((line for line in lines if line.strip()), ""), separator)
 
 
 class _Begin(NamedTuple):
     """The beginning of a file."""
 
-    names: str  # the line of its column names
-    lines: Iterator[str]  # behind it, and behind a line of their units
+    names: list[str]  # of its columns
+    separator: str | None  # None: blanks
+    lines: Iterator[str]  # behind the names, and behind a line of their units
     number: int  # of the last line before these
     spoilt: Mapping[int, str]  # line before them -> why it is none
 
@@ -138,26 +140,41 @@ def _begun(file: Path, units_are_row: bool = False) -> _Begin:
     while len(begun) == PREAMBLE and all(line.startswith(REMARKS) for line in begun):
         comments += len(begun) - 1
         begun = [begun[-1], *islice(lines, PREAMBLE - 1)]
-    place = _header_place([line.replace("\0", "") for line in begun])
-    first = begun[place].replace("\0", "").lstrip(COMMENT) if begun else ""
+    clean = [line.replace("\0", "") for line in begun]
+    place = _header_place(clean)
+    first = clean[place].lstrip(COMMENT) if begun else ""
+    separator = _separator(first) if _separator(first) in first else None
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
-    rows = place + 1
-    if not units_are_row and rows < len(begun) and (why := _unit_fault(first, begun[rows])) is not None:
-        rows += 1
-        spoilt |= {comments + rows: why} if why else {}
-    return _Begin(first, chain(begun[rows:], lines), comments + rows, spoilt)
+    names, rows = _cells(first, separator), place + 1
+    while not units_are_row and rows < len(begun):
+        joined = _joined(names, _cells(clean[rows], separator))
+        if joined is None:
+            break
+        names, rows = joined, rows + 1
+    while len(names) > 1 and not names[-1]:
+        names.pop()  # of separators at the end of the line
+    return _Begin(names, separator, chain(begun[rows:], lines), comments + rows, spoilt)
 
 
-def _unit_fault(first: str, line: str) -> str | None:
-    """Return what is wrong with the line behind the column names, if it holds their units or dashes; None if not."""
-    separator = _separator(first)
-    names, cells = _cells(first, separator), [cell.strip("[]()") for cell in _cells(line, separator)]
-    units = {name: unit for name, unit in zip(names, cells, strict=False) if named_unit(f"x [{unit}]").dimension}
-    nothing = not any(cell.strip("-") for cell in cells) and len(cells) > 1
-    if len(names) != len(cells) or any(map(_is_value, cells)) or not (units or nothing):
+def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
+    """Return the names of columns with what another line adds to them, None if that line is none of names or units.
+
+    A line of units, or of dashes, has no names. A name that stands over several columns, of which the others are blank
+    or repeat it, goes before the names of each.
+    """
+    if len(names) != len(cells) or len(cells) < 2 or any(_is_value(cell) or foreign_time(cell) for cell in cells):
         return None
-    lacking = [f"{name} [{unit}]" for name, unit in units.items() if not named_unit(name).unit]
-    return f"it holds units, which are read behind the names only ({listed(lacking)})" if lacking else ""
+    units = [f" [{unit}]" if named_unit(f"x [{unit}]").dimension else "" for unit in (c.strip("[]()") for c in cells)]
+    of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
+    if not of_names and (any(units) or not any(cell.strip("-") for cell in cells)):
+        return [name if named_unit(name).unit else name + unit for name, unit in zip(names, units, strict=True)]
+    over, found = "", list[str]()
+    for name, cell, unit in zip(names, cells, units, strict=True):
+        over = name or over
+        found.append(over + unit if unit else f"{over} {cell}".strip() if cell else name)
+    named = list(filter(None, found))
+    over_several = len(set(names[1:]) - {""}) < len(names[1:])
+    return found if over_several and len(set(named)) == len(named) else None
 
 
 class _Rows:
@@ -201,9 +218,8 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor is a line
     of units behind the names, unless ``units_are_row``.
     """
-    first, lines, begin, spoilt = _begun(file, units_are_row)
-    separator = _separator(first) if _separator(first) in first else None
-    header = plain_names([name.strip() for name in _cells(first, separator)])
+    names, separator, lines, begin, spoilt = _begun(file, units_are_row)
+    header = plain_names(names)
     known = unnamed_columns(file, header if separator is None else ())
     if known is not None:
         lines, separator, header, begin = text_lines(file), None, list(known), 0
@@ -267,6 +283,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
     if '"' in line:
+        line = line.replace('="', '"')  # of Excel: ="1.2" is a text
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     cells = line.rstrip("\r\n").split(separator)
     return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells

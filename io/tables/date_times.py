@@ -13,8 +13,10 @@ from types import MappingProxyType
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.types import Mask, Vector
 from usbldr.io.gps_time import LAST_WEEK, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
+from usbldr.io.reader import Nanoseconds
 from usbldr.io.tables.csv_sheets import ISO
 from usbldr.io.units import named_unit
 
@@ -37,9 +39,25 @@ DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|
 SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
 WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
+PARTS: Mapping[str, str] = {
+    "year": "year|yr|yyyy",
+    "month": "month|mon",
+    "day": "day|day_of_month",
+    "day_of_year": "doy|day_of_year|julian_day|jday|yday",
+    "hour": "hours?|hr",
+    "minute": "minutes?|mins?",
+    "second": "seconds?|secs?",
+    "second_of_day": r"sod|seconds?_of_(the_)?day",
+    "nanosecond": "nanosec(ond)?s?|nsecs?",
+}
+"""Parts of a time that have a column each, and the names of these."""
+DATES, CLOCKS = (("year", "month", "day"), ("year", "day_of_year")), (("hour", "minute", "second"), ("second_of_day",))
+PARTED: Sequence[tuple[str, ...]] = (*((*date, *clock) for date in DATES for clock in CLOCKS), ("nanosecond", "second"))
+"""The parts of a whole time. The last one's column becomes that of the time."""
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
+CENTURY = 2000  # fixed: years that are within 100 of it are some
 NUMBER = re.compile(r"\d+(\.\d*)?")
 
 
@@ -60,6 +78,9 @@ def with_iso_times(
     pair = week_and_time(columns)
     if pair and all(_are(columns[name], NUMBER) for name in pair) and _are(columns[pair[0]], WEEK):
         found[pair[1]] = _of_weeks(*pair, columns)
+    parts = parted_time(columns)
+    if parts and all(_are(columns[name], NUMBER) for name in parts.values()):
+        found[list(parts.values())[-1]] = _of_parts(parts, columns)
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
     dates += [name for name, cells in columns.items() if DATE_NAME.search(name.lower()) and _are(cells, DIGITS_DATE)]
     for name, cells in columns.items():
@@ -85,17 +106,47 @@ def week_and_time(names: Iterable[str]) -> tuple[str, str] | None:
     return (weeks[0], times[0]) if len(weeks) == len(times) == 1 else None
 
 
+def parted_time(names: Iterable[str]) -> Mapping[str, str]:
+    """Return part -> column of a time that several columns make up, empty if there are none, or several of a part."""
+    words = {name: words_of(re.sub(r"[\[(].*", "", name)) for name in names}
+    found = {
+        part: [name for name, word in words.items() if re.search(f"(^|_)({kind})$", word)]
+        for part, kind in PARTS.items()
+    }
+    whole = next((parts for parts in PARTED if all(len(found[part]) == 1 for part in parts)), ())
+    return {part: found[part][0] for part in whole}
+
+
+def _of_parts(parts: Mapping[str, str], columns: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return times that several columns make up as ISO text."""
+    value = {p: _numbers(columns[name]) for p, name in parts.items()}
+    good = (np.abs(sum(value.values())) < 1e12) & (np.abs(value.get("year", np.array(CENTURY)) - CENTURY) < 100)
+    whole = {p: np.where(good, numbers, 1).astype(np.int64) for p, numbers in value.items()}
+    month = (whole.get("year", 1970) - np.int64(1970)) * 12 + whole.get("month", 1) - 1
+    day = month.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
+    day += whole.get("day", whole.get("day_of_year", 1)) - 1
+    units_ns = {"hour": 3600e9, "minute": 60e9, "second": 1e9, "second_of_day": 1e9, "nanosecond": 1.0}
+    rounded = [np.round(value[p] * unit_ns) for p, unit_ns in units_ns.items() if p in parts]
+    ns = day * (DAY_S * 10**9) + sum(np.where(good, part, 0).astype(np.int64) for part in rounded)
+    return _moments(ns, good, columns[list(parts.values())[-1]])
+
+
+def _numbers(cells: Sequence[str]) -> Vector:
+    return pd.to_numeric(pd.Series(list(cells), dtype="str"), errors="coerce").to_numpy(float)
+
+
+def _moments(ns: Nanoseconds, good: Mask, cells: Sequence[str]) -> list[str]:
+    return _as_text(pd.Series(pd.to_datetime(ns, utc=True)).where(pd.Series(good)), cells)
+
+
 def _of_weeks(week: str, time: str, columns: Mapping[str, Sequence[str]]) -> list[str]:
     """Return times of the week as ISO text; in seconds, or the unit of their name, or milliseconds by their size."""
-    weeks, times = (
-        pd.to_numeric(pd.Series(list(columns[name]), dtype="str"), errors="coerce").to_numpy(float)
-        for name in (week, time)
-    )
+    weeks, times = (_numbers(columns[name]) for name in (week, time))
     unit = named_unit(time)
     seconds = times * (unit.factor / 1e9 if unit.dimension == "time" else 1.0 if np.nanmax(times) <= WEEK_S else 1e-3)
     good = np.isfinite(weeks + seconds) & (weeks < LAST_WEEK) & (np.abs(seconds) <= WEEK_S)
     ns = utc_ns(np.where(good, weeks, 0).astype(np.int64), np.where(good, seconds, 0.0))
-    return _as_text(pd.Series(pd.to_datetime(ns, utc=True)).where(pd.Series(good)), columns[time])
+    return _moments(ns, good, columns[time])
 
 
 def _of_day(name: str, cells: Sequence[str]) -> bool:

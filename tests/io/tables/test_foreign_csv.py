@@ -1,6 +1,7 @@
 """CSV files that other programs wrote: their columns say what they hold, and in which unit."""
 
 import tempfile
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -155,17 +156,18 @@ def test_a_file_that_is_named_for_its_sensor_says_which_of_its_columns_stops_it(
 
 
 @pytest.mark.parametrize(
-    ("names", "units", "lost"),
+    ("names", "units"),
     [
-        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "s,m/s,m/s", ""),
-        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "[s],[m/s],", ""),
-        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "-,-,-", ""),
-        ("time_ns,forward_mps,starboard_mps", "ns,m/s,m/s", ""),
-        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s],Roll", "s,m/s,m/s,deg",
-         "line 2: it holds units, which are read behind the names only (Roll [deg])"),
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "s,m/s,m/s"),
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "[s],[m/s],"),
+        ("Time [s],DVL Forward [m/s],DVL Starboard [m/s]", "-,-,-"),
+        ("time_ns,forward_mps,starboard_mps", "ns,m/s,m/s"),
+        ("Time,DVL Forward,DVL Starboard,Roll", "s,m_s,m_s,deg"),
+        ("Time,DVL,,Roll", "[s],Forward [m/s],Starboard [m/s],[deg]"),
+        ("Time,DVL,DVL,Roll,", ",Forward,Starboard,,\ns,m/s,m/s,deg,"),
     ],
-)  # fmt: skip
-def test_a_line_of_units_is_no_row(tmp_path: Path, names: str, units: str, lost: str) -> None:
+)
+def test_lines_of_units_or_under_a_common_name_are_no_rows(tmp_path: Path, names: str, units: str) -> None:
     rows = [",".join([str(T0 // SECOND + k), "1.5", "0.5", "3"][: len(names.split(","))]) for k in range(2)]
     (tmp_path / "dvl.csv").write_text("\n".join([names, units, *rows]) + "\n", encoding="utf-8")
 
@@ -173,8 +175,60 @@ def test_a_line_of_units_is_no_row(tmp_path: Path, names: str, units: str, lost:
     dvl = read_whole(log, {"/dvl": ["forward_mps"]})["/dvl"]
 
     assert dvl.columns["forward_mps"].tolist() == [1.5, 1.5]
-    left_out = [finding.text for finding in log.findings() if finding.lost_data]
-    assert left_out == ([f"dvl.csv: 1 of 3 rows are left out: {lost}"] if lost else [])
+    assert not [finding.text for finding in log.findings() if finding.lost_data]
+
+
+@pytest.mark.parametrize("name", ["vx", "vx [cm/s]"])
+def test_a_line_of_units_holds_for_columns_of_the_configuration(tmp_path: Path, name: str) -> None:
+    stated = f'[dvl]\ncolumns = {{ time_unix_s = "at", x = "{name}", y = "vy" }}\naxes = "FSD"\n'
+    log = logged_csv(tmp_path, stated, dvl=f"at,vx,vy\ns,cm/s,mm/s\n{T0 // SECOND},150,-250\n")
+
+    assert log.tables["dvl"][["forward_mps", "starboard_mps"]].to_numpy()[0] == pytest.approx([1.5, -0.25])
+
+
+def test_what_spreadsheets_add_to_a_table_is_none_of_it(tmp_path: Path) -> None:
+    text = 'sep=;\r\nTime;Heading;;\r\n;deg;;\r\n18.05.2026 12:00:00;="1,5";;\r\n18.05.2026 12:00:01;="2,5";;\r\n'
+    log = logged_csv(tmp_path, "", compass="\ufeff" + text)
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
+
+
+def test_words_with_their_values_may_precede_the_names(tmp_path: Path) -> None:
+    before = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nSamples\t2\t2\n\n"
+    log = logged_csv(tmp_path, "", log=f"{before}Time [s]\tHeading [deg]\tRoll\n0,0\t1,5\t0\n0,5\t2,5\t0\n")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
+
+
+def test_a_row_in_place_of_the_names_is_called_so(tmp_path: Path) -> None:
+    row = "1600000000,5,dvl_link,1.5,0.5"
+    folder = write_csv(tmp_path / "dive", dvl=f"{row}\n{row}", other="a,b\n1,2")
+
+    (problem,) = (topic.problem for topic in open_log(folder).topics() if topic.name == "/dvl")
+
+    assert problem == "dvl.csv has no header: its first line holds values; insert a line with the names of its columns"
+
+
+@pytest.mark.parametrize("word", ["NA", "n/a", "#N/A", "null", "None", "-", "---", ""])
+def test_words_for_no_value_are_none(word: str) -> None:
+    read = numbers(["1.5", word], "x")
+
+    assert not read.faults
+    np.testing.assert_array_equal(read.values, [1.5, np.nan])
+
+
+@given(st.floats(-1e9, 1e9), st.sampled_from(["._,", "._ ", ",_.", ",_ ", "._'", ",_\xa0"]))
+def test_thousands_are_parted_by_any_other_mark_than_decimals(value: float, marks: str) -> None:
+    point, _, mark = marks
+    text = f"{value:,.2f}".replace(",", "_").replace(".", point).replace("_", mark)
+    read = numbers([text.replace(",", ".") if abs(value) < 1000 else text, "0.5"], "x")
+
+    assert not read.faults
+    assert read.values[0] == pytest.approx(round(value, 2))
+
+
+def test_longitudes_may_end_in_e_without_a_blank() -> None:
+    assert numbers(["5.25E", "", "0.5W"], "lon").values[[0, 2]].tolist() == [5.25, -0.5]
 
 
 def test_lines_may_end_in_two_returns(tmp_path: Path) -> None:
@@ -285,6 +339,28 @@ def test_dates_and_times_of_digits_are_read_beside_each_other() -> None:
     assert with_iso_times(both)["TIME"] == ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]
     for other in ({"TIME": ["000012.5"]}, {"count": ["20260518"], "TIME": ["000012.5"]}):
         assert with_iso_times(other) == other
+
+
+@given(st.datetimes(datetime(1990, 1, 1), datetime(2050, 1, 1)))
+def test_times_in_several_columns_are_those_of_the_calendar(moment: datetime) -> None:
+    second = f"{moment.second + moment.microsecond / 1e6:.6f}"
+    start = moment.replace(hour=0, minute=0, second=0, microsecond=0)
+    numbered = dict(zip(("Year", "Month", "Day", "Hour", "Min"), moment.timetuple(), strict=False))
+    of_day = f"{(moment - start).total_seconds():.6f}"
+    since_1970 = round((moment - datetime(1970, 1, 1)).total_seconds() * 1e6)
+    for columns in (
+        {**numbered, "Sec": second},
+        {"Year": moment.year, "Julian Day": moment.timetuple().tm_yday, "Seconds of day [s]": of_day},
+        {"header.stamp.nanosec": since_1970 % 10**6 * 1000, "header.stamp.sec": since_1970 // 10**6},
+    ):
+        *_, text = with_iso_times({name: [str(value)] for name, value in columns.items()}).values()
+        assert text == [moment.isoformat(timespec="microseconds")]
+
+
+def test_a_column_of_dates_is_a_time_whatever_its_name(tmp_path: Path) -> None:
+    log = logged_csv(tmp_path, "", compass="Datum;Uhrzeit;Heading [deg]\n18.05.2026;12:00:00,5;1,5\n")
+
+    assert log.start_ns == pd.Timestamp("2026-05-18T12:00:00.5").value
 
 
 @given(
