@@ -21,6 +21,7 @@ from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_times import foreign_time, parted_time, week_and_time, with_iso_times
+from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
 
@@ -52,7 +53,7 @@ class CsvLog:
         self.path, self._given = path, files
         self._configured = tuple(configured)
         self._read: dict[Path, TextTable] = {}
-        self._begin = cache(header_and_row)
+        self._begin = cache(self._header_and_row)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
 
     @property
@@ -85,6 +86,14 @@ class CsvLog:
         """The columns of times whose format the configuration states."""
         of_times = [(one, key) for one in self._configured if one.time_format for key in TIME_UNITS_NS]
         return {plain(one.columns[key]): one.time_format for one, key in of_times if key in one.columns}
+
+    def _header_and_row(self, file: Path) -> tuple[Sequence[str], Sequence[str]]:
+        """Return a file's column names as written, and the cells of its first row; those of a long table made wide."""
+        names, cells = header_and_row(file)
+        if long_columns(names) is None:
+            return names, cells
+        columns = self._table(file).columns
+        return list(columns), [next(iter(column), "") for column in columns.values()]
 
     def _row(self, file: Path) -> Sequence[str]:
         """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
@@ -150,6 +159,8 @@ class CsvLog:
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
             read = read_texts(file)
+            long = long_columns(list(read.columns))
+            read = widened(read, long) if long else read
             self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats))
         return self._read[file]
 
