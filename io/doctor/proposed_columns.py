@@ -161,6 +161,7 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
         return {}
     complete = [needed for needed in NEEDED[role] if needed <= found.keys()]
     others = frozenset[str]().union(*NEEDED[role]).difference(*complete[:1])  # columns of another kind of position
+    others |= frozenset({"elevation_deg"} if "slant_range_m" in others else ())
     return {key: column for key, column in found.items() if key not in others} if complete else {}
 
 

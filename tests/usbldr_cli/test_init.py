@@ -253,9 +253,11 @@ def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
 def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
     log = without_units(tmp_path / "dive")
     (log / "gps.csv").write_text(f"t,east,north,lat,lon\n{T0 // SECOND},1,2,45,7\n")
+    (log / "usbl.csv").write_text(f"t,range,bearing,elevation,east,north\n{T0 // SECOND},9,90,45,1,2\n")
 
     _, found = initialised(log, tmp_path / "found.toml")
 
+    assert found["usbl"]["columns"] == {"time_unix_s": "t", "x": "east", "y": "north"}
     assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat", "lon_deg": "lon"}
     assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
 
