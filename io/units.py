@@ -34,6 +34,7 @@ _SPELLINGS: Mapping[str, str] = {
     "ft/s": "ft_s",
     "knots": "knot kn kt kts",
     "deg": "degs degree degrees ° degt °t degtrue "
+    "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
     "degrees_east degree_east degrees_e degree_e degreese degreee",
     "rad": "rads radian radians",

@@ -231,6 +231,14 @@ def test_longitudes_may_end_in_e_without_a_blank() -> None:
     assert numbers(["5.25E", "", "0.5W"], "lon").values[[0, 2]].tolist() == [5.25, -0.5]
 
 
+def test_a_degree_sign_may_be_that_of_an_older_encoding(tmp_path: Path) -> None:
+    (tmp_path / "compass.csv").write_bytes("Time [s],Heading [°]\n0,1.5\n".encode("latin-1"))
+
+    read = read_whole(open_log(tmp_path / "compass.csv"), {"/compass": ["heading_deg"]})["/compass"]
+
+    assert read.columns["heading_deg"].tolist() == [1.5]
+
+
 def test_lines_may_end_in_two_returns(tmp_path: Path) -> None:
     text = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\n"
     (tmp_path / "compass.csv").write_bytes(text.replace("\n", "\r\r\n").encode())
