@@ -164,7 +164,9 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     """
     if len(names) != len(cells) or len(cells) < 2 or any(_is_value(cell) or foreign_time(cell) for cell in cells):
         return None
-    units = [f" [{unit}]" if named_unit(f"x [{unit}]").dimension else "" for unit in (c.strip("[]()") for c in cells)]
+    bare = [cell.strip("[]() ") for cell in cells]
+    stated = [named_unit(f"x [{unit}]") for unit in bare]
+    units = [f" [{u}]" if one.dimension and one.unit == u else "" for u, one in zip(bare, stated, strict=True)]
     of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
     if not of_names and (any(units) or not any(cell.strip("-") for cell in cells)):
         return [name if named_unit(name).unit else name + unit for name, unit in zip(names, units, strict=True)]

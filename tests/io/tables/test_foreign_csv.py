@@ -16,6 +16,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.tables.cells import numbers
+from usbldr.io.tables.csv_text import read_texts
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.units import named_unit
 
@@ -176,6 +177,15 @@ def test_lines_of_units_or_under_a_common_name_are_no_rows(tmp_path: Path, names
 
     assert dvl.columns["forward_mps"].tolist() == [1.5, 1.5]
     assert not [finding.text for finding in log.findings() if finding.lost_data]
+
+
+def test_names_over_several_columns_go_before_those_below(tmp_path: Path) -> None:
+    file = tmp_path / "dive.csv"
+    file.write_text("Time,USBL,,GPS,\n[s],Lat [deg],Lon [deg],Lat [deg],Lon [deg]\n1,2,3,4,5\n", encoding="utf-8")
+
+    names = ["Time [s]", "USBL Lat [deg]", "USBL Lon [deg]", "GPS Lat [deg]", "GPS Lon [deg]"]
+    columns = {name: [float(cell) for cell in cells] for name, cells in read_texts(file).columns.items()}
+    assert columns == {name: [k] for k, name in enumerate(names, 1)}
 
 
 @pytest.mark.parametrize("name", ["vx", "vx [cm/s]"])
