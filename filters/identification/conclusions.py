@@ -20,7 +20,8 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
-    CLOCK,
+    COMPASS_CLOCK,
+    DVL_CLOCK,
     HEAD,
     KEYS,
     LEVER,
@@ -70,12 +71,13 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
-    if CLOCK in present:
+    if DVL_CLOCK in present:
         parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
     of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
+    constant = of_head + [name for name in KEYS[COMPASS_CLOCK] if COMPASS_CLOCK in present]
     parameters = replace(
         parameters,
-        settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in of_head}},
+        settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in constant}},
         settled_sd={name: float(found.sd[name][row]) for name in of_head},
     )
     separate = choice.named - (LEVER_OR_LATENCY if _shared_by_priors(choice) else frozenset())
@@ -90,7 +92,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
             _effect_m(timeline, choice, key) if key in choice.named else 0.0,
         )
         for key in KEYS
-        if key in choice.subsets[-1]
+        if any(key in subset for subset in choice.subsets)
     )
     parameters = replace(parameters, calibrate=kept)
     pairs = _open_pairs(timeline, choice, parameters.settled_sd)

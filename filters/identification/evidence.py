@@ -8,8 +8,8 @@ Both maximise the posterior of one model: the predictive likelihood of the fixes
   R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(430), 1995, doi:10.2307/2291091, call
   20 strong. An error that is observable but does not exist would be extrapolated through outages.
 
-The two alternate, since an error that is left out looks like noise. Lever arm and clock of the DVL become settled
-numbers of the run; the other errors become states of the filter.
+The two alternate, since an error that is left out looks like noise. The lever arm of the DVL and the clocks of DVL
+and compass become settled numbers of the run; the other errors become states of the filter.
 """
 
 import itertools
@@ -41,6 +41,8 @@ from usbldr.filters.identification.identification import (
     Identification,
 )
 from usbldr.filters.identification.linearisation import (
+    COMPASS_CLOCK,
+    DVL_CLOCK,
     HEAD,
     KEYS,
     RANGE,
@@ -67,10 +69,12 @@ LINEARISATIONS = 2  # about the estimates of each subset
 
 @cache
 def subsets_of(keys: tuple[str, ...]) -> tuple[frozenset[str], ...]:
-    """Return all subsets of some keys, smaller ones first."""
-    return tuple(
-        frozenset(some) for count in range(len(keys) + 1) for some in itertools.combinations(sorted(keys), count)
-    )
+    """Return all subsets of some keys, smaller ones first, that have at most one explanation of the same clocks.
+
+    A log shows the differences of three clocks: of compass, DVL and fixes. Two of them say all, and one may.
+    """
+    every = (frozenset(some) for n in range(len(keys) + 1) for some in itertools.combinations(sorted(keys), n))
+    return tuple(some for some in every if COMPASS_CLOCK not in some or not some & {DVL_CLOCK, "latency"})
 
 
 def identify(timeline: Timeline, given: Parameters) -> Identification:
@@ -128,7 +132,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     the fixes. They must make dead reckoning right: without bottom lock it fits some heading by chance. Those that do
     not are returned apart.
     """
-    usual = Member(stated, frozenset(keys_of(timeline, stated)))
+    usual = Member(stated, frozenset(keys_of(timeline, stated)) - {COMPASS_CLOCK})  # which the other two clocks say
     found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
     value = {state: float(found.mean[state][0]) for state in STEPS}
     # linear in both, half a turn is a scale of 2: they are the parts of one factor on dead reckoning
@@ -205,13 +209,16 @@ def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
 def _present(score: Vector, subsets: Sequence[frozenset[str]]) -> tuple[frozenset[str], frozenset[str]]:
     """Return the errors of the best subset with those that are open beside it, and those of them that have evidence.
 
-    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose.
+    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose. So is a
+    compass that is early by tau, which is less usual: it must be clearly better than the best subset without it.
     No head is mounted without error, so that those of a head are always present; the sigma of a ship's is soon small.
     Turned or scaled fixes of a head that rests are a turned compass or a scaled DVL: these are present, too, unless the
     evidence against them is strong, also where the two hide each other: the track depends on their shares.
     """
     scores = dict(zip(subsets, score.tolist(), strict=True))
     best = max(subsets, key=scores.__getitem__)
+    usual = max((subset for subset in subsets if COMPASS_CLOCK not in subset), key=scores.__getitem__)
+    best = usual if scores[best] - scores[usual] < -LOG_PRIOR_ODDS else best
     present = named = best
     if len(best & LEVER_OR_LATENCY) == 1:
         other = scores.get(best ^ LEVER_OR_LATENCY, -math.inf)

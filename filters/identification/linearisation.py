@@ -1,9 +1,9 @@
 """Fixes minus dead reckoning, linear in the sensor errors about a point: how each error moves each fix.
 
 The position is that of the DVL. A lever arm from the transponder to the DVL moves the fix by -R(psi) arm, which is
-linear and free of the noise of the turn rate. A DVL whose stamps are late by c measured v(t + c) at t. An error that is
-not linear is freed of its value at the point first: a heading that is wrong by 20 degrees would else look like a scale
-error of 6 %.
+linear and free of the noise of the turn rate. A DVL or compass whose stamps are late by c has what it read at t in its
+record of t + c. An error that is not linear is freed of its value at the point first: a heading that is wrong by
+20 degrees would else look like a scale error of 6 %.
 """
 
 import math
@@ -29,16 +29,18 @@ from usbldr.filters.types import Array, Timeline
 
 Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
 
-LEVER, CLOCK, HEAD, RANGE = "dvl-lever", "dvl-clock", "usbl-heading", "usbl-range"
+LEVER, HEAD, RANGE = "dvl-lever", "usbl-heading", "usbl-range"
+DVL_CLOCK, COMPASS_CLOCK = "dvl-clock", "compass-clock"
 STEEP = 1 / 3  # [-] horizontal by vertical distance, below which that derivative is not linear within metres
-CLOCK_STEP_S = 0.5  # of the central difference of the displacement by the clock
+CLOCK_STEPS_S = 0.5, -0.5  # of the central difference of the displacement by a clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
     "heading": STATES["heading"],
     "deviation": STATES["deviation"],
     "latency": STATES["latency"],
     LEVER: ("dvl_lever_starboard", "dvl_lever_forward"),
-    CLOCK: ("dvl_clock",),
+    DVL_CLOCK: ("dvl_clock",),
+    COMPASS_CLOCK: ("compass_clock",),
     HEAD: ("usbl_heading",),
     RANGE: ("usbl_range",),
 }
@@ -48,6 +50,7 @@ REPORTED: Mapping[str, ReportedQuantity] = {
     "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
     "dvl_lever_forward": ReportedQuantity("dvl_lever_forward_m", "m", 1.0),
     "dvl_clock": ReportedQuantity("dvl_clock_s", "s", 1.0),
+    "compass_clock": ReportedQuantity("compass_clock_s", "s", 1.0),
     "usbl_heading": ReportedQuantity("usbl_heading_deg", "deg", -DEGREES),
     "usbl_range": ReportedQuantity("usbl_range_scale", "", 1.0),
 }
@@ -64,6 +67,7 @@ STEPS: Mapping[str, float] = {
     "deviation_cos": math.radians(2.0),
     "usbl_latency": 0.5,
     "dvl_clock": 0.5,
+    "compass_clock": 0.5,
 }
 """States that are not linear, and the step of the points that members share: what half of it leaves is below 2e-4 of
 the distance, or 3 mm in a turn."""
@@ -83,7 +87,8 @@ def prior_sds(parameters: Parameters) -> Mapping[str, float]:
     return {
         **prior_sd(parameters.errors),
         **dict.fromkeys(KEYS[LEVER], parameters.errors.dvl_lever_m),
-        **dict.fromkeys(KEYS[CLOCK], parameters.errors.dvl_clock_s),
+        **dict.fromkeys(KEYS[DVL_CLOCK], parameters.errors.dvl_clock_s),
+        **dict.fromkeys(KEYS[COMPASS_CLOCK], parameters.errors.compass_clock_s),
         **dict.fromkeys(KEYS[HEAD], parameters.errors.usbl_heading_rad),
         **dict.fromkeys(KEYS[RANGE], parameters.errors.usbl_range),
     }
@@ -107,12 +112,10 @@ def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Po
     line, latency_s = freed(timeline, about), about["usbl_latency"]
     gps = np.zeros(len(line.fix_time_s[:fixes]), dtype=np.bool_) if line.fix_is_gps is None else line.fix_is_gps[:fixes]
     valid_s = np.where(gps, timeline.fix_time_s[:fixes], line.fix_time_s[:fixes])
-    late, early = (
-        displacement_m(freed(timeline, about | {"dvl_clock": about["dvl_clock"] + step}))
-        for step in (CLOCK_STEP_S, -CLOCK_STEP_S)
-    )
     drift = dict(zip(states, (integrate(line, rate) for rate in drift_rates(line, states)), strict=True))
-    drift["dvl_clock"] = (late - early) / (2 * CLOCK_STEP_S)
+    for clock in ("dvl_clock", "compass_clock"):
+        late, early = (displacement_m(freed(timeline, about | {clock: about[clock] + step})) for step in CLOCK_STEPS_S)
+        drift[clock] = (late - early) / (CLOCK_STEPS_S[0] - CLOCK_STEPS_S[1])
     drift["dvl_scale"] = drift["dvl_scale"] / (1 + about["dvl_scale"])
     at_point = sum((drift[state] * value for state, value in about.items() if value and state in drift), np.zeros(2))
     columns = np.concatenate([drift[state] for state in states], axis=1)

@@ -117,8 +117,10 @@ class SensorErrors:
     current_walk_mps: Annotated[float, Quantity("current_walk_mps", SPREAD["mps"])] = 0.0017
     # of each axis of the lever arm from the transponder to the DVL: vehicles are 1 to 5 m long; 0: it is as stated
     dvl_lever_m: Annotated[float, Quantity("dvl_lever_sd_m", SPREAD["m"])] = 2.0
-    # of the DVL's clock against the compass: clocks that are not synchronised differ by about a second; 0: it is right
+    # of the DVL's clock against compass and fixes: without synchronisation clocks differ by about 1 s; 0: it is right
     dvl_clock_s: Annotated[float, Quantity("dvl_clock_sd_s", SPREAD["s"])] = 1.0
+    # of the compass's clock against DVL and fixes: as that of the DVL; 0: it is right
+    compass_clock_s: Annotated[float, Quantity("compass_clock_sd_s", SPREAD["s"])] = 1.0
     # of the heading of a USBL head that was mounted with care; 0: it is right
     usbl_heading_rad: Annotated[float, Quantity("usbl_heading_sd_deg", SPREAD["deg"])] = math.radians(1.0)
     # of its ranges: 15 m/s of sound speed; 0: they are right

@@ -142,6 +142,8 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
         line = replace(line, fix_m=line.fix_m + away_m - line.fix_away_m, fix_away_m=away_m)
     if clock_s := error.get("dvl_clock", 0.0):
         line = replace(line, dr_mps=interpolate(line, line.dr_mps, line.time_s + clock_s))
+    if clock_s := error.get("compass_clock", 0.0):
+        line = _with_earlier_headings(line, clock_s)
     names = ("heading_bias", "deviation_sin", "deviation_cos", "dvl_scale")
     constant, of_sin, of_cos, scale = (error.get(name, 0.0) for name in names)
     yaws: list[Vector] = []
@@ -152,6 +154,20 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
         yaws.append(yaw)
     mps = {"dvl_mps": line.dvl_mps / (1 + scale), "dr_mps": line.dr_mps / (1 + scale)}
     return replace(line, yaw_rad=yaws[0], dr_yaw_rad=yaws[1], **mps)
+
+
+def _with_earlier_headings(timeline: Timeline, clock_s: float) -> Timeline:
+    """Return the timeline with headings that are true earlier by ``clock_s``; those of whole epochs stay together."""
+    t, reckoned = timeline.time_s, np.interp(timeline.time_s + clock_s, timeline.time_s, timeline.dr_yaw_rad)
+    rows = np.arange(len(t)) + round(clock_s / float(t[1] - t[0]))
+    inside, rows = (rows >= 0) & (rows < len(t)), np.clip(rows, 0, len(t) - 1)
+    return replace(
+        timeline,
+        yaw_rad=timeline.yaw_rad[rows] + reckoned - timeline.dr_yaw_rad[rows],
+        yaw_count=np.where(inside, timeline.yaw_count[rows], 0),
+        yaw_sd_rad=timeline.yaw_sd_rad[rows],
+        dr_yaw_rad=reckoned,
+    )
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:

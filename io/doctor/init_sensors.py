@@ -10,7 +10,7 @@ import numpy as np
 
 from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.identification.linearisation import CLOCK, LEVER
+from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, LEVER
 from usbldr.io.conventions.timestamps import LOG_TIME
 from usbldr.io.doctor.cross_check import FIXED_ADVICE, heading_offset
 from usbldr.io.doctor.doctor import Examination
@@ -53,11 +53,15 @@ def dvl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
             f"# lever_arm_m = {stated_lever_m(found)}",
             f"{sigmas} ({log_odds_text(found, LEVER)}); {MEASURE_IT}",
         )
-    if found and (clock := found.estimates.get("dvl_clock_s")):
-        late_s = log.settings.dvl.latency_s + clock.value
-        why = f"fitted to compass and fixes, ±{clock.sd:.2f} ({log_odds_text(found, CLOCK)}); if the compass is right"
-        lines.append((f"# latency_s = {late_s:.2f}", why))
+    lines += _clock(found, DVL_CLOCK, "dvl_clock_s", log.settings.dvl.latency_s)
     return [line for line in lines if line[0]]
+
+
+def _clock(found: Identification | None, key: str, name: str, stated_s: float) -> list[ConfigLine]:
+    if found is None or (clock := found.estimates.get(name)) is None:
+        return []
+    why = f"fitted to the other sensors, ±{clock.sd:.2f} ({log_odds_text(found, key)})"
+    return [(f"# latency_s = {stated_s + clock.value:.2f}", why)]
 
 
 def _mount(result: InterpretationResult | None, found: Identification | None) -> ConfigLine:
@@ -88,7 +92,8 @@ def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
         )
     lines = [_convention(log, result, "compass", "convention"), unit]
     lines.append(("bias_deg = 0.0", "the log does not distinguish it from mount_deg"))
-    lines += _deviation(examination.sensor_check.identification if examination.sensor_check else None)
+    found = examination.sensor_check.identification if examination.sensor_check else None
+    lines += _deviation(found) + _clock(found, COMPASS_CLOCK, "compass_clock_s", log.settings.compass.latency_s)
     declination = log.convention("compass", "declination_deg")
     if declination.value:
         lines.append(('declination_deg = "auto"', convention_text(declination)))

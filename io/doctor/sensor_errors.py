@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
-from usbldr.filters.identification.linearisation import CLOCK, HEAD, LEVER, RANGE
+from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, LEVER, RANGE
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.types import Timeline
 from usbldr.io.doctor.interpretations import topic_of
@@ -24,8 +24,8 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
 
     The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
     """
-    makers = {"scale": _scale, "deviation": _deviation, CLOCK: _clock, LEVER: _lever, HEAD: _head, RANGE: _range}
-    makers |= {"latency": _latency} if clock_known else {}
+    makers = {"scale": _scale, "deviation": _deviation, DVL_CLOCK: _dvl_clock, COMPASS_CLOCK: _compass_clock}
+    makers |= {LEVER: _lever, HEAD: _head, RANGE: _range} | ({"latency": _latency} if clock_known else {})
     undecided = found.contested | {pair.head for pair in found.open_pairs}
     findings = [one for key, make in makers.items() if key not in undecided for one in make(log, found)]
     findings += [Finding("RIVAL-EXPLANATIONS", pair.text, topic_of(log, "usbl")) for pair in found.open_pairs]
@@ -96,8 +96,9 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         return f"the heading of the USBL head is {number('usbl_heading_deg')} deg too large"
     if key == RANGE:
         return f"ranges of the USBL are {number('usbl_range_scale', 100.0)} % too long"
-    seconds, late = signed("dvl_clock_s")
-    return f"stamps of the DVL are {seconds} s {'late' if late else 'early'} against those of the compass"
+    sensor, others = ("DVL", "compass") if key == DVL_CLOCK else ("compass", "DVL")
+    seconds, late = signed(f"{sensor.lower()}_clock_s")
+    return f"stamps of the {sensor} are {seconds} s {'late' if late else 'early'} against those of {others} and fixes"
 
 
 def log_odds_text(found: Identification, key: str) -> str:
@@ -203,10 +204,17 @@ def _lever(log: Log, found: Identification) -> list[Finding]:
     return [_finding("DVL-LEVER", log, found, LEVER, "dvl", length_m, advice)]
 
 
-def _clock(log: Log, found: Identification) -> list[Finding]:
+def _dvl_clock(log: Log, found: Identification) -> list[Finding]:
     clock = found.estimates.get("dvl_clock_s")
     if clock is None:
         return []
-    dvl_s, compass_s = log.settings.dvl.latency_s + clock.value, log.settings.compass.latency_s - clock.value
-    advice = f"state latency_s = {dvl_s:.2f} under [dvl] or {compass_s:.2f} under [compass]"
-    return [_finding("DVL-CLOCK", log, found, CLOCK, "dvl", clock.value, advice)]
+    advice = f"state latency_s = {log.settings.dvl.latency_s + clock.value:.2f} under [dvl]"
+    return [_finding("DVL-CLOCK", log, found, DVL_CLOCK, "dvl", clock.value, advice)]
+
+
+def _compass_clock(log: Log, found: Identification) -> list[Finding]:
+    clock = found.estimates.get("compass_clock_s")
+    if clock is None:
+        return []
+    advice = f"state latency_s = {log.settings.compass.latency_s + clock.value:.2f} under [compass]"
+    return [_finding("COMPASS-CLOCK", log, found, COMPASS_CLOCK, "compass", clock.value, advice)]

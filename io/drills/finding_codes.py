@@ -5,7 +5,11 @@ from collections.abc import Collection, Mapping
 from usbldr.io.drills.drill import Drill
 
 FALSE_FIXES = ("FALSE-FIXES", "USBL-OUTLIERS")
-LATE_FIXES = ("USBL-LATENCY", "CLOCK-OFFSET", "LEVER-OR-LATENCY")
+WRONG_CLOCKS: Mapping[str, tuple[str, ...]] = {
+    "usbl": ("USBL-LATENCY", "CLOCK-OFFSET", "LEVER-OR-LATENCY"),
+    "compass": ("COMPASS-CLOCK", "CLOCK-OFFSET"),
+    "dvl": ("DVL-CLOCK", "CLOCK-OFFSET"),
+}
 FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
     "usbl": FALSE_FIXES,
     "compass": ("SPIKES", "HEADING-JUMP"),
@@ -24,8 +28,8 @@ NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "stuck": {"usbl": ("USBL-REPEATED", *FALSE_FIXES), "compass": ("STUCK",), "dvl": ("STUCK",)},
     "zero": {"dvl": ("DVL-ZERO",)},
     "drop": {"dvl": ("OUTAGE", "LOST-LOCK"), "compass": ("OUTAGE",), "usbl": ("OUTAGE",)},
-    "latency": {"usbl": LATE_FIXES, "compass": ("DVL-CLOCK", "CLOCK-OFFSET"), "dvl": ("DVL-CLOCK", "CLOCK-OFFSET")},
-    "clock": {"usbl": LATE_FIXES, "compass": ("DVL-CLOCK", "CLOCK-OFFSET"), "dvl": ("DVL-CLOCK", "CLOCK-OFFSET")},
+    "latency": WRONG_CLOCKS,
+    "clock": WRONG_CLOCKS,
 }
 """By kind and sensor; docs/findings.md explains each code."""
 UNNAMED = ("thin",)  # fewer records are no fault of a record

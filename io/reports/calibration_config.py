@@ -57,26 +57,30 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
             number,
             f"{before:g} stated, {value:+.{place.digits}f} ± {sd:.{place.digits}f} estimated",
         )
-    _add_lever_and_clock(document, found)
+    _add_lever_and_clocks(document, found)
     text = "\n".join(title) + "\n" + _without_start(document)
     parse_configuration(tomllib.loads(text), log.configuration or Path("usbldr.toml"))
     return text
 
 
-def _add_lever_and_clock(document: Any, found: Identification) -> None:
-    """State lever arm and clock of the DVL if the log has evidence for them."""
+def _add_lever_and_clocks(document: Any, found: Identification) -> None:
+    """State the lever arm of the DVL and the clocks of DVL and compass if the log has evidence for them."""
     estimates = {estimate.name: estimate for one in found.decided for estimate in one.estimates}
-    if not {"dvl_lever_forward_m", "dvl_clock_s"} & set(estimates):
-        return
-    dvl = document.setdefault("dvl", tomlkit.table())
     if forward := estimates.get("dvl_lever_forward_m"):
         starboard = estimates["dvl_lever_starboard_m"]
         lever = tomlkit.item([round(metres, 3) for metres in found.parameters.dvl_lever_m])
-        put(dvl, "lever_arm_m", lever, f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated")
-    if clock := estimates.get("dvl_clock_s"):
-        before = float(dvl.get("latency_s", 0.0))
-        late = tomlkit.item(round(before + clock.value, 3))
-        put(dvl, "latency_s", late, f"{before:g} stated, {clock.value:+.3f} ± {clock.sd:.3f} estimated")
+        put(
+            document.setdefault("dvl", tomlkit.table()),
+            "lever_arm_m",
+            lever,
+            f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated",
+        )
+    for sensor in ("dvl", "compass"):
+        if clock := estimates.get(f"{sensor}_clock_s"):
+            section = document.setdefault(sensor, tomlkit.table())
+            before = float(section.get("latency_s", 0.0))
+            late = tomlkit.item(round(before + clock.value, 3))
+            put(section, "latency_s", late, f"{before:g} stated, {clock.value:+.3f} ± {clock.sd:.3f} estimated")
 
 
 def _without_start(document: Any) -> str:

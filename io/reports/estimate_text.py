@@ -57,14 +57,15 @@ def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
 
 
 def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:
-    """Return lever arm and clock of the DVL, heading and range of the USBL head, if the log has evidence; "" if not."""
+    """Return lever arm and clocks of DVL and compass, heading and range of the USBL head, if the log has evidence."""
     found = {estimate.name: estimate for one in evidence for estimate in one.estimates}
     words = {
         "DVL": {
             "dvl_lever_starboard_m": (1, "m to starboard of the transponder", "m to port of the transponder"),
             "dvl_lever_forward_m": (1, "m ahead of it", "m astern of it"),
-            "dvl_clock_s": (1, "s late against the compass", "s early against the compass"),
+            "dvl_clock_s": (1, "s late against compass and fixes", "s early against compass and fixes"),
         },
+        "compass": {"compass_clock_s": (1, "s late against DVL and fixes", "s early against DVL and fixes")},
         "USBL": {
             "usbl_heading_deg": (1, "deg clockwise of the true bearing", "deg counterclockwise of the true bearing"),
             "usbl_range_scale": (100, "% too long", "% too short"),

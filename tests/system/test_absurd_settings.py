@@ -93,7 +93,7 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
     **dict.fromkeys(("calibrate.heading_walk_deg", "calibrate.deviation_sd_deg"), ALL_STATES),
     **dict.fromkeys(("calibrate.latency_sd_s", "calibrate.usbl_bias_sd_m", "calibrate.usbl_bias_time_s"), ALL_STATES),
     **dict.fromkeys(("calibrate.current_sd_mps", "calibrate.current_walk_mps"), ALL_STATES),
-    **dict.fromkeys(("calibrate.dvl_lever_sd_m", "calibrate.dvl_clock_sd_s"), ""),
+    **dict.fromkeys(("calibrate.dvl_lever_sd_m", "calibrate.dvl_clock_sd_s", "calibrate.compass_clock_sd_s"), ""),
     **dict.fromkeys(("calibrate.usbl_heading_sd_deg", "calibrate.usbl_range_sd"), ""),
     "start.east_m": "north_m = 0\nsd_m = 1",
     "start.north_m": "east_m = 0\nsd_m = 1",

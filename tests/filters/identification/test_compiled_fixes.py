@@ -7,7 +7,7 @@ import pytest
 
 from needed_kernel import require_kernel
 from usbldr.filters.identification import compiled_fixes
-from usbldr.filters.identification.linearisation import CLOCK, LEVER, NO_ERROR, near
+from usbldr.filters.identification.linearisation import DVL_CLOCK, LEVER, NO_ERROR, near
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
@@ -22,7 +22,7 @@ SUBSETS = (
     frozenset[str](),
     frozenset({"scale"}),
     frozenset({"heading", "deviation"}),
-    frozenset({LEVER, CLOCK, "latency"}),
+    frozenset({LEVER, DVL_CLOCK, "latency"}),
 )
 
 

@@ -15,7 +15,7 @@ from usbldr.filters.identification.identification import (
     Identification,
     SensorErrorEvidence,
 )
-from usbldr.filters.identification.linearisation import CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
+from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
@@ -113,14 +113,32 @@ def test_a_lever_arm_is_found_as_a_number_of_the_run_and_not_as_a_state() -> Non
     assert found.parameters.dvl_lever_m == pytest.approx((0.0, 2.0, 0.0), abs=0.15)
 
 
-def test_a_late_clock_of_the_dvl_is_found_as_a_number_of_the_run() -> None:
+@pytest.mark.parametrize(
+    ("key", "columns", "name"),
+    [
+        (DVL_CLOCK, ("dvl_mps", "dr_mps"), "dvl_clock_s"),
+        (COMPASS_CLOCK, ("yaw_rad", "dr_yaw_rad"), "compass_clock_s"),
+    ],
+)
+def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
+    key: str, columns: tuple[str, ...], name: str
+) -> None:
     line = weaving_dive(Faults())
-    late = replace(line, **{name: np.roll(getattr(line, name), 5, axis=0) for name in ("dvl_mps", "dr_mps")})
+    late = replace(line, **{column: np.roll(getattr(line, column), 5, axis=0) for column in columns})
 
     found = identify(late, ASSUMED)
 
-    assert existing(found) == {CLOCK}
-    assert found.parameters.dvl_clock_s == pytest.approx(1.0, abs=0.25)
+    assert existing(found) == {key}
+    assert found.estimates[name].value == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_late_compass_is_believed_only_if_every_usual_explanation_is_clearly_worse() -> None:
+    score = np.full(len(SUBSETS), -50.0)
+    score[SUBSETS.index(frozenset([COMPASS_CLOCK]))], score[SUBSETS.index(frozenset(["latency"]))] = 0.0, -2.9
+
+    assert _present(score, SUBSETS)[0] == {"latency"}
+    score[SUBSETS.index(frozenset(["latency"]))] = -3.1  # log 20 is 2.996
+    assert _present(score, SUBSETS)[0] == {COMPASS_CLOCK}
 
 
 def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None:
@@ -175,12 +193,12 @@ def test_the_truth_has_no_part_and_the_same_log_gives_the_same() -> None:
 
 
 def test_an_error_that_is_stated_to_be_none_is_not_looked_for() -> None:
-    none = replace(ASSUMED, errors=SensorErrors(dvl_lever_m=0.0, dvl_clock_s=0.0))
+    none = replace(ASSUMED, errors=SensorErrors(dvl_lever_m=0.0, dvl_clock_s=0.0, compass_clock_s=0.0))
 
     found = identify(weaving_dive(Faults(usbl_latency_s=2.0), seconds=150), none)
 
     assert set(found.estimates) == {"usbl_latency_s"}
-    assert not {error.key for error in found.evidence} & {LEVER, CLOCK}
+    assert not {error.key for error in found.evidence} & {LEVER, DVL_CLOCK, COMPASS_CLOCK}
 
 
 def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
@@ -188,10 +206,10 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     for keys, value in (
         (["scale", "latency"], 0.0),
         (["latency"], -0.5),  # says the same, but for the scale
-        (["scale", "latency", CLOCK], -1.0),
+        (["scale", "latency", DVL_CLOCK], -1.0),
         (["scale", LEVER], -2.0),
         (["scale", LEVER, "heading"], -2.5),  # a rival already has its lever arm
-        ([CLOCK], -3.1),  # log 20 is 2.996
+        ([DVL_CLOCK], -3.1),  # log 20 is 2.996
     ):
         score[SUBSETS.index(frozenset(keys))] = value
     rows = {name: np.arange(len(SUBSETS), dtype=float) for name in REPORTED}

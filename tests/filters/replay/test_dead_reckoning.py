@@ -168,3 +168,21 @@ def test_nudged_dead_reckoning_meets_every_fix_and_keeps_its_shape_between() -> 
 def test_nudging_without_fixes_is_one_sentence() -> None:
     with pytest.raises(LogError, match="no USBL fix to nudge"):
         dead_reckoning.nudge(_with_fixes(_line(PAPER), []))
+
+
+@pytest.mark.parametrize("late_s", [1.3, -0.7])
+def test_headings_whose_stamps_are_late_are_those_of_the_epochs_at_which_they_were_true(late_s: float) -> None:
+    """The heading at t is a tenth of t, in radians, and has a record in every other epoch."""
+    line = timeline(simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=20.0), 0))
+    stamped = 0.1 * (line.time_s - late_s)
+    count, marked = np.arange(len(stamped)) % 2, line.time_s * 1e-3
+    late = dataclasses.replace(line, yaw_rad=stamped, dr_yaw_rad=stamped, yaw_count=count, yaw_sd_rad=marked)
+
+    right = dead_reckoning.freed(late, {"compass_clock": late_s})
+
+    inside = (line.time_s + late_s > 0.1) & (line.time_s + late_s < line.time_s[-1] - 0.1)
+    for yaw in (right.yaw_rad, right.dr_yaw_rad):
+        np.testing.assert_allclose(yaw[inside], 0.1 * line.time_s[inside], atol=1e-9)
+    of_s = right.yaw_sd_rad * 1e3  # when each record was stamped
+    np.testing.assert_allclose(of_s[inside], (line.time_s + late_s)[inside], atol=0.1 + 1e-9)
+    np.testing.assert_array_equal(right.yaw_count[inside], np.round(of_s * 5)[inside] % 2)

@@ -30,6 +30,7 @@ NUMBERS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "latency": {"usbl_latency_s": (-2.6, 0.1)},
     "dvl-lever": {"dvl_lever_starboard_m": (-0.2, 0.1), "dvl_lever_forward_m": (2.0, 0.15)},
     "dvl-clock": {"dvl_clock_s": (1.0, 0.2)},
+    "compass-clock": {"compass_clock_s": (-1.0, 0.2)},
 }
 
 
@@ -69,7 +70,8 @@ def reported(log: Log, found: Identification) -> Mapping[str, Finding]:
         ("deviation", "COMPASS-DEVIATION", ("(3.0 ± 0.2) sin H + (-1.0 ± 0.3) cos H",)),
         ("latency", "USBL-LATENCY", ("2.60 ± 0.10 s after", "latency_s = -2.60 under [usbl]")),
         ("dvl-lever", "DVL-LEVER", ("2.00 ± 0.15 m", "lever_arm_m = [-0.20, 2.00, 0.00] under [dvl]")),
-        ("dvl-clock", "DVL-CLOCK", ("1.00 ± 0.20 s late", "1.00 under [dvl] or -1.00 under [compass]")),
+        ("dvl-clock", "DVL-CLOCK", ("1.00 ± 0.20 s late", "latency_s = 1.00 under [dvl]")),
+        ("compass-clock", "COMPASS-CLOCK", ("1.00 ± 0.20 s early", "latency_s = -1.00 under [compass]")),
     ],
 )
 def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_it(
@@ -121,6 +123,7 @@ def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass
     [
         ("lever", "dvl:2m", "DVL-LEVER", 2.0),
         ("clock", "dvl:1.5s", "DVL-CLOCK", 1.5),
+        ("clock", "compass:1.5s", "COMPASS-CLOCK", 1.5),
         ("latency", "usbl:2s", "USBL-LATENCY", 2.0),
         ("bias", "compass:3deg", "DVL-MOUNT", -3.0),
     ],

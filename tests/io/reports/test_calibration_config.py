@@ -212,7 +212,7 @@ def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> Non
     assert file.read_text(encoding="utf-8") == "mine"
 
 
-def test_lever_arm_and_clock_of_the_dvl_are_stated_for_the_next_dive() -> None:
+def test_lever_arm_of_the_dvl_and_clocks_are_stated_for_the_next_dive() -> None:
     log = read_log(SAMPLES / "lawnmower_csv")
     evidence = (
         SensorErrorEvidence(
@@ -222,15 +222,17 @@ def test_lever_arm_and_clock_of_the_dvl_are_stated_for_the_next_dive() -> None:
             (ErrorEstimate("dvl_lever_starboard_m", 0.1, 0.02), ErrorEstimate("dvl_lever_forward_m", 2.0, 0.05)),
         ),
         SensorErrorEvidence("dvl-clock", 9.0, True, (ErrorEstimate("dvl_clock_s", 0.5, 0.1),)),
+        SensorErrorEvidence("compass-clock", 9.0, True, (ErrorEstimate("compass_clock_s", 0.25, 0.1),)),
     )
     parameters = replace(log.parameters, calibrate=("scale",), dvl_lever_m=(0.1, 2.5, -0.3))  # stated 0.5 m ahead
     track = run_filter("adf", timeline(log), parameters)
 
-    written = tomllib.loads(calibrated_configuration(log, Identification(parameters, evidence), track))["dvl"]
+    written = tomllib.loads(calibrated_configuration(log, Identification(parameters, evidence), track))
 
-    before = tomllib.loads((SAMPLES / "lawnmower_csv" / "usbldr.toml").read_text(encoding="utf-8"))["dvl"]
-    assert written["lever_arm_m"] == [0.1, 2.5, -0.3]
-    assert written["latency_s"] == pytest.approx(before.get("latency_s", 0.0) + 0.5)
+    before = tomllib.loads((SAMPLES / "lawnmower_csv" / "usbldr.toml").read_text(encoding="utf-8"))
+    assert written["dvl"]["lever_arm_m"] == [0.1, 2.5, -0.3]
+    for sensor, late_s in (("dvl", 0.5), ("compass", 0.25)):
+        assert written[sensor]["latency_s"] == pytest.approx(before[sensor].get("latency_s", 0.0) + late_s)
 
 
 def test_a_latency_and_a_lever_arm_that_the_log_cannot_tell_apart_are_stated_by_no_report(dive: Path) -> None:
