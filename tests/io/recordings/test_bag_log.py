@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
 
-from recordings import ROS1, SECOND, T0, Row, message, short_dive, twist, write_bag, yaw
+from recordings import ROS1, SECOND, T0, Row, message, short_dive, twist, write_bag, write_payloads, yaw
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
+from usbldr.io.reader import Reader
 from usbldr.io.recordings.bag_log import BagLog
 from usbldr.io.recordings.mcap_log import McapLog
 
@@ -34,6 +34,21 @@ def written(file: Path, compression: str = "none", chunk_size: int = 1 << 20) ->
     """Write the many messages, serialised once for each compression and size of chunks."""
     file.write_bytes(made(compression, chunk_size))
     return file
+
+
+def bag_of(file: Path, content: bytes | bytearray) -> BagLog:
+    file.write_bytes(content)
+    return BagLog(file)
+
+
+def x_of(log: Reader) -> np.ndarray:
+    return read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
+
+
+def index_of(bag: bytes) -> tuple[int, int]:
+    """Return where a bag states the place of its index, and that place."""
+    at = bag.index(b"index_pos=") + len(b"index_pos=")
+    return at, *struct.unpack_from("<Q", bag, at)
 
 
 @pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
@@ -61,13 +76,10 @@ def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
 
 
 def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:
-    whole = written(tmp_path / "a.bag", chunk_size=4096).read_bytes()
-    at = whole.index(b"index_pos=") + len(b"index_pos=")
-    (end,) = struct.unpack_from("<Q", whole, at)
-    file = tmp_path / "b.bag"
-    file.write_bytes(whole[:at] + bytes(8) + whole[at + 8 : end])
+    whole = made("none", 4096)
+    at, end = index_of(whole)
 
-    log = BagLog(file)
+    log = bag_of(tmp_path / "b.bag", whole[:at] + bytes(8) + whole[at + 8 : end])
 
     assert sum(topic.count for topic in log.topics()) == 1000
     (finding,) = log.findings()
@@ -80,8 +92,7 @@ def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:
 
 def with_index_at(bag: bytes, shift: int) -> bytes:
     """Return a bag whose index is further back than its header says."""
-    at = bag.index(b"index_pos=") + len(b"index_pos=")
-    (place,) = struct.unpack_from("<Q", bag, at)
+    at, place = index_of(bag)
     return bag[:at] + struct.pack("<Q", place + shift) + bag[at + 8 :]
 
 
@@ -94,10 +105,9 @@ def test_a_chunk_that_decompresses_to_less_than_stated_is_lost_data(tmp_path: Pa
     inside = bz2.decompress(whole[at : at + length])
     packed = bz2.compress(inside[: round(len(inside) * left)])
     bag = whole[: at - 4] + struct.pack("<I", len(packed)) + packed + whole[at + length :]
-    (tmp_path / "b.bag").write_bytes(with_index_at(bag, len(packed) - length))
-    log = BagLog(tmp_path / "b.bag")
+    log = bag_of(tmp_path / "b.bag", with_index_at(bag, len(packed) - length))
 
-    x = read_whole(log, {"/dvl": ["twist.linear.x"]})["/dvl"].columns["twist.linear.x"]
+    x = x_of(log)
 
     np.testing.assert_array_equal(x, np.arange(len(x)))
     assert len(x) < 60
@@ -125,8 +135,7 @@ def test_a_bag_cut_between_two_records_is_truncated(tmp_path: Path) -> None:
     assert [op for _, op in ends].count(5) == 3  # a chunk for each message
     found: list[tuple[int, bool]] = []
     for end, _ in ends[:-1]:
-        (tmp_path / "b.bag").write_bytes(whole[:end])
-        log = BagLog(tmp_path / "b.bag")
+        log = bag_of(tmp_path / "b.bag", whole[:end])
 
         (finding,) = log.findings()
         assert finding.text.startswith(f"the bag is truncated or damaged at byte {end} of {end}: ")
@@ -154,8 +163,7 @@ def by_hand(file: Path, *messages: bytes) -> BagLog:
     about = fields(b"type=std_msgs/Float64", b"md5sum=*", b"message_definition=float64 data")
     content = record(fields(b"op=\7", CONNECTION, b"topic=/hdg"), about) + b"".join(messages)
     head = fields(b"op=\5", b"compression=none", b"size=" + struct.pack("<I", len(content)))
-    file.write_bytes(b"#ROSBAG V2.0\n" + record(head, content))
-    return BagLog(file)
+    return bag_of(file, b"#ROSBAG V2.0\n" + record(head, content))
 
 
 @pytest.mark.parametrize("more", [(), (b"latching=1",), (CONNECTION,)], ids=["plain", "a fourth field", "one twice"])
@@ -190,12 +198,11 @@ def test_a_damaged_message_is_none_and_is_reported(tmp_path: Path, damaged: byte
 
 @pytest.mark.parametrize("shift", [0, 49])  # the header says that the index is at the zeros, or behind them
 def test_zeros_before_the_index_lose_nothing(tmp_path: Path, shift: int) -> None:
-    whole = written(tmp_path / "a.bag", chunk_size=4096).read_bytes()
-    (at,) = struct.unpack_from("<Q", whole, whole.index(b"index_pos=") + len(b"index_pos="))
-    (tmp_path / "b.bag").write_bytes(with_index_at(whole[:at] + bytes(49) + whole[at:], shift))
-    log = BagLog(tmp_path / "b.bag")
+    whole = made("none", 4096)
+    _, at = index_of(whole)
+    log = bag_of(tmp_path / "b.bag", with_index_at(whole[:at] + bytes(49) + whole[at:], shift))
 
-    np.testing.assert_array_equal(read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"], np.arange(500.0))
+    np.testing.assert_array_equal(x_of(log), np.arange(500.0))
     (finding,) = log.findings()
     assert finding.text == f"the bag is damaged at byte {at} of {len(whole) + 49}: 1000 of 1000 messages could be read"
     assert (finding.code, finding.level) == ("DAMAGED", "warning")
@@ -203,17 +210,16 @@ def test_zeros_before_the_index_lose_nothing(tmp_path: Path, shift: int) -> None
 
 @pytest.mark.parametrize("alteration", ["op", "connection"])
 def test_messages_that_the_index_counts_and_the_chunks_lack_are_reported(tmp_path: Path, alteration: str) -> None:
-    bent = bytearray(written(tmp_path / "a.bag", chunk_size=4096).read_bytes())
+    bent = bytearray(made("none", 4096))
     connection, op = b"\x09\0\0\0conn=\0\0\0\0", b"\x04\0\0\0op=\x02"
     message = bent.index(connection + op if connection + op in bent else op + connection, len(bent) // 2)
     if alteration == "op":
         bent[bent.index(op, message - 20) + 7] = 0x42
     else:
         bent[bent.index(connection, message - 20) + 9] = 7
-    (tmp_path / "b.bag").write_bytes(bent)
-    log = BagLog(tmp_path / "b.bag")
+    log = bag_of(tmp_path / "b.bag", bent)
 
-    assert len(read_whole(log, TWIST_X)["/dvl"].received_ns) == 499
+    assert len(x_of(log)) == 499
     finding, *more = log.findings()
     surplus = "" if alteration == "op" else " and 1 are not in the bag's index"
     assert finding.text == f"1 of 1000 messages in the bag's index are missing{surplus}"
@@ -222,10 +228,9 @@ def test_messages_that_the_index_counts_and_the_chunks_lack_are_reported(tmp_pat
 
 
 def test_a_topic_that_is_spelt_in_two_ways_is_reported_and_no_second_topic(tmp_path: Path) -> None:
-    whole = written(tmp_path / "a.bag").read_bytes()
+    whole = made("none", 1 << 20)
     again = whole.rindex(b"topic=/imu")
-    (tmp_path / "b.bag").write_bytes(whole[: again + 7] + b"k" + whole[again + 8 :])
-    log = BagLog(tmp_path / "b.bag")
+    log = bag_of(tmp_path / "b.bag", whole[: again + 7] + b"k" + whole[again + 8 :])
 
     assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 500, "/imu": 500}
     (finding,) = log.findings()
@@ -234,26 +239,20 @@ def test_a_topic_that_is_spelt_in_two_ways_is_reported_and_no_second_topic(tmp_p
 
 
 def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
-    whole = written(tmp_path / "a.bag", chunk_size=1 << 20).read_bytes()
-    (tmp_path / "b.bag").write_bytes(whole.replace(b"compression=none", b"compression=zzzz"))
-    log = BagLog(tmp_path / "b.bag")
+    log = bag_of(tmp_path / "b.bag", made("none", 1 << 20).replace(b"compression=none", b"compression=zzzz"))
 
     assert sum(topic.count for topic in log.topics()) == 0
     (finding,) = log.findings()
-    assert finding.text == (
-        "1 chunks are damaged or use an unknown compression (zzzz): 0 of 1000 messages could be read"
-    )
+    said = "1 chunks are damaged or use an unknown compression (zzzz): 0 of 1000 messages could be read"
+    assert finding.text == said
 
 
 def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> None:
-    file = written(tmp_path / "a.bag", "lz4", 4096)
-    bent = bytearray(file.read_bytes())
-    at = bent.index(b"compression=lz4", len(bent) // 2)
-    bent[at - 20 : at] = bytes(20)
-    file.write_bytes(bent)
-    log = BagLog(file)
+    whole = made("lz4", 4096)
+    at = whole.index(b"compression=lz4", len(whole) // 2)
+    log = bag_of(tmp_path / "a.bag", whole[: at - 20] + bytes(20) + whole[at:])
 
-    x = read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
+    x = x_of(log)
 
     lost = sorted(set(range(500)) - set(x.astype(int)))
     assert 5 < len(lost) < 100
@@ -262,27 +261,18 @@ def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> Non
 
 
 def test_mcap_with_ros_1_messages_gives_what_the_bag_gives(tmp_path: Path) -> None:
-    rows = short_dive()
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros1")
-        channels: dict[str, int] = {}
-        for log_ns, topic, type_name, values in rows:
-            ros1_name = type_name.replace("/msg/", "/")
-            if topic not in channels:
-                definition, _ = ROS1.generate_msgdef(type_name)
-                schema = writer.register_schema(ros1_name, "ros1msg", definition.encode())
-                channels[topic] = writer.register_channel(topic, "ros1", schema)
-            data = bytes(ROS1.serialize_ros1(message(type_name, values, ROS1), type_name))
-            writer.add_message(channels[topic], log_ns, data, log_ns)
-        writer.finish()
+    bag = BagLog(write_bag(tmp_path / "a.bag", short_dive()))
     wanted = TWIST_X | {"/imu": ["header.stamp", "orientation.z"], "/usbl": ["header.stamp", "point.x"]}
+    for topic, paths in wanted.items():
+        rows = [row for row in short_dive() if row[1] == topic]
+        kind = rows[0][2]
+        payloads = [bytes(ROS1.serialize_ros1(message(kind, values, ROS1), kind)) for *_, values in rows]
+        schema = (kind.replace("/msg/", "/"), "ros1msg", ROS1.generate_msgdef(kind)[0].encode())
+        file = write_payloads(tmp_path / "a.mcap", topic, "ros1", schema, payloads)
 
-    ours, theirs = read_whole(McapLog(file), wanted), read_whole(BagLog(write_bag(tmp_path / "a.bag", rows)), wanted)
+        ours, theirs = read_whole(McapLog(file), {topic: paths}), read_whole(bag, {topic: paths})
 
-    for topic in wanted:
         np.testing.assert_array_equal(ours[topic].received_ns, theirs[topic].received_ns)
-        for path in wanted[topic]:
+        for path in paths:
             assert len(ours[topic].columns[path]) == 11
             np.testing.assert_array_equal(ours[topic].columns[path], theirs[topic].columns[path])

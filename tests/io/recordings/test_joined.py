@@ -10,6 +10,7 @@ import pytest
 from commands import output_of
 from recordings import T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.log import Log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
@@ -23,12 +24,21 @@ def of(topics: tuple[str, ...], late_ns: int = 0) -> list[Row]:
     return [(t + late_ns, topic, kind, v) for (t, topic, kind, _), v in zip(rows, late, strict=True)]
 
 
+def offset(folder: Path, file: str, seconds: float) -> None:
+    toml = f'[[file]]\npath = "{file}"\nclock_offset_s = {seconds}\n'
+    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+
+
+def joined(log: Path, *others: Path | str) -> Log:
+    return read_log(log, Request(joined=tuple(map(str, others))))
+
+
 def test_two_files_are_one_dive(tmp_path: Path) -> None:
     whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
     ship = write_bag(tmp_path / "ship.bag", of(SHIP))
 
-    log = read_log(vehicle, Request(joined=(str(ship),)))
+    log = joined(vehicle, ship)
 
     assert log.format == "MCAP + ROS 1 bag"
     assert log.start_ns == whole.start_ns
@@ -41,13 +51,9 @@ def test_a_clock_offset_is_subtracted_from_stamps_and_log_times(tmp_path: Path) 
     whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
     write_bag(tmp_path / "ship.bag", of(SHIP, 2_500_000_000))
-    configuration = '[[file]]\npath = "ship.bag"\nclock_offset_s = 2.5\n'
-    (tmp_path / "vehicle.usbldr.toml").write_text(configuration, encoding="utf-8")
+    offset(tmp_path, "ship.bag", 2.5)
 
-    stated = read_log(vehicle)
-    with_option = read_log(vehicle, Request(joined=(str(tmp_path / "ship.bag"),)))
-
-    for log in (stated, with_option):
+    for log in (read_log(vehicle), joined(vehicle, tmp_path / "ship.bag")):
         assert list(log.tables) == ["dvl", "compass", "usbl"]
         pd.testing.assert_frame_equal(log.tables["usbl"], whole.tables["usbl"])
 
@@ -59,16 +65,14 @@ def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> 
     vehicle = write_mcap(tmp_path / "vehicle.mcap", short_dive())
     values = {"timestamp": stamp(late), "latitude": 32.0, "longitude": -64.0}
     write_mcap(tmp_path / "ship.mcap", [(late, "/gps", kind, values)])
-    configuration = '[[file]]\npath = "ship.mcap"\nclock_offset_s = 2.5\n'
-    (tmp_path / "vehicle.usbldr.toml").write_text(configuration, encoding="utf-8")
+    offset(tmp_path, "ship.mcap", 2.5)
 
     assert read_log(vehicle).tables["gps"]["time_s"].tolist() == [0.0]
 
 
 def test_the_log_itself_may_have_the_wrong_clock(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "dive.mcap", of(VEHICLE + SHIP, -3_000_000_000))
-    configuration = '[[file]]\npath = "dive.mcap"\nclock_offset_s = -3.0\n'
-    (tmp_path / "usbldr.toml").write_text(configuration, encoding="utf-8")
+    offset(tmp_path, "dive.mcap", -3.0)
 
     assert read_log(file).start_ns == T0
     assert read_log(file, Request("none")).start_ns == T0 - 3_000_000_000
@@ -80,7 +84,7 @@ def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:
     first, second = write_mcap(tmp_path / "a.mcap", early), write_mcap(tmp_path / "b.mcap", late)
     whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
 
-    log = read_log(second, Request(joined=(str(first),)))
+    log = joined(second, first)
 
     for sensor, table in whole.tables.items():
         pd.testing.assert_frame_equal(log.tables[sensor], table)
@@ -90,7 +94,7 @@ def test_messages_and_csv_files_can_be_one_dive(tmp_path: Path) -> None:
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
     ship = write_csv(tmp_path / "ship", usbl=f"time_ns,east_m,north_m\n{T0},1,2\n{T0 + 10**9},3,4")
 
-    log = read_log(vehicle, Request(joined=(str(ship),)))
+    log = joined(vehicle, ship)
 
     np.testing.assert_array_equal(log.tables["usbl"][["east_m", "north_m"]], [[1, 2], [3, 4]])
 
@@ -99,7 +103,7 @@ def test_the_digest_changes_with_the_file_joined(tmp_path: Path) -> None:
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
     one, other = (write_bag(tmp_path / f"{k}.bag", of(SHIP, k)) for k in (0, 1))
 
-    digests = {read_log(vehicle, Request(joined=(str(ship),))).sha256 for ship in (one, other)}
+    digests = {joined(vehicle, ship).sha256 for ship in (one, other)}
 
     assert len(digests | {read_log(vehicle).sha256}) == 3
 
@@ -108,7 +112,7 @@ def test_a_joined_file_that_is_missing_is_named(tmp_path: Path) -> None:
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
 
     with pytest.raises(LogError) as fault:
-        read_log(vehicle, Request(joined=("nowhere.bag",)))
+        joined(vehicle, "nowhere.bag")
 
     assert str(fault.value) == "nowhere.bag: no such file or folder"
 

@@ -28,6 +28,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
+from usbldr.io.reader import Reader
 from usbldr.io.reading.read import read_log, require
 
 TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
@@ -46,8 +47,18 @@ def parts(folder: Path, *numbers: int) -> Path:
     return folder
 
 
-def x_of(path: Path) -> list[float]:
-    return read_whole(open_log(path), TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()
+def x_of(source: Path | Reader) -> list[float]:
+    log = open_log(source) if isinstance(source, Path) else source
+    return read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()
+
+
+def five(folder: Path, *statements: str) -> Path:
+    """Return a file of five messages after some statements of SQL."""
+    file = write_rosbag2(folder / "dive", stretch(0, 5)) / "dive.db3"
+    with closing(sqlite3.connect(file)) as database, database:
+        for statement in statements:
+            database.execute(statement)
+    return file
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
@@ -68,18 +79,15 @@ def test_a_folder_is_read_with_and_without_its_metadata(tmp_path: Path, storage:
 
 
 def test_a_file_alone_is_read_and_nothing_is_written_beside_it(tmp_path: Path) -> None:
-    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    file = five(tmp_path, "PRAGMA journal_mode=wal")
     (file.parent / "metadata.yaml").unlink()
-    with sqlite3.connect(file) as database:
-        database.execute("PRAGMA journal_mode=wal")
-    database.close()
 
     assert x_of(file) == [0, 1, 2, 3, 4]
     assert [child.name for child in file.parent.iterdir()] == ["dive.db3"]
 
 
 def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
-    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
+    file = five(tmp_path)
     killed = tmp_path / "killed"
     killed.mkdir()
     with sqlite3.connect(file, isolation_level=None) as database:
@@ -100,22 +108,18 @@ def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
 
 
 def test_a_journal_that_is_none_is_lost_data(tmp_path: Path) -> None:
-    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
-    (tmp_path / "dive" / "dive.db3-wal").write_bytes(b"rows")
+    file = five(tmp_path)
+    file.with_name("dive.db3-wal").write_bytes(b"rows")
+    log = open_log(file)
 
-    (finding,) = open_log(file).findings()
+    (finding,) = log.findings()
 
-    assert x_of(file) == [0, 1, 2, 3, 4]
+    assert x_of(log) == [0, 1, 2, 3, 4]
     assert (finding.code, finding.lost_data) == ("JOURNAL", True)
 
 
 def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
-    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
-    with sqlite3.connect(file) as database:
-        database.execute("PRAGMA journal_mode=wal")
-    database.close()
-
-    (finding,) = open_log(file).findings()
+    (finding,) = open_log(five(tmp_path, "PRAGMA journal_mode=wal")).findings()
 
     assert (finding.code, finding.lost_data) == ("JOURNAL", False)
     assert finding.text == (
@@ -127,40 +131,32 @@ def test_parts_are_read_in_the_order_of_time(tmp_path: Path) -> None:
     assert x_of(parts(tmp_path / "dive", 0, 10, 2, 1, 3, 4, 5, 6, 7, 8, 9)) == list(range(110))
 
 
-def test_a_missing_part_is_lost_data(tmp_path: Path) -> None:
-    folder = parts(tmp_path / "dive", 0, 2)
-
-    (finding,) = open_log(folder).findings()
-
-    assert x_of(folder) == [*range(10), *range(20, 30)]
-    assert (finding.code, finding.lost_data) == ("MISSING-PART", True)
-    assert finding.text == "part 1 is missing: the parts are numbered from 0"
-
-
 def named(folder: Path, *names: str) -> Path:
     listed = "".join(f"    - {name}\n" for name in names)
     (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  relative_file_paths:\n{listed}")
     return folder
 
 
-def test_a_part_that_metadata_names_and_is_not_there_is_lost_data(tmp_path: Path) -> None:
-    folder = named(parts(tmp_path / "dive", 0, 1), "dive_0.db3", "dive_1.db3", "dive_2.db3")
+@pytest.mark.parametrize(
+    ("numbers", "names", "code", "text"),
+    [
+        ((0, 2), (), "MISSING-PART", "part 1 is missing: the parts are numbered from 0"),
+        ((0, 1), ("dive_0", "dive_1", "dive_2"), "MISSING-PART", "dive_2.db3 is missing: metadata.yaml names it"),
+        ((0,), ("old_0",), "RENAMED",
+         "metadata.yaml names old_0.db3, which is missing; dive_0.db3 is read instead"),
+    ],
+)  # fmt: skip
+def test_a_missing_part_is_lost_data_and_a_renamed_one_is_not(
+    tmp_path: Path, numbers: tuple[int, ...], names: tuple[str, ...], code: str, text: str
+) -> None:
+    folder = parts(tmp_path / "dive", *numbers)
+    if names:
+        named(folder, *(f"{name}.db3" for name in names))
 
     (finding,) = open_log(folder).findings()
 
-    assert x_of(folder) == list(range(20))
-    assert finding.text == "dive_2.db3 is missing: metadata.yaml names it"
-    assert finding.lost_data
-
-
-def test_a_renamed_file_is_read_in_place_of_the_one_named(tmp_path: Path) -> None:
-    folder = named(parts(tmp_path / "dive", 0), "old_0.db3")
-
-    (finding,) = open_log(folder).findings()
-
-    assert x_of(folder) == list(range(10))
-    assert (finding.code, finding.lost_data) == ("RENAMED", False)
-    assert finding.text == "metadata.yaml names old_0.db3, which is missing; dive_0.db3 is read instead"
+    assert x_of(folder) == [x for number in numbers for x in range(10 * number, 10 * number + 10)]
+    assert (finding.code, finding.text, finding.lost_data) == (code, text, code == "MISSING-PART")
 
 
 def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
@@ -174,12 +170,10 @@ def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
     ("files", "sentence"),
     [
         ([], "metadata.yaml names dive_0.db3, which is missing (the folder holds metadata.yaml)"),
-        (
-            ["dive_0.db3", "other_0.db3"],
-            "holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with",
-        ),
+        (["dive_0.db3", "other_0.db3"],
+         "holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with"),
     ],
-)
+)  # fmt: skip
 def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
     tmp_path: Path, files: list[str], sentence: str
 ) -> None:
@@ -198,12 +192,11 @@ def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
 
 
 def test_messages_compressed_one_by_one_are_read(tmp_path: Path) -> None:
-    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
-    with sqlite3.connect(file) as database:
+    file = five(tmp_path)
+    with closing(sqlite3.connect(file)) as database, database:
         for number, data in database.execute("SELECT id, data FROM messages").fetchall():
             packed = zstandard.ZstdCompressor().compress(data)
             database.execute("UPDATE messages SET data = ? WHERE id = ?", (packed, number))
-    database.close()
 
     assert x_of(file) == [0, 1, 2, 3, 4]
 
@@ -279,16 +272,12 @@ def test_messages_of_an_mcap_file_that_decompress_to_too_much_are_left_out(
 
 
 def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: Path) -> None:
-    file = write_rosbag2(tmp_path / "dive", stretch(0, 5)) / "dive.db3"
-    with sqlite3.connect(file) as database:
-        database.execute("DROP TABLE message_definitions")
-        database.execute("INSERT INTO topics SELECT 9, '/x', 'my_msgs/msg/X', 'cdr', '', '' FROM topics")
-    database.close()
+    unknown = "INSERT INTO topics SELECT 9, '/x', 'my_msgs/msg/X', 'cdr', '', '' FROM topics"
+    log = open_log(five(tmp_path, "DROP TABLE message_definitions", unknown))
 
-    log = open_log(file)
     problems = {topic.name: topic.problem for topic in log.topics()}
 
-    assert x_of(file) == [0, 1, 2, 3, 4]
+    assert x_of(log) == [0, 1, 2, 3, 4]
     assert problems["/dvl"] == ""
     assert problems["/x"].startswith("the file holds no definition of its type my_msgs/msg/X")
 
@@ -307,9 +296,8 @@ def test_a_cut_db3_is_an_error_that_names_a_way_to_recover_it(tmp_path: Path, ke
 
 
 def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
-    with sqlite3.connect(tmp_path / "a.db3") as database:
+    with closing(sqlite3.connect(tmp_path / "a.db3")) as database, database:
         database.execute("CREATE TABLE photos (id INTEGER)")
-    database.close()
 
     with pytest.raises(LogError) as fault:
         open_log(tmp_path / "a.db3").topics()
@@ -319,13 +307,11 @@ def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_topic_without_a_number_is_damage(tmp_path: Path) -> None:
-    folder = write_rosbag2(tmp_path / "a", short_dive())
-    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
-        database.execute("ALTER TABLE topics RENAME TO sound")
-        database.execute("CREATE TABLE topics AS SELECT NULL AS id, name, type, serialization_format FROM sound")
+    without = "CREATE TABLE topics AS SELECT NULL AS id, name, type, serialization_format FROM sound"
+    file = five(tmp_path, "ALTER TABLE topics RENAME TO sound", without)
 
     with pytest.raises(LogError, match="is not a readable rosbag2 recording"):
-        open_log(folder).topics()
+        open_log(file.parent).topics()
 
 
 def test_a_part_that_is_named_twice_is_read_once(tmp_path: Path) -> None:
@@ -342,20 +328,15 @@ def test_a_part_that_is_named_twice_is_read_once(tmp_path: Path) -> None:
 
 
 def test_messages_that_metadata_counts_and_the_parts_lack_are_reported(tmp_path: Path) -> None:
-    folder = write_rosbag2(tmp_path / "a", short_dive())
-    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
-        database.execute("DELETE FROM messages WHERE id = 7")
-    log = open_log(folder)
+    log = open_log(five(tmp_path, "DELETE FROM messages WHERE id = 3").parent)
 
     (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
-    assert finding.text == "1 of 33 messages in metadata.yaml are missing"
+    assert finding.text == "1 of 5 messages in metadata.yaml are missing"
     assert finding.lost_data
 
 
 def test_an_encoding_that_is_not_read_is_named_if_its_sensor_is_missing(tmp_path: Path) -> None:
-    folder = write_rosbag2(tmp_path / "a", short_dive())
-    with closing(sqlite3.connect(folder / "a.db3")) as database, database:
-        database.execute("UPDATE topics SET serialization_format = 'wrong' WHERE name = '/dvl'")
+    folder = five(tmp_path, "UPDATE topics SET serialization_format = 'wrong'").parent
 
     with pytest.raises(LogError, match=r"no dvl data .*; /dvl cannot be read: encoding wrong is not supported, only"):
         require(read_log(folder), ["dvl"])
