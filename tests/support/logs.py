@@ -1,9 +1,11 @@
 """Recordings written by hand and read back at once, with usbldr.toml beside them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from recordings import Row, write_csv, write_mcap
 from usbldr.io.log import Log
@@ -32,6 +34,24 @@ def logged_nmea(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log
     (folder / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
     return read_log(folder / "ship.nmea", Request(topics=topics))
+
+
+def refusal(kind: type[Exception], call: Callable[..., object], *arguments: Any, **named: Any) -> str:
+    """Return the sentence with which a call is refused."""
+    with pytest.raises(kind) as refused:
+        call(*arguments, **named)
+    return str(refused.value)
+
+
+def only(log: Log, code: str) -> str:
+    """Return the text of the only finding of a code."""
+    (text,) = [finding.text for finding in log.findings if finding.code == code]
+    return text
+
+
+def lost(log: Log) -> list[str]:
+    """Return the texts of the findings of lost data."""
+    return [finding.text for finding in log.findings if finding.lost_data]
 
 
 def codes(log: Log) -> dict[str, str]:

@@ -113,6 +113,13 @@ def _zeros(type_name: str, store: Typestore) -> Any:
     return store.types[type_name](*fields)
 
 
+def record(topic: str, kind: str, values: Mapping[str, Any], after_s: float = 0.0) -> Row:
+    """A message of T0 and some seconds, which its header, if it has one, is stamped with."""
+    time_ns = T0 + round(after_s * SECOND)
+    header = {"header.stamp": time_ns} if "header" in dict(ROS2.fielddefs[kind][1]) else {}
+    return time_ns, topic, kind, header | dict(values)
+
+
 def write_mcap(
     file: Path,
     rows: Iterable[Row],

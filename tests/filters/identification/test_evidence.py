@@ -255,10 +255,7 @@ def test_early_stamps_of_fixes_may_be_a_late_compass_and_then_the_track_is_late(
 @pytest.mark.parametrize(
     ("runs", "begins"),
     [
-        (
-            [(10.0, 50.0, 40), (660.0, 856.0, 50)],
-            "90 USBL fixes (in 2 runs, the longest from 660 to 856 s) lie",
-        ),
+        ([(10.0, 50.0, 40), (660.0, 856.0, 50)], "90 USBL fixes (in 2 runs, the longest from 660 to 856 s) lie"),
         ([(660.0, 660.0, 1)], "a USBL fix at 660 s lies beside the track"),
     ],
 )

@@ -38,10 +38,7 @@ def test_many_small_steps_follow_the_circle() -> None:
     t = np.linspace(0, 60, 600_001)
     psi = 0.3 + 0.05 * t
     radius_track = np.array(
-        [
-            np.trapezoid(0.2 * np.cos(psi) - 1.5 * np.sin(psi), t),
-            np.trapezoid(0.2 * np.sin(psi) + 1.5 * np.cos(psi), t),
-        ]
+        [np.trapezoid(0.2 * np.cos(psi) - 1.5 * np.sin(psi), t), np.trapezoid(0.2 * np.sin(psi) + 1.5 * np.cos(psi), t)]
     )
 
     np.testing.assert_allclose(y[4:], radius_track, atol=1e-4)

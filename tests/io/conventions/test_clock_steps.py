@@ -164,10 +164,7 @@ def headings(log: Log) -> list[int]:
 
 @pytest.mark.parametrize("container", CONTAINERS)
 @settings(max_examples=1)
-@given(
-    cut=st.integers(10, COUNT - 10),
-    back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND),
-)
+@given(cut=st.integers(10, COUNT - 10), back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND))
 @example(cut=COUNT // 2, back_ns=100 * SECOND)  # the last record is neither the first nor the last in time
 def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_ns: int) -> None:
     times = T0 + np.arange(COUNT) * STEP

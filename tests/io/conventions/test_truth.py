@@ -106,9 +106,7 @@ def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
     assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
 
 
-def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_gps_are_kept(
-    tmp_path: Path,
-) -> None:
+def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_gps_are_kept(tmp_path: Path) -> None:
     log = dive(tmp_path, NED_FILE, FIXES)
 
     assert log.truth is not None
@@ -316,9 +314,4 @@ def test_kinds_follow_from_names_and_types(tmp_path: Path) -> None:
         assert log.truth is not None
         kinds[name] = log.truth.kind
 
-    assert kinds == {
-        "/nav/slam": "slam",
-        "/sim/pose": "simulated",
-        "/pose": "other",
-        "/ground_truth/pose": "other",
-    }
+    assert kinds == {"/nav/slam": "slam", "/sim/pose": "simulated", "/pose": "other", "/ground_truth/pose": "other"}

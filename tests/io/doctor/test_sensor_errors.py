@@ -6,12 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from usbldr.filters.identification.identification import (
-    ErrorEstimate,
-    Explanation,
-    Identification,
-    SensorErrorEvidence,
-)
+from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.models.parameters import Parameters
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor.doctor import examine_log

@@ -16,6 +16,7 @@ import zstandard
 
 import damage
 from damaged_formats import COUNT, FORMATS, dive
+from logs import refusal
 from recordings import SECOND, T0, sentence, short_dive, write_bag, write_csv, write_mcap
 from speed.bombs import in_mcap_in_file
 from usbldr.filters.errors import LogError
@@ -98,9 +99,7 @@ def test_a_run_names_the_file_that_the_user_has(tmp_path: Path) -> None:
     assert log.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
     assert log.format == "MCAP, zstd"
     assert set(Path(tmp_path).iterdir()) == before
-    with pytest.raises(LogError) as fault:
-        read_log(file, Request(topics={"dvl": "/absent"}))
-    assert str(fault.value).startswith(f"{file}: ")
+    assert refusal(LogError, read_log, file, Request(topics={"dvl": "/absent"})).startswith(f"{file}: ")
 
 
 def test_the_columns_of_a_compressed_csv_file_are_named_by_the_configuration(tmp_path: Path) -> None:
@@ -154,10 +153,7 @@ def test_what_cannot_be_decompressed_is_named(tmp_path: Path, content: bytes, te
     file = tmp_path / "dive.mcap.zst"
     file.write_bytes(content)
 
-    with pytest.raises(LogError) as fault:
-        open_log(file)
-
-    assert str(fault.value).startswith(f"{file}: {text}")
+    assert refusal(LogError, open_log, file).startswith(f"{file}: {text}")
 
 
 def test_a_disk_that_is_full_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

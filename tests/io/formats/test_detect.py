@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from logs import refusal
 from recordings import short_dive, write_csv, write_mcap
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
@@ -53,26 +54,17 @@ def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) 
     file = tmp_path / "dive.mcap"
     file.write_bytes(content)
 
-    with pytest.raises(LogError) as fault:
-        open_log(file)
-
-    assert str(fault.value) == f"{file}: {sentence}"
+    assert refusal(LogError, open_log, file) == f"{file}: {sentence}"
 
 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError) as fault:
-        open_log(tmp_path / "gone.mcap")
-
-    assert str(fault.value) == f"{tmp_path / 'gone.mcap'}: no such file or folder"
+    assert refusal(LogError, open_log, tmp_path / "gone.mcap") == f"{tmp_path / 'gone.mcap'}: no such file or folder"
 
 
 def test_a_folder_without_text_is_an_error_that_lists_its_content(tmp_path: Path) -> None:
     (tmp_path / "dive.pdf").write_bytes(b"%PDF\0")
 
-    with pytest.raises(LogError) as fault:
-        open_log(tmp_path)
-
-    assert str(fault.value) == (
+    assert refusal(LogError, open_log, tmp_path) == (
         f"{tmp_path}: this folder holds no recording and no CSV file with a header (it holds dive.pdf); "
         f"usbldr reads {FORMATS}"
     )

@@ -52,10 +52,7 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "Parquet, long texts": (lambda file: parquet_text(file, 20 * MB), LARGE),
     "HDF5, a shape": (lambda file: hdf5_shape(file, 200 * MB), LARGE),
     "HDF5, a large chunk": (lambda file: hdf5_chunk(file, 20 * MB), LARGE),
-    "HDF5, a chunk that decompresses to more": (
-        lambda file: hdf5_gzip(file, 20 * MB),
-        LARGE,
-    ),
+    "HDF5, a chunk that decompresses to more": (lambda file: hdf5_gzip(file, 20 * MB), LARGE),
 }
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import logged
-from recordings import HEADER, IMU, ODOMETRY, SECOND, T0, Row, define, fix, turned
+from logs import logged, only, refusal
+from recordings import HEADER, IMU, ODOMETRY, POSE, POSE_COVARIANCE, T0, Row, define, fix, record, turned
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
 from usbldr.io.geodesy import Origin, OriginKind
@@ -33,16 +34,16 @@ TYPES = {
     "beside_position/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint16 yaw\n",
     "beside_position/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n"
     "float64 latitude\nfloat64 longitude\nfloat64 heading\nfloat64 heading_variance\n",
+    "heading_geo/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude\n",
+    "heading_geo/msg/GeoPose": "heading_geo/GeoPoint position\ngeometry_msgs/Quaternion orientation\n",
+    "heading_smarc/msg/LatLonOdometry": HEADER + "heading_geo/GeoPose lat_lon_pose\n",
 }
 define(TYPES)
 QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
 FIELD, AZIMUTH, WHOI = "sensor_msgs/msg/MagneticField", "compass_msgs/msg/Azimuth", "ds_sensor_msgs/msg/Compass"
 
 
-def row(kind: str, values: Mapping[str, Any], after_s: int = 0) -> Row:
-    time_ns = T0 + after_s * SECOND
-    stamp = "timestamp" if kind.endswith("LocationFix") else "header.stamp"
-    return time_ns, "/heading", kind, ({} if stamp == "timestamp" else {stamp: time_ns}) | dict(values)
+row = partial(record, "/heading")
 
 
 def heading(log: Log) -> list[float]:
@@ -73,6 +74,9 @@ SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
     "beside_position/msg/GPSRAW": {"yaw": 13500},
     "beside_position/msg/LocationFix": {"heading": math.radians(135.0)},
     ODOMETRY: turned("pose.pose.orientation", -45.0),
+    POSE: turned("pose.orientation", -45.0),
+    POSE_COVARIANCE: turned("pose.pose.orientation", -45.0),
+    "heading_smarc/msg/LatLonOdometry": turned("lat_lon_pose.orientation", -45.0),
     VECTOR: {"vector.z": math.radians(-45.0)},
     FIELD: {"magnetic_field.x": -3e-5, "magnetic_field.y": 3e-5},  # north lies behind, to port
 }
@@ -94,6 +98,14 @@ def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, d
     assert (log.convention("compass", "unit").value, log.convention("compass", "unit").chosen_by) == (unit, "values")
 
 
+@pytest.mark.parametrize(("unit", "value"), [("deg", -45.0), ("rad", -math.pi / 4)])
+def test_a_float_may_be_a_heading_in_degrees_or_radians(tmp_path: Path, unit: str, value: float) -> None:
+    log = logged(tmp_path, [row("std_msgs/msg/Float32", {"data": value})], f'[compass]\nunit = "{unit}"')
+
+    assert heading(log) == pytest.approx([315])
+    assert log.convention("compass", "time").value == "log time"
+
+
 NO_HEADING: dict[str, tuple[str, Mapping[str, Any]]] = {
     "whoi": (WHOI, {"heading": -9999.0, "is_true_heading": True}),
     "no yaw": ("beside_position/msg/GPSRAW", {"yaw": 65535}),
@@ -112,14 +124,14 @@ def test_a_value_that_means_no_data_is_none(tmp_path: Path, case: str) -> None:
 
 @pytest.mark.parametrize("no_data", [-9999.0, 511.0])
 def test_a_number_that_is_no_angle_of_a_circle_is_left_out(tmp_path: Path, no_data: float) -> None:
-    angles = [1.0, no_data, 2.0, no_data, 3.0]
-    rows = [row(VECTOR, {"vector.z": angle}, k) for k, angle in enumerate(angles)]
+    rows = [row(VECTOR, {"vector.z": angle}, k) for k, angle in enumerate([1.0, no_data, 2.0, no_data, 3.0])]
 
     log = logged(tmp_path, rows, topics={"compass": "/heading"})
 
     assert heading(log) == pytest.approx([(90 - math.degrees(angle)) % 360 for angle in (1.0, 2.0, 3.0)])
-    text = "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
-    assert [finding.text for finding in log.findings if finding.code == "COMPASS-INVALID"] == [text]
+    assert only(log, "COMPASS-INVALID") == (
+        "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
+    )
 
 
 def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: Path) -> None:
@@ -155,30 +167,26 @@ def test_the_variance_of_an_azimuth_is_in_its_own_unit(tmp_path: Path) -> None:
 
 
 def test_a_grid_azimuth_is_left_out(tmp_path: Path) -> None:
-    rows = [row(AZIMUTH, {"azimuth": 1.0, "reference": north}, north) for north in (1, 2)]
+    log = logged(tmp_path, [row(AZIMUTH, {"azimuth": 1.0, "reference": north}, north) for north in (1, 2)])
 
-    (sentence,) = [f.text for f in logged(tmp_path, rows).findings if f.code == "COMPASS-INVALID"]
+    assert only(log, "COMPASS-INVALID") == (
+        "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
+    )
 
-    assert sentence == "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
 
-
-NOAA = [  # test values that NOAA publishes with the models: lat, lon, decimal year, degrees of declination
-    (80.0, 0.0, 2025, 1, 1, 1.28),
-    (0.0, 120.0, 2025, 1, 1, -0.16),
-    (-80.0, 240.0, 2025, 1, 1, 68.78),
-    (80.0, 0.0, 2020, 1, 1, -1.28),
-    (0.0, 120.0, 2020, 1, 1, 0.16),
-    (-80.0, 240.0, 2020, 1, 1, 69.36),
+NOAA = [  # test values that NOAA publishes with the models: lat, lon, year, degrees of declination
+    (80.0, 0.0, 2025, 1.28),
+    (0.0, 120.0, 2025, -0.16),
+    (-80.0, 240.0, 2025, 68.78),
+    (80.0, 0.0, 2020, -1.28),
+    (0.0, 120.0, 2020, 0.16),
+    (-80.0, 240.0, 2020, 69.36),
 ]
 
 
-@pytest.mark.parametrize(("lat", "lon", "year", "month", "day", "degrees"), NOAA)
-def test_the_model_gives_the_values_that_noaa_publishes(
-    lat: float, lon: float, year: int, month: int, day: int, degrees: float
-) -> None:
-    time_ns = int(pd.Timestamp(year=year, month=month, day=day, tz="UTC").value)
-
-    value, how = declination(Origin(lat, lon, OriginKind.MAP), time_ns)
+@pytest.mark.parametrize(("lat", "lon", "year", "degrees"), NOAA)
+def test_the_model_gives_the_values_that_noaa_publishes(lat: float, lon: float, year: int, degrees: float) -> None:
+    value, how = declination(Origin(lat, lon, OriginKind.MAP), int(pd.Timestamp(year, 1, 1, tz="UTC").value))
 
     assert value == pytest.approx(degrees, abs=0.006)
     assert how.startswith(f"WMM-{year} at {lat:.2f}")
@@ -244,6 +252,8 @@ def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Pat
         assert heading(logged(tmp_path, [row(kind, {**named, **values})])) == pytest.approx([60.0])
 
     assert heading(logged(tmp_path, [row(IMU, {**named, **turned("orientation", 30.0)})])) == pytest.approx([30.0])
+    pose = row(POSE, {**named, **turned("pose.orientation", 135.0)})
+    assert heading(logged(tmp_path, [pose], topics={"compass": "/heading"})) == pytest.approx([135.0])
 
 
 @pytest.mark.parametrize(
@@ -265,18 +275,14 @@ def test_a_plain_heading_called_magnetic_asks_for_a_declination(
 
 
 def test_a_declination_that_cannot_be_computed_is_refused(tmp_path: Path) -> None:
-    rows = [row(QUATERNION, turned("quaternion", 0.0))]
-    with pytest.raises(UsageError) as nowhere:
-        logged(tmp_path, rows, '[compass]\ndeclination_deg = "auto"')
-    old = [(at[0] - 20 * 365 * 86400 * SECOND, at[1], at[2], at[3]) for at in rows]
-    with pytest.raises(UsageError) as long_ago:
-        logged(tmp_path, old, SEATTLE + '[compass]\ndeclination_deg = "auto"\ntime = "log"')
+    auto = '[compass]\ndeclination_deg = "auto"'
+    long_ago = row(QUATERNION, turned("quaternion", 0.0), -20 * 365 * 86400)
 
-    assert str(nowhere.value) == (
+    assert refusal(UsageError, logged, tmp_path, [UNKNOWN], auto) == (
         f'{tmp_path / "usbldr.toml"}: declination_deg under [compass] = "auto": no position is known; '
         "state origin_lat_deg and origin_lon_deg under [map], or the declination as a number"
     )
-    assert str(long_ago.value) == (
+    assert refusal(UsageError, logged, tmp_path, [long_ago], SEATTLE + auto) == (
         f"{tmp_path / 'dive.mcap'}: /heading: no magnetic model for 2000-09-18 (available: 2010 to 2029); "
         "state declination_deg under [compass] as a number"
     )
@@ -285,6 +291,4 @@ def test_a_declination_that_cannot_be_computed_is_refused(tmp_path: Path) -> Non
 def test_an_imu_that_never_turns_is_pointed_out(tmp_path: Path) -> None:
     still = [(T0 + k, "/imu", IMU, {"header.stamp": T0 + k, "orientation.w": 1.0}) for k in range(100)]
 
-    (sentence,) = [f.text for f in logged(tmp_path, still).findings if f.code == "HEADING-CONSTANT"]
-
-    assert sentence == "/imu: all 100 headings are 90.0 deg; check the sensor"
+    assert only(logged(tmp_path, still), "HEADING-CONSTANT") == "/imu: all 100 headings are 90.0 deg; check the sensor"

@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from logs import codes, logged, logged_csv
+from logs import codes, logged, logged_csv, refusal
 from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads, write_rosbag2
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import Log
@@ -193,10 +193,7 @@ FIELDS = (
     ],
 )  # fmt: skip
 def test_columns_that_do_not_fit_are_one_sentence(tmp_path: Path, toml: str, sentence: str) -> None:
-    with pytest.raises(UsageError) as fault:
-        ins_with(tmp_path, toml)
-
-    assert str(fault.value) == f"{tmp_path / 'dive.mcap'}: {sentence}"
+    assert refusal(UsageError, ins_with, tmp_path, toml) == f"{tmp_path / 'dive.mcap'}: {sentence}"
 
 
 def test_the_only_topic_that_has_the_fields_needs_no_name(tmp_path: Path) -> None:

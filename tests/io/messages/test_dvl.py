@@ -1,56 +1,46 @@
 """Every family of DVL messages, by a record that its own driver could have written."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from logs import logged
-from recordings import ODOMETRY, SECOND, T0, Row, define, stamp
+from logs import logged, only, refusal
+from recordings import HEADER, ODOMETRY, SECOND, T0, define, fields, record, stamp
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 
-HEADER, VELOCITY = "std_msgs/Header header\n", "geometry_msgs/Vector3 velocity\n"
+VELOCITY = "geometry_msgs/Vector3 velocity\n"
 SIMULATED = HEADER + VELOCITY + "float64[9] velocity_covariance\nfloat64 altitude\n"
-WHOI = (
-    HEADER + VELOCITY + "float64[9] velocity_covar\nuint8 num_good_beams\nuint8 velocity_mode\nuint8 coordinate_mode\n"
-)
-REPORT = """\
-float64 vx
-float64 vy
-float64 vz
-float64 fom
-bool velocity_valid
-float64[9] covariance
-builtin_interfaces/Time time_of_validity
-builtin_interfaces/Time time_of_transmission
-"""
+
+
 TYPES = {
     "uuv_sensor_ros_plugins_msgs/msg/DVL": SIMULATED,
     "smarc_msgs/msg/DVL": SIMULATED,
     "cola2_msgs/msg/DVL": SIMULATED,
     "stonefish_ros2/msg/DVL": SIMULATED,
     "uuv_sensor_msgs/msg/DVL": SIMULATED + "uint8 velocity_reference\n",
-    "ds_sensor_msgs/msg/Dvl": WHOI,
-    "waterlinked_a50_ros_driver/msg/DVL": HEADER + VELOCITY + "float64 fom\nfloat64 altitude\nbool velocity_valid\n",
-    "waterlinked_dvl/msg/TransducerReport": REPORT,
+    "ds_sensor_msgs/msg/Dvl": HEADER
+    + VELOCITY
+    + fields("float64[9] velocity_covar", "uint8 num_good_beams velocity_mode coordinate_mode"),
+    "waterlinked_a50_ros_driver/msg/DVL": HEADER + VELOCITY + fields("float64 fom altitude", "bool velocity_valid"),
+    "waterlinked_dvl/msg/TransducerReport": fields("float64 vx vy vz fom", "bool velocity_valid")
+    + fields("float64[9] covariance", "builtin_interfaces/Time time_of_validity time_of_transmission"),
     "waterlinked_dvl/msg/TransducerReportStamped": HEADER + "waterlinked_dvl/TransducerReport report\n",
-    "nortek_dvl/msg/Dvl": HEADER + "float64 time\n" + VELOCITY + "float64 figureOfMerit\nfloat64[4] beamDistance\n",
-    "nortek_dvl333_msgs/msg/BottomTrack": "float64 vel_beam0\nfloat64 vel_beam1\nfloat64 vel_beam2\n",
-    "holoocean_interfaces/msg/DVLSensorRange": "int64 timestamp\nfloat64[4] range\n",
-    "cola2_msgs/msg/LinkquestDvl": HEADER + "float64[3] velocityInst\nint32 velocityInstFlag\n",
-    "cola2_msgs/msg/TeledyneExplorerDvl": HEADER
-    + "float64 bi_x_axis\nfloat64 bi_y_axis\nfloat64 bi_z_axis\nstring bi_status\n",
+    "nortek_dvl/msg/Dvl": HEADER
+    + fields("float64 time", "geometry_msgs/Vector3 velocity", "float64 figureOfMerit", "float64[4] beamDistance"),
+    "nortek_dvl333_msgs/msg/BottomTrack": fields("float64 vel_beam0 vel_beam1 vel_beam2"),
+    "holoocean_interfaces/msg/DVLSensorRange": fields("int64 timestamp", "float64[4] range"),
+    "cola2_msgs/msg/LinkquestDvl": HEADER + fields("float64[3] velocityInst", "int32 velocityInstFlag"),
+    "cola2_msgs/msg/TeledyneExplorerDvl": HEADER + fields("float64 bi_x_axis bi_y_axis bi_z_axis", "string bi_status"),
 }
 define(TYPES)
 
 
-def row(kind: str, values: Mapping[str, Any], after_s: int = 0, topic: str = "/sensor") -> Row:
-    time_ns = T0 + after_s * SECOND
-    header = {"header.stamp": time_ns} if TYPES.get(kind, HEADER).startswith(HEADER) else {}
-    return time_ns, topic, kind, {**header, **values}
+row = partial(record, "/sensor")
 
 
 FORWARD_2_STARBOARD_1 = {
@@ -64,10 +54,7 @@ FORWARD_2_STARBOARD_1 = {
     "waterlinked_a50_ros_driver/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0, "velocity_valid": True},
     "waterlinked_dvl/msg/TransducerReportStamped": {"report.vx": 2.0, "report.vy": 1.0, "report.velocity_valid": True},
     "cola2_msgs/msg/TeledyneExplorerDvl": {"bi_x_axis": 2.0, "bi_y_axis": 1.0, "bi_status": "A"},
-    "cola2_msgs/msg/LinkquestDvl": {
-        "velocityInst": np.array([-2.0, -1.0, 0.0]),
-        "velocityInstFlag": 1,
-    },  # of the bottom
+    "cola2_msgs/msg/LinkquestDvl": {"velocityInst": np.array([-2.0, -1.0, 0.0]), "velocityInstFlag": 1},  # the bottom's
 }
 
 
@@ -81,9 +68,8 @@ def test_each_family_is_found_by_its_fields_and_read_in_its_own_axes(tmp_path: P
     assert log.provenance["dvl"].type == kind
 
 
-UNKNOWN, INVALID = np.zeros(9), np.full(9, -1.0)
 NOT_USED: dict[str, tuple[str, Mapping[str, Any]]] = {
-    "negative covariance": ("cola2_msgs/msg/DVL", {"velocity_covariance": INVALID}),
+    "negative covariance": ("cola2_msgs/msg/DVL", {"velocity_covariance": np.full(9, -1.0)}),
     "water track": ("uuv_sensor_msgs/msg/DVL", {"velocity_reference": 2}),
     "not a number": ("uuv_sensor_msgs/msg/DVL", {"velocity.x": np.nan, "velocity.y": np.nan}),
     "in earth coordinates": ("ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 3}),
@@ -101,21 +87,20 @@ def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(tmp_path
     kind, change = NOT_USED[cause]
     good = FORWARD_2_STARBOARD_1[kind]
 
-    log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, after_s=1)])
+    log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, 1)])
 
     assert list(log.tables["dvl"]["valid"]) == [True, False]
-    (sentence,) = (finding.text for finding in log.findings if finding.code == "DVL-INVALID")
-    assert sentence == f"/sensor: 1 of 2 records are invalid and not used (1 {cause})"
+    assert only(log, "DVL-INVALID") == f"/sensor: 1 of 2 records are invalid and not used (1 {cause})"
 
 
 def test_a_covariance_of_zeros_is_unknown_and_no_fault(tmp_path: Path) -> None:
     kind = "cola2_msgs/msg/DVL"
-    known = np.diag([0.0004, 0.0004, 0.0004]).ravel()
-    records = [
-        row(kind, {**FORWARD_2_STARBOARD_1[kind], "velocity_covariance": c}, k) for k, c in enumerate([UNKNOWN, known])
+    rows = [
+        row(kind, {**FORWARD_2_STARBOARD_1[kind], "velocity_covariance": sd**2 * np.eye(3).ravel()}, k)
+        for k, sd in enumerate([0.0, 0.02])
     ]
 
-    log = logged(tmp_path, records, '[dvl]\nsd_mps = "message"')
+    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
 
     assert log.tables["dvl"]["valid"].all()
     np.testing.assert_allclose(log.tables["dvl"]["sd_mps"], [np.nan, 0.02])
@@ -123,10 +108,9 @@ def test_a_covariance_of_zeros_is_unknown_and_no_fault(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("mode", "where"), [(0, "beam"), (3, "earth")])
 def test_beam_and_earth_coordinates_are_refused_in_a_sentence(tmp_path: Path, mode: int, where: str) -> None:
-    with pytest.raises(LogError) as fault:
-        logged(tmp_path, [row("ds_sensor_msgs/msg/Dvl", {"velocity.x": 1.0, "coordinate_mode": mode})])
-
-    assert str(fault.value) == (
+    assert refusal(
+        LogError, logged, tmp_path, [row("ds_sensor_msgs/msg/Dvl", {"velocity.x": 1.0, "coordinate_mode": mode})]
+    ) == (
         f"{tmp_path / 'dive.mcap'}: all 1 records of /sensor (dvl) are invalid: 1 in {where} coordinates; "
         "velocities along beams or in earth axes cannot be used: record instrument or ship coordinates"
     )
@@ -141,10 +125,7 @@ USELESS = {
 @pytest.mark.parametrize("kind", USELESS)
 @pytest.mark.parametrize("named", [True, False])
 def test_a_dvl_without_velocity_is_refused_with_the_reason(tmp_path: Path, kind: str, named: bool) -> None:
-    with pytest.raises(UsageError) as fault:
-        logged(tmp_path, [row(kind, {})], topics={"dvl": "/sensor"} if named else {})
-
-    assert str(fault.value) == (
+    assert refusal(UsageError, logged, tmp_path, [row(kind, {})], topics={"dvl": "/sensor"} if named else {}) == (
         f"{tmp_path / 'dive.mcap'}: /sensor ({kind}) cannot be used as dvl: "
         f"it {USELESS[kind]} (--dvl none: replay without dvl)"
     )
@@ -152,7 +133,7 @@ def test_a_dvl_without_velocity_is_refused_with_the_reason(tmp_path: Path, kind:
 
 def test_a_useless_topic_does_no_harm_beside_a_dvl(tmp_path: Path) -> None:
     kind = "smarc_msgs/msg/DVL"
-    beams = row("nortek_dvl333_msgs/msg/BottomTrack", {}, topic="/beams")
+    beams = record("/beams", "nortek_dvl333_msgs/msg/BottomTrack", {})
 
     log = logged(tmp_path, [beams, row(kind, FORWARD_2_STARBOARD_1[kind])])
 
@@ -174,7 +155,7 @@ def test_the_velocity_of_an_odometry_is_in_its_child_frame(tmp_path: Path) -> No
     values = {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 1.0}
     frames = {"header.frame_id": "odom", "child_frame_id": "base_link_frd"}
 
-    log = logged(tmp_path, [row(ODOMETRY, {**values, **frames}, topic="/dvl/velocity")])
+    log = logged(tmp_path, [record("/dvl/velocity", ODOMETRY, {**values, **frames})])
 
     assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "frame_id", note="base_link_frd")
 
@@ -183,9 +164,7 @@ def test_a_report_that_knows_both_its_times_is_moved_back_by_their_difference(tm
     """The DVL's own clock may be anywhere: only the difference of its two times is used."""
     kind = "waterlinked_dvl/msg/TransducerReportStamped"
     values = FORWARD_2_STARBOARD_1[kind]
-
     uptime = 77 * SECOND
-
     ages = {"report.time_of_validity": stamp(uptime), "report.time_of_transmission": stamp(uptime + 150_000_000)}
     log = logged(tmp_path, [row(kind, {**values, **ages})])
 

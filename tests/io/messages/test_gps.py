@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from logs import logged
-from recordings import HEADER, HEADING, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fix, stamp
+from logs import MAP, logged, only
+from recordings import HEADER, HEADING, ODOMETRY, POSE, POSE_COVARIANCE, SECOND, T0, define, fix, record, stamp
 from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
@@ -30,6 +31,8 @@ TYPES = {
     "geographic_msgs/msg/GeoPoint": PLACE + "float64 altitude\n",
     "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
     "old_geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint geo_point\n",
+    "geographic_msgs/msg/GeoPose": "geographic_msgs/GeoPoint position\ngeometry_msgs/Quaternion orientation\n",
+    "geographic_msgs/msg/GeoPoseStamped": HEADER + "geographic_msgs/GeoPose pose\n",
     "riptide_msgs/msg/Depth": HEADER + "float32 depth\nfloat32 variance\n",
     "uuv_sensor_msgs/msg/Depth": HEADER + "float64 depth\nfloat64 depth_variance\n",
     "ds_sensor_msgs/msg/DepthPressure": HEADER + "float64 pressure\nfloat64 depth\n",
@@ -38,9 +41,7 @@ TYPES = {
 define(TYPES)
 
 
-def row(kind: str, values: Mapping[str, Any], topic: str = "/gps") -> Row:
-    header = {} if kind.endswith("LocationFix") else {"header.stamp": T0}
-    return T0, topic, kind, header | dict(values)
+row = partial(record, "/gps")
 
 
 BERMUDA = {"latitude": 32.25, "longitude": -64.75}
@@ -55,6 +56,7 @@ IN_BERMUDA: dict[str, Mapping[str, Any]] = {
     "smarc_msgs/msg/LatLonStamped": BERMUDA,
     "geographic_msgs/msg/GeoPointStamped": {"position.latitude": 32.25, "position.longitude": -64.75},
     "old_geographic_msgs/msg/GeoPointStamped": {"geo_point.latitude": 32.25, "geo_point.longitude": -64.75},
+    "geographic_msgs/msg/GeoPoseStamped": {"pose.position.latitude": 32.25, "pose.position.longitude": -64.75},
 }
 
 
@@ -95,8 +97,7 @@ def test_a_message_without_fix_is_counted_and_left_out(tmp_path: Path, kind: str
     log = logged(tmp_path, [row(kind, IN_BERMUDA[kind]), row(kind, {**IN_BERMUDA[kind], **change})])
 
     assert len(log.tables["gps"]) == 1
-    (sentence,) = [finding.text for finding in log.findings if finding.code == "GPS-INVALID"]
-    assert sentence == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
+    assert only(log, "GPS-INVALID") == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
 
 
 SIGMA: dict[str, Mapping[str, Any]] = {  # 0.5 m for each axis
@@ -142,22 +143,30 @@ def test_the_raw_fix_of_mavros_comes_before_its_estimate(tmp_path: Path) -> None
     assert log.provenance["gps"].topic == "/mavros/global_position/raw/fix"
 
 
-FOUR_METRES_DOWN: dict[str, tuple[Mapping[str, Any], bool]] = {  # and whether it is found without being named
-    "riptide_msgs/msg/Depth": ({"depth": 4.0}, True),
-    "uuv_sensor_msgs/msg/Depth": ({"depth": 4.0}, True),
-    "ds_sensor_msgs/msg/DepthPressure": ({"depth": 4.0, "pressure": 4.03}, True),
-    "holoocean_interfaces/msg/DepthSensor": ({"depth": 4.0}, True),
-    POSE_COVARIANCE: ({"pose.pose.position.z": -4.0, "header.frame_id": "map"}, False),
-    ODOMETRY: ({"pose.pose.position.z": 4.0, "header.frame_id": "world_ned"}, False),
-}
+FLOAT32 = "std_msgs/msg/Float32"
 
 
-@pytest.mark.parametrize("kind", FOUR_METRES_DOWN)
-def test_each_kind_of_depth_grows_downwards(tmp_path: Path, kind: str) -> None:
-    values, found = FOUR_METRES_DOWN[kind]
-    rows = [row(kind, values, "/sensor")]
+@pytest.mark.parametrize(
+    ("topic", "kind", "values", "found"),  # whether it is found without being named
+    [
+        ("/sensor", "riptide_msgs/msg/Depth", {"depth": 4.0}, True),
+        ("/sensor", "uuv_sensor_msgs/msg/Depth", {"depth": 4.0}, True),
+        ("/sensor", "ds_sensor_msgs/msg/DepthPressure", {"depth": 4.0, "pressure": 4.03}, True),
+        ("/sensor", "holoocean_interfaces/msg/DepthSensor", {"depth": 4.0}, True),
+        ("/depth", FLOAT32, {"data": 4.0}, True),
+        ("/sensor", POSE, {"pose.position.z": -4.0, "header.frame_id": "map"}, False),
+        ("/sensor", POSE, {"pose.position.z": 4.0, "header.frame_id": "map_ned"}, False),
+        ("/sensor", POSE_COVARIANCE, {"pose.pose.position.z": -4.0, "header.frame_id": "map"}, False),
+        ("/sensor", POSE_COVARIANCE, {"pose.pose.position.z": -4.0}, False),
+        ("/sensor", ODOMETRY, {"pose.pose.position.z": 4.0, "header.frame_id": "world_ned"}, False),
+    ],
+)
+def test_each_kind_of_depth_grows_downwards(
+    tmp_path: Path, topic: str, kind: str, values: Mapping[str, Any], found: bool
+) -> None:
+    rows = [record(topic, kind, values)]
 
-    named = logged(tmp_path, rows, topics={"depth": "/sensor"})
+    named = logged(tmp_path, rows, topics={"depth": topic})
 
     assert named.tables["depth"]["depth_m"].iloc[0] == 4.0
     assert ("depth" in logged(tmp_path, rows).tables) == found
@@ -173,10 +182,9 @@ def test_the_relative_altitude_of_mavros_is_a_height(tmp_path: Path) -> None:
 
 
 def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:
-    log = logged(tmp_path, [row("holoocean_interfaces/msg/DepthSensor", {"depth": -4.0}, "/sensor")])
+    log = logged(tmp_path, [record("/sensor", "holoocean_interfaces/msg/DepthSensor", {"depth": -4.0})])
 
-    (sentence,) = [finding.text for finding in log.findings if finding.code == "DEPTH-SIGN"]
-    assert sentence == (
+    assert only(log, "DEPTH-SIGN") == (
         "/sensor: a median depth of -4.0 m, above the water; "
         'if it counts the other way, state positive = "up" under [depth]'
     )
@@ -211,10 +219,7 @@ def test_a_receiver_at_rest_for_a_moment_is_none_that_repeats(tmp_path: Path, dr
 
 
 def test_local_positions_may_stand_still(tmp_path: Path) -> None:
-    rows = [(T0 + k * SECOND, "/gps", ODOMETRY, {"header.stamp": T0 + k * SECOND}) for k in range(60)]
-    origin = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
-
-    log = logged(tmp_path, rows, origin, {"gps": "/gps"})
+    log = logged(tmp_path, [row(ODOMETRY, {}, k) for k in range(60)], MAP, {"gps": "/gps"})
 
     assert log.truth is not None
     assert still(log) == []

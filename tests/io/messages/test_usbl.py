@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from logs import HEAD, MAP, codes, logged, places
-from recordings import FIX, HEADER, ODOMETRY, POSE_COVARIANCE, SECOND, T0, Row, define, fields, yaw
+from recordings import FIX, HEADER, ODOMETRY, POINT, POSE, POSE_COVARIANCE, SECOND, T0, Row, define, fields, record, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 
@@ -24,6 +25,9 @@ TYPES = {
     + fields("float32 range bearing elevation sound_speed"),
     "evologics_ros_sync/msg/EvologicsUsbllong": HEADER + fields(*LONG, "float32 x y z n e u", *QUALITY),
     "vehicle_interface/msg/AcousticModemUSBLLONG": HEADER + fields(*LONG, "float32 X Y Z E N U", *QUALITY),
+    "capital_modem/msg/EvologicsUsbllong": HEADER + fields(*LONG, "float32 X Y Z N E D", *QUALITY),
+    "small_modem/msg/AcousticModemUSBLLONG": HEADER + fields(*LONG, "float32 x y z n e u", *QUALITY),
+    "srv_modem/msg/AcousticModemUSBLLONG": HEADER + fields(*LONG, "float32 X Y Z N E D", *QUALITY),
     "mvp_acomm/msg/EvologicsUsbllong": fields(*LONG, f"{VECTOR} xyz enu rpy", *QUALITY),
     "vehicle_interface/msg/AcousticLocalization": HEADER
     + fields("uint8 sender_address", PLACE, "float32 depth", "float64 measurement_time", "float32 accuracy"),
@@ -34,10 +38,15 @@ TYPES = {
         "uint8 source_id", "bool position_valid position_filter_error", f"float32 {SEATRAC}"
     ),
     "seatrac_driver/msg/TransceiverFixStatus": "seatrac_driver/AcousticFix fix\n",
+    "later_driver/msg/TransceiverFixStatus": "seatrac_driver/AcousticFix acoustic_fix\n",
+    "seatrac_driver/msg/NavigationQueryResponseStatus": "seatrac_driver/AcousticFix fix\n",
     "stonefish_ros2/msg/BeaconInfo": HEADER + fields("int64 beacon_id", *OF_BEACON),
     "sonardyne_msgs/msg/Position": HEADER + fields("string UID name", PLACE, "float64 depth age"),
     "geographic_msgs/msg/GeoPoint": fields(PLACE, "float64 altitude"),
     "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
+    "old_usbl_geo/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint geo_point\n",
+    "foxglove_msgs/msg/Point3InFrame": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "geometry_msgs/Point point\n",
     "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
     "holoocean_interfaces/msg/AcousticBeaconSensor": fields(
         "int64 timestamp", "string msg_type", "int32 from_beacon", "float32 azimuth elevation range z"
@@ -48,10 +57,12 @@ TYPES = {
 define(TYPES)
 
 
-def row(kind: str, values: Mapping[str, Any], seconds: float = 0.0, topic: str = "/usbl") -> Row:
-    time_ns = T0 + round(seconds * SECOND)
-    header = {"header.stamp": time_ns} if TYPES.get(kind, HEADER).startswith(HEADER) else {}
-    return time_ns, topic, kind, header | dict(values)
+row = partial(record, "/usbl")
+
+
+def seatrac(field: str) -> dict[str, Any]:
+    places = {"position_easting": 30.0, "position_northing": 40.0, "position_depth": 12.0, "position_valid": True}
+    return {f"{field}.{name}": value for name, value in places.items()}
 
 
 DMAC, SEATRAC_RAW = "dmac/msg/mUSBLFix", "seatrac_interfaces/msg/ModemRec"
@@ -59,28 +70,52 @@ THIRTY_EAST_FORTY_NORTH: dict[str, Mapping[str, Any]] = {
     DMAC: {"type": 2, "relative_position.x": 30.0, "relative_position.y": 40.0, "relative_position.z": -12.0},
     "evologics_ros_sync/msg/EvologicsUsbllong": {"e": 30.0, "n": 40.0, "u": -12.0, "x": 1.0, "y": 2.0},
     "vehicle_interface/msg/AcousticModemUSBLLONG": {"E": 30.0, "N": 40.0, "U": -12.0, "X": 1.0, "Y": 2.0},
-    "mvp_acomm/msg/EvologicsUsbllong": {"enu.x": 30.0, "enu.y": 40.0, "xyz.x": 1.0},
-    "acomms_msgs/msg/UsblData": {"enu.x": 30.0, "enu.y": 40.0, "xyz.x": 1.0},
+    "capital_modem/msg/EvologicsUsbllong": {"E": 30.0, "N": 40.0, "D": 12.0, "X": 1.0, "Y": 2.0},
+    "small_modem/msg/AcousticModemUSBLLONG": {"e": 30.0, "n": 40.0, "u": -12.0, "x": 1.0, "y": 2.0},
+    "srv_modem/msg/AcousticModemUSBLLONG": {"E": 30.0, "N": 40.0, "D": 12.0, "X": 1.0, "Y": 2.0},
+    "mvp_acomm/msg/EvologicsUsbllong": {"enu.x": 30.0, "enu.y": 40.0, "enu.z": -12.0, "xyz.x": 1.0},
+    "acomms_msgs/msg/UsblData": {"enu.x": 30.0, "enu.y": 40.0, "enu.z": -12.0, "xyz.x": 1.0},
     SEATRAC_RAW: {"includes_position": True, "position_easting": 300, "position_northing": 400, "position_depth": 120},
-    "seatrac_driver/msg/TransceiverFixStatus": {
-        "fix.position_valid": True,
-        "fix.position_easting": 30.0,
-        "fix.position_northing": 40.0,
-        "fix.position_depth": 12.0,
-    },
+    "seatrac_driver/msg/TransceiverFixStatus": seatrac("fix"),
+    "later_driver/msg/TransceiverFixStatus": seatrac("acoustic_fix"),
+    "seatrac_driver/msg/NavigationQueryResponseStatus": seatrac("fix"),
 }
 
 
 @pytest.mark.parametrize("kind", THIRTY_EAST_FORTY_NORTH)
 def test_modems_measure_east_and_north_of_their_head(tmp_path: Path, kind: str) -> None:
+    """The line of sight is 51.4 m, and its noise 2 % of that."""
     rows = [row(kind, THIRTY_EAST_FORTY_NORTH[kind])]
 
     log = logged(tmp_path, rows, HEAD)
 
     assert places(log)[0] == pytest.approx([130, 240])
+    assert log.tables["usbl"]["cov_ee_m2"][0] == pytest.approx(0.02**2 * (30**2 + 40**2 + 12**2))
     assert Convention("relative_to", "head", "type") in log.provenance["usbl"].conventions
     with pytest.raises(LogError, match="holds positions relative to the head; state head"):
         logged(tmp_path, rows, "")
+
+
+XY = {
+    POINT: "point",
+    POSE: "pose.position",
+    POSE_COVARIANCE: "pose.pose.position",
+    ODOMETRY: "pose.pose.position",
+    "foxglove_msgs/msg/Point3InFrame": "point",
+}
+
+
+@pytest.mark.parametrize("kind", XY)
+@pytest.mark.parametrize("role", ["usbl", "gps"])
+def test_a_local_position_is_east_and_north_for_whichever_sensor_it_is_named(
+    tmp_path: Path, kind: str, role: str
+) -> None:
+    rows = [record("/place", kind, {f"{XY[kind]}.x": 30.0, f"{XY[kind]}.y": 40.0})]
+
+    table = logged(tmp_path, rows, topics={role: "/place"}).tables[role]
+
+    assert table[["east_m", "north_m"]].to_numpy().tolist() == [[30.0, 40.0]]
+    assert role == "usbl" or "gps" not in logged(tmp_path, rows).tables
 
 
 def test_seatrac_positions_without_the_flag_and_outliers_are_left_out(tmp_path: Path) -> None:
@@ -181,8 +216,10 @@ def cola2(lat: float, lon: float, k: int) -> Row:
         # the vehicle carries the head, heads east and has the beacon to port, so it is south of it
         ([*(yaw(T0 + k * SECOND, 0.0) for k in range(-1, 2)), row(HOLOOCEAN, ABEAM)], BEACON, [100, 200 - LEVEL_M]),
         # Sonardyne's points are known by their topic
-        ([row("geographic_msgs/msg/GeoPointStamped", OF_RANGER, topic="/ranger/positions/AUV")], MAP,
+        ([record("/ranger/positions/AUV", "geographic_msgs/msg/GeoPointStamped", OF_RANGER)], MAP,
          [0, 0.0009 * 111132]),
+        ([record("/ranger/positions/AUV", "old_usbl_geo/msg/GeoPointStamped",
+                 {"geo_point.latitude": 45.0009, "geo_point.longitude": 7.0})], MAP, [0, 0.0009 * 111132]),
         # 10 deg east of true north: a point 100 m along magnetic north is 17.4 m east
         ([row(SEATRAC_RAW, NORTHWARD)], HEAD + "mount_deg = 10.0",
          [100 + 100 * math.sin(TURN), 200 + 100 * math.cos(TURN)]),
@@ -249,18 +286,16 @@ def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accurac
 
 TOPSIDE: dict[str, tuple[str, str]] = {
     "/waterlinked/odom": (
-        ODOMETRY,
-        "it is measured along the axes of the topside box from its first fix; use /waterlinked/fix",
+        ODOMETRY, "it is measured along the axes of the topside box from its first fix; use /waterlinked/fix"
     ),
     "/waterlinked/utm": ("geometry_msgs/msg/Point", "it holds UTM coordinates without their zone; use the topic of"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("topic", TOPSIDE)
 def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str) -> None:
     kind, sentence = TOPSIDE[topic]
-    values: Mapping[str, Any] = {"header.stamp": T0} if kind == ODOMETRY else {}
-    rows = [(T0, topic, kind, values), row(FIX, {"latitude": 45.0, "longitude": 7.0}, topic="/waterlinked/fix")]
+    rows = [record(topic, kind, {}), record("/waterlinked/fix", FIX, {"latitude": 45.0, "longitude": 7.0})]
 
     assert logged(tmp_path, rows, MAP).provenance["usbl"].topic == "/waterlinked/fix"
     with pytest.raises(UsageError, match=sentence):
@@ -268,9 +303,8 @@ def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str
 
 
 def test_an_unknown_layout_is_refused_by_its_name(tmp_path: Path) -> None:
-    with pytest.raises(
-        UsageError, match=r"/usbl is of type collaborative/msg/USBL, which cannot be used as usbl \(only "
-    ):
+    said = r"/usbl is of type collaborative/msg/USBL, which cannot be used as usbl \(only "
+    with pytest.raises(UsageError, match=said):
         logged(tmp_path, [row("collaborative/msg/USBL", {})], '[usbl]\ntopic = "/usbl"')
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from commands import output_of
+from logs import refusal
 from recordings import T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -111,10 +112,7 @@ def test_the_digest_changes_with_the_file_joined(tmp_path: Path) -> None:
 def test_a_joined_file_that_is_missing_is_named(tmp_path: Path) -> None:
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
 
-    with pytest.raises(LogError) as fault:
-        joined(vehicle, "nowhere.bag")
-
-    assert str(fault.value) == "nowhere.bag: no such file or folder"
+    assert refusal(LogError, joined, vehicle, "nowhere.bag") == "nowhere.bag: no such file or folder"
 
 
 def test_an_unknown_key_of_a_file_is_refused(tmp_path: Path) -> None:

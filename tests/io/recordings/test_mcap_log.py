@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
+from logs import refusal
 from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -307,9 +308,6 @@ def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_p
 
     (topic,) = log.topics()
     assert topic.count == 1
-    with pytest.raises(LogError) as fault:
-        read_whole(log, {"/fix": ["latitude"]})
-
-    assert str(fault.value).startswith(
+    assert refusal(LogError, read_whole, log, {"/fix": ["latitude"]}).startswith(
         f"{file}: /fix cannot be read: encoding flatbuffer with flatbuffer definitions is not supported, only cdr with "
     )

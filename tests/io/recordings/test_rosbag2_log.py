@@ -11,19 +11,8 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
-from recordings import (
-    FLOAT64,
-    ROS2,
-    SECOND,
-    T0,
-    TWIST,
-    Row,
-    message,
-    short_dive,
-    twist,
-    write_payloads,
-    write_rosbag2,
-)
+from logs import refusal
+from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, short_dive, twist, write_payloads, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -185,10 +174,7 @@ def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
     if not files:
         named(folder, "dive_0.db3")
 
-    with pytest.raises(LogError) as fault:
-        open_log(folder)
-
-    assert str(fault.value) == f"{folder}: {sentence}"
+    assert refusal(LogError, open_log, folder) == f"{folder}: {sentence}"
 
 
 def test_messages_compressed_one_by_one_are_read(tmp_path: Path) -> None:

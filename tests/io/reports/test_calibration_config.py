@@ -12,12 +12,7 @@ import pytest
 from checkout import SAMPLES
 from commands import output_of
 from usbldr.filters.errors import UsageError
-from usbldr.filters.identification.identification import (
-    ErrorEstimate,
-    Explanation,
-    Identification,
-    SensorErrorEvidence,
-)
+from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.replay.run import run as run_filter
 from usbldr.io.conventions.compass import without_deviation
 from usbldr.io.reading.epochs import timeline

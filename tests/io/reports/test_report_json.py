@@ -84,12 +84,7 @@ def test_raw_fixes_have_no_grid_in_their_file_names(tmp_path: Path) -> None:
 
 
 def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> None:
-    blind = Run(
-        dataclasses.replace(LOG, truth=None, origin=None),
-        TIMELINE,
-        CONFIGURED,
-        ScoredTrack(CKF, None),
-    )
+    blind = Run(dataclasses.replace(LOG, truth=None, origin=None), TIMELINE, CONFIGURED, ScoredTrack(CKF, None))
 
     out = written(tmp_path, blind)
 

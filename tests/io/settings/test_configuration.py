@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from checkout import FIELD_CONFIGURATIONS, ROOT
+from logs import refusal
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Mixture, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
@@ -67,10 +68,7 @@ def written(tmp_path: Path, text: str) -> Path:
 def test_a_key_that_would_not_act_is_refused_by_name(tmp_path: Path, text: str, sentence: str) -> None:
     file = written(tmp_path, text)
 
-    with pytest.raises(UsageError) as fault:
-        parse_configuration(read_document(file), file)
-
-    assert str(fault.value) == f"{file}: {sentence}"
+    assert refusal(UsageError, parse_configuration, read_document(file), file) == f"{file}: {sentence}"
 
 
 def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:

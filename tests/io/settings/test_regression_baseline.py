@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from checkout import ROOT
+from logs import refusal
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.io.settings.regression_baseline import (
@@ -185,10 +186,7 @@ def test_an_update_follows_any_layout(tmp_path: Path) -> None:
 def test_a_wrong_file_is_refused_with_row_and_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     file = _baseline(tmp_path, GOOD.replace(old, new, 1))
 
-    with pytest.raises(UsageError) as fault:
-        read_baseline(file)
-
-    assert str(fault.value).startswith(f"{file}: {sentence}")
+    assert refusal(UsageError, read_baseline, file).startswith(f"{file}: {sentence}")
 
 
 def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:

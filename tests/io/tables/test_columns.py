@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs import refusal
 from recordings import T0, write_csv
 from usbldr.filters.errors import UsageError
 from usbldr.io.reading.read import read_log
@@ -79,19 +80,13 @@ def test_columns_that_are_not_there_are_named(tmp_path: Path, change: tuple[str,
         assert len(read_log(folder).tables["dvl"]) == 2
         return
 
-    with pytest.raises(UsageError) as fault:
-        read_log(folder)
-
-    assert str(fault.value) == sentence.format(folder)
+    assert refusal(UsageError, read_log, folder) == sentence.format(folder)
 
 
 def test_a_column_missing_from_the_file_named_is_an_error_with_its_header(tmp_path: Path) -> None:
     text = CONFIGURATION.replace("[dvl]", '[dvl]\ntopic = "velocities"').replace('"vx"', '"u"')
     folder = dive(tmp_path / "dive", text)
 
-    with pytest.raises(UsageError) as fault:
-        read_log(folder)
-
-    assert str(fault.value) == (
+    assert refusal(UsageError, read_log, folder) == (
         f"{folder / 'velocities.csv'}: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"
     )

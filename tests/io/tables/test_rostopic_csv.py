@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs import refusal
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -108,10 +109,7 @@ def test_two_files_of_one_topic_are_an_error(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl=TWIST)
     (folder / "dvl.txt").write_bytes((folder / "dvl.csv").read_bytes())
 
-    with pytest.raises(LogError) as fault:
-        read_log(folder)
-
-    assert str(fault.value) == f"{folder}: dvl.csv and dvl.txt are both /dvl; rename one"
+    assert refusal(LogError, read_log, folder) == f"{folder}: dvl.csv and dvl.txt are both /dvl; rename one"
 
 
 LONG = f"""
