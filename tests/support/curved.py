@@ -92,6 +92,14 @@ def cured_by(log: Path, toml: str) -> Mapping[str, Mapping[str, Any]]:
 
 
 def changed(rows: Iterable[Row], topic: str, **values: Any) -> list[Row]:
-    """Set fields of a topic's messages; "__" in a name is a dot."""
-    fields = {name.replace("__", "."): value for name, value in values.items()}
-    return [(*row[:3], dict(row[3]) | fields) if row[1] == topic else row for row in rows]
+    """Set fields of a topic's messages; "__" in a name is a dot, and a function makes a value of those of a message."""
+    return [
+        (*row[:3], dict(row[3]) | {path.replace("__", "."): of(row[3], value) for path, value in values.items()})
+        if row[1] == topic
+        else row
+        for row in rows
+    ]
+
+
+def of(values: Mapping[str, Any], value: Any) -> Any:
+    return value(values) if callable(value) else value

@@ -77,18 +77,6 @@ def test_the_angles_of_an_evologics_head_are_turned_to_those_that_it_states() ->
     assert (math.atan2(north, east), math.asin(high)) == pytest.approx((east_north, up), abs=DIGITS)
 
 
-@pytest.mark.parametrize("text", LONG)
-def test_a_usbllong_is_east_and_north_of_its_head(tmp_path: Path, text: str) -> None:
-    measured, received = f"{T0 + 1}.4", f"{T0 + 1}.6"
-    line = ",".join([received, measured, *text.split(",")[2:]])
-    log = logged_nmea(
-        tmp_path, f"{T0 + 2} USBLLONG,{line}", toml="[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
-    )
-
-    assert places(log)[0] == pytest.approx(np.array([100.0, 200.0]) + parts(text, 6, 2), abs=1e-9)
-    assert log.start_ns == (T0 + 1) * 10**9 + 4 * 10**8
-
-
 @pytest.mark.parametrize("heading_deg", [0.0, 123.0, 271.5])
 def test_a_hipap_head_up_is_starboard_and_forward_of_the_bow(tmp_path: Path, heading_deg: float) -> None:
     """100.1 m to port and 50.5 m ahead of a ship, turned by scipy and placed by pymap3d."""
@@ -103,30 +91,3 @@ def test_a_hipap_head_up_is_starboard_and_forward_of_the_bow(tmp_path: Path, hea
     lat, lon, _ = pymap3d.ned2geodetic(north, east, 0.0, *SHIP, 0.0)
     expected = pymap3d.geodetic2enu(lat, lon, 0.0, *SHIP, 0.0)[:2]
     assert places(log)[0] == pytest.approx(expected, abs=0.002)
-
-
-@pytest.mark.parametrize(
-    ("body", "lat_deg", "lon_deg"),
-    [
-        ("PSONLLD,133707.52,2401,A,51.3315406,-0.83563975,999.916,5.33,5.33,0.00,0.62,,,,", 51.3315406, -0.83563975),
-        (
-            "PSONLLD,170004.53,ALVIN 914,A,28.8114807,-87.80925696,1951.156,13.96,13.96,0.00,2.62,,,,",
-            28.8114807,
-            -87.80925696,
-        ),
-    ],
-)
-def test_a_ranger_2_states_latitude_and_longitude(tmp_path: Path, body: str, lat_deg: float, lon_deg: float) -> None:
-    origin = (lat_deg - 0.001, lon_deg + 0.002)
-    log = logged_nmea(tmp_path, f"{T0} {sentence(body)}", toml=on_map(*origin))
-
-    assert places(log)[0] == pytest.approx(pymap3d.geodetic2enu(lat_deg, lon_deg, 0.0, *origin, 0.0)[:2], abs=0.01)
-
-
-def test_a_rov_locator_states_bearing_from_north_and_elevation(tmp_path: Path) -> None:
-    """Cerulean: slant range 142.8 m, true bearing 37.2 deg, elevation 2.8 deg, turned by scipy."""
-    body = "USRTH,358.5,1.5,2.8,142.8,52.8,37.2,2.8,-0.6,1.9,178.1,271.9,16"
-    log = logged_nmea(tmp_path, f"{T0} {sentence(body)}", toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }\n")
-
-    north, east, _ = Rotation.from_euler("ZY", [37.2, 2.8], degrees=True).apply([142.8, 0.0, 0.0])
-    assert places(log)[0] == pytest.approx([east, north], abs=1e-6)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP
+from logs import MAP, only, refusal
 from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -111,9 +111,8 @@ def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_
 
     assert log.truth is not None
     assert log.truth.max_gap_s == 12.0
-    assert [f.text for f in log.findings if f.code == "TRUTH-REPEATED"] == [
-        "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
-    ]
+    said = "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
+    assert only(log, "TRUTH-REPEATED") == said
     assert len(log.tables["gps"]) == 3
     (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
     stated = dive(tmp_path, request=Request(truth=str(tmp_path / "t.csv"))).truth
@@ -187,21 +186,14 @@ def test_a_truth_that_cannot_be_read_is_one_sentence(
 ) -> None:
     file = tmp_path / ("slam.tum" if text.startswith("#") else "t.csv")
     file.write_text(text, encoding="utf-8")
-    here = {
-        "log": tmp_path / "dive.mcap",
-        "toml": tmp_path / "usbldr.toml",
-        "gone": tmp_path / "gone.txt",
-        "file": file,
-    }
+    names = {"log": "dive.mcap", "toml": "usbldr.toml", "gone": "gone.txt", "file": file.name}
     gps = FIXES if "/gps/fix" in toml else []
 
-    with pytest.raises(fault) as found:
-        dive(tmp_path, toml, gps, Request(truth=option and option.replace("{file}", str(file))))
+    sentence = refusal(fault, dive, tmp_path, toml, gps, Request(truth=option and option.replace("{file}", str(file))))
 
-    wanted = said
-    for name, path in here.items():
-        wanted = wanted.replace(f"{{{name}}}", str(path))
-    assert str(found.value) == wanted
+    for name, place in names.items():
+        said = said.replace(f"{{{name}}}", str(tmp_path / place))
+    assert sentence == said
 
 
 @pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
@@ -251,9 +243,9 @@ def test_truth_can_be_switched_off(tmp_path: Path, toml: str, option: str | None
 def test_a_truth_of_another_day_is_pointed_out(tmp_path: Path) -> None:
     log = dive(tmp_path, more=[fix(T0 + 86400 * SECOND, 45.0, 7.0)])
 
-    assert [f.text for f in log.findings if f.code == "TRUTH-APART"] == [
+    assert only(log, "TRUTH-APART") == (
         "/gps/fix: truth and sensors do not overlap in time: it covers 86400.0 to 86400.0 s, the sensors 0.0 to 10.0 s"
-    ]
+    )
 
 
 def test_the_accuracy_of_a_gps_message_is_taken_where_it_is_known(tmp_path: Path) -> None:

@@ -15,42 +15,30 @@ def said(position_m: Array, time_s: Vector = SECONDS) -> list[str]:
     return [finding.text for finding in truth_jump_findings(truth)]
 
 
-def moved(rows: slice | list[int], metres: float) -> Array:
+def moved(*jumps: tuple[slice | list[int], float]) -> Array:
     position_m = STRAIGHT_M.copy()
-    position_m[rows, 1] += metres
+    for rows, metres in jumps:
+        position_m[rows, 1] += metres
     return position_m
 
 
-def test_a_truth_that_begins_elsewhere_is_scored_from_the_jump_on() -> None:
-    assert said(moved(slice(2), 61.0)) == [
-        "slam.txt: the truth jumps by 61 m between 1.0 and 2.0 s, faster than any vehicle (20 m/s): "
-        "score what follows with --start 2"
-    ]
-
-
-def test_a_truth_that_ends_elsewhere_is_scored_up_to_the_jump() -> None:
-    assert said(moved(slice(50, None), 61.0))[0].endswith("score what comes before with --end 49")
-
-
-def test_outliers_are_named_once_with_their_count_and_the_worst() -> None:
-    position_m = moved([20, 45], 61.0)
-    position_m[40] += [0, 100]
-
-    assert said(position_m) == [
-        "slam.txt: 3 single truth rows lie off both neighbours, at most by 100 m at 40.0 s, faster than any vehicle "
-        "(20 m/s): errors near there are the truth's; leave these rows out of it"
-    ]
-
-
-def test_jumps_in_the_middle_and_outliers_are_one_finding() -> None:
-    position_m = moved(slice(20, 50), 200.0)
-    position_m[10] += [0, 100]
-
-    assert said(position_m) == [
-        "slam.txt: the truth jumps 2 times, at most by 200 m between 19.0 and 20.0 s and 1 single truth row lies off "
-        "both neighbours, at most by 100 m at 10.0 s, faster than any vehicle (20 m/s): errors near there are the "
-        "truth's; leave these rows out of it"
-    ]
+@pytest.mark.parametrize(
+    ("position_m", "text"),
+    [
+        (moved((slice(2), 61.0)), "the truth jumps by 61 m between 1.0 and 2.0 s, faster than any vehicle (20 m/s): "
+         "score what follows with --start 2"),
+        (moved((slice(50, None), 61.0)), "the truth jumps by 61 m between 49.0 and 50.0 s, faster than any vehicle "
+         "(20 m/s): score what comes before with --end 49"),
+        (moved(([20, 45], 61.0), ([40], 100.0)), "3 single truth rows lie off both neighbours, at most by 100 m at "
+         "40.0 s, faster than any vehicle (20 m/s): errors near there are the truth's; leave these rows out of it"),
+        (moved((slice(20, 50), 200.0), ([10], 100.0)), "the truth jumps 2 times, at most by 200 m between 19.0 and "
+         "20.0 s and 1 single truth row lies off both neighbours, at most by 100 m at 10.0 s, faster than any vehicle "
+         "(20 m/s): errors near there are the truth's; leave these rows out of it"),
+    ],
+    ids=["a jump at first", "a jump at last", "outliers", "jumps and an outlier"],
+)  # fmt: skip
+def test_jumps_and_outliers_are_one_finding_that_says_what_to_do(position_m: Array, text: str) -> None:
+    assert said(position_m) == [f"slam.txt: {text}"]
 
 
 @pytest.mark.parametrize("scatter_m", [0.02, 3.0])
@@ -70,7 +58,7 @@ def test_a_position_that_is_held_and_then_moves_on_is_no_jump() -> None:
 def test_gaps_and_short_truths_are_no_jumps() -> None:
     dived = np.concatenate([SECONDS[:30], SECONDS[30:] + 600])
 
-    assert said(moved(slice(30, None), 900.0), dived) == []
+    assert said(moved((slice(30, None), 900.0)), dived) == []
     for rows in range(3):
         assert said(STRAIGHT_M[:rows], SECONDS[:rows]) == []
     assert said(np.zeros((60, 2))) == []

@@ -6,18 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP, codes, covariance, logged, logged_csv
-from recordings import FIX, POSE, POSE_COVARIANCE, PRESSURE, SECOND, T0, Row, fix, point
+from logs import MAP, codes, covariance, logged, logged_csv, places
+from recordings import FIX, POSE, POSE_COVARIANCE, PRESSURE, SECOND, T0, Row, fix, point, record
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
 
 HEAD = "head = { east_m = 100.0, north_m = -50.0, depth_m = 2.0 }"
-
-
-def place(log: Log) -> list[float]:
-    table = log.tables["usbl"]
-    return [float(table["east_m"].iloc[0]), float(table["north_m"].iloc[0])]
 
 
 PLACES = "time_ns,slant_range_m,bearing_deg"
@@ -42,7 +36,7 @@ NORTH_M = 0.0009 * 111132
 def test_a_fix_lies_where_its_frame_its_head_or_its_degrees_put_it(
     tmp_path: Path, row: Row, toml: str, east_north_m: list[float]
 ) -> None:
-    assert place(logged(tmp_path, [row], toml)) == pytest.approx(east_north_m, abs=0.1 if "map" in toml else 1e-9)
+    assert places(logged(tmp_path, [row], toml))[0] == pytest.approx(east_north_m, abs=0.1 if "map" in toml else 1e-9)
 
 
 DEEP = "time_ns,depth_m\n0,10.0\n10000000000,50.0"
@@ -67,7 +61,7 @@ def test_a_bearing_is_clockwise_from_north_and_a_slant_range_as_steep_as_what_is
     """The depth of the vehicle at the time of the fix, or else the fix's depth or elevation."""
     log = logged_csv(tmp_path, f"[usbl]\n{HEAD}", usbl=fix, **({"depth": depth} if depth else {}))
 
-    assert place(log) == pytest.approx(east_north_m)
+    assert places(log)[0] == pytest.approx(east_north_m)
     assert log.convention("usbl", "horizontal_range").value == by
     said = "/usbl: 1 slant ranges are shorter than the depth below the head; placed straight below"
     assert codes(log).get("USBL-SHORT") == (said if "0,10,90,20" in fix else None)
@@ -80,10 +74,10 @@ def test_a_head_by_latitude_is_the_origin_unless_there_is_a_map(tmp_path: Path) 
 
     alone, on_map = logged(tmp_path, rows, head), logged(tmp_path, rows, north_of_it + head)
 
-    assert place(alone) == pytest.approx([3.0, 4.0], abs=1e-6)
+    assert places(alone)[0] == pytest.approx([3.0, 4.0], abs=1e-6)
     assert alone.origin is not None
     assert (alone.origin.lat_deg, alone.origin.kind) == (45.0, "usbl head")
-    assert place(on_map) == pytest.approx([3.0, 4.0 + 0.0009 * 111132], abs=0.1)
+    assert places(on_map)[0] == pytest.approx([3.0, 4.0 + 0.0009 * 111132], abs=0.1)
 
 
 def test_latitudes_give_the_plane_its_origin_before_the_gps_does(tmp_path: Path) -> None:
@@ -94,10 +88,10 @@ def test_latitudes_give_the_plane_its_origin_before_the_gps_does(tmp_path: Path)
 
 
 def test_fixes_without_status_or_at_zero_zero_are_left_out(tmp_path: Path) -> None:
-    topic, toml = "/usbl/fix", MAP
+    topic = "/usbl/fix"
     rows = [fix(T0, 45, 7, topic=topic), fix(T0 + 1, 45, 7, -1, topic), fix(T0 + 2, 0, 0, 0, topic)]
 
-    log = logged(tmp_path, rows, toml)
+    log = logged(tmp_path, rows, MAP)
 
     assert len(log.tables["usbl"]) == 1
     assert codes(log)["USBL-INVALID"] == (
@@ -154,10 +148,10 @@ def test_a_covariance_of_range_and_bearing_lies_across_the_line_of_sight(tmp_pat
     assert along @ R @ across == pytest.approx(0, abs=1e-9)
 
 
-def with_covariance(xx: float, xy: float, yy: float) -> Row:
+def with_covariance(xx: float, xy: float, yy: float, k: int = 0) -> Row:
     cov = np.zeros(36)
-    cov[0], cov[1], cov[6], cov[7] = xx, xy, xy, yy
-    return T0, "/usbl", POSE_COVARIANCE, {"header.stamp": T0, "pose.covariance": cov}
+    cov[[0, 1, 6, 7]] = xx, xy, xy, yy
+    return record("/usbl", POSE_COVARIANCE, {"pose.pose.position.x": 10.0 * k, "pose.covariance": cov}, k)
 
 
 WITH_COVARIANCE = with_covariance(4.0, 0.5, 9.0)
@@ -188,6 +182,33 @@ def test_the_noise_of_a_fix_is_that_of_the_configuration_or_else_of_the_record(
     log = logged_csv(tmp_path, toml, usbl=f"time_ns,east_m,north_m,{row}") if of_csv else logged(tmp_path, [row], toml)
 
     np.testing.assert_allclose(covariance(log), [[ee, en], [en, nn]], atol=1e-12)
+
+
+@pytest.mark.parametrize("matrix", [(-1.0, 0.0, 1.0), (-4.0, 0.0, -4.0)])
+def test_a_fix_of_negative_variance_is_invalid_beside_others(
+    tmp_path: Path, matrix: tuple[float, float, float]
+) -> None:
+    log = logged(tmp_path, [with_covariance(*matrix), with_covariance(4.0, 1.0, 9.0, 1)])
+
+    assert places(log).tolist() == [[10, 0]]
+    assert "1 of 2 records are invalid and left out (1 of negative variance)" in codes(log)["USBL-INVALID"]
+
+
+def test_a_matrix_that_is_no_covariance_counts_as_unknown_and_the_fix_is_used(tmp_path: Path) -> None:
+    log = logged(tmp_path, [with_covariance(1.0, 2.0, 1.0), with_covariance(4.0, 1.0, 9.0, 1)])
+
+    assert covariance(log) == pytest.approx(np.eye(2))  # the sigma of a fix that states none is 1 m
+    assert places(log).tolist() == [[0, 0], [10, 0]]
+    assert "1 of 2 covariances are negative or not positive semidefinite" in codes(log)["COVARIANCE-INVALID"]
+
+
+@pytest.mark.parametrize("matrix", [(-1.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 3.0, 9.0)])
+def test_unknown_covariances_and_those_of_a_line_are_no_fault(
+    tmp_path: Path, matrix: tuple[float, float, float]
+) -> None:
+    log = logged(tmp_path, [with_covariance(*matrix), with_covariance(*matrix, k=1)])
+
+    assert "COVARIANCE-INVALID" not in codes(log)
 
 
 def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_metre(tmp_path: Path) -> None:
@@ -224,9 +245,7 @@ def test_log_time_may_be_asked_for(tmp_path: Path) -> None:
 
 
 def test_surface_gps_of_a_fix_topic_is_told_from_the_usbl_by_name(tmp_path: Path) -> None:
-    toml = MAP
-
-    log = logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix"), fix(T0, 45.1, 7.0, topic="/gps/fix")], toml)
+    log = logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix"), fix(T0, 45.1, 7.0, topic="/gps/fix")], MAP)
 
     assert log.provenance["usbl"].topic == "/usbl/fix"
     assert log.provenance["gps"].topic == "/gps/fix"

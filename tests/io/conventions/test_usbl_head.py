@@ -87,7 +87,7 @@ def test_fixes_inside_a_gap_of_the_ship_are_refused(tmp_path: Path, missing: str
     rows += [gyro(T0 + k * SECOND, 0.0) for k in seconds["heading"]]
     rows += [point(T0 + k * SECOND, 1.0, 2.0) for k in (2, 4, 9, 15, 25)]
 
-    log = logged(tmp_path, rows, ON_SHIP % "" + 'frame = "body"\naxes = "FSD"')
+    log = logged(tmp_path, rows, ON_SHIP % "" + BOW)
 
     assert log.tables["usbl"]["time_s"].tolist() == [0, 2, 13]
     assert "2 of 5 records are invalid" in codes(log)["USBL-INVALID"]
@@ -131,48 +131,27 @@ def test_what_would_mend_a_ships_heading_is_a_key_of_the_head(tmp_path: Path) ->
     assert "[compass]" not in codes(log)["HEADING-UNIT"]
 
 
-def test_a_wrong_gyro_spreads_a_fix_across_the_line_of_sight(tmp_path: Path) -> None:
-    """1 deg at 200 m is 3.49 m across; the ship's receiver adds 0.5 m in any direction; 0.7 m is the sensor's own."""
-    bearing = math.radians(30)
-    along = np.array([math.sin(bearing), math.cos(bearing)])
-    across = np.array([along[1], -along[0]])
-    rows = [ship(T0, 0.0, 0.0), gyro(T0, 0.0), point(T0, 200 * along[1], 200 * along[0])]
-    toml = (ON_SHIP % "").replace("sd_m = 0.0", "sd_m = 0.5") + (
-        'frame = "body"\naxes = "FSD"\nsd_m = 0.7\nheading_sd_deg = 1.0'
-    )
-
-    R = covariance(logged(tmp_path, rows, toml))
-
-    assert along @ R @ along == pytest.approx(0.7**2 + 0.5**2)
-    assert across @ R @ across == pytest.approx(0.7**2 + 0.5**2 + (200 * math.pi / 180) ** 2)
-
-
 def test_heading_noise_of_a_fix_agrees_with_drawn_headings(tmp_path: Path) -> None:
-    """Lever arm and offset turn together: draws of the heading move the fix by what the covariance says."""
+    """Draws of the heading turn lever arm and offset together; sensor and ship's receiver add 0.2 m and 0.5 m."""
     rng = np.random.default_rng(0)
     headings = np.radians(40.0 + 0.5 * rng.standard_normal(20_000))
     starboard, forward = 30.0 + 2.0, 80.0 + 10.0
-    drawn = np.column_stack(
-        [
-            starboard * np.cos(headings) + forward * np.sin(headings),
-            forward * np.cos(headings) - starboard * np.sin(headings),
-        ]
-    )
+    east = starboard * np.cos(headings) + forward * np.sin(headings)
+    north = forward * np.cos(headings) - starboard * np.sin(headings)
     rows = [ship(T0, 0.0, 0.0), gyro(T0, 40.0), point(T0, 80.0, 30.0)]
-    toml = ON_SHIP % ", lever_arm_m = [2.0, 10.0, 0.0]" + (
-        'frame = "body"\naxes = "FSD"\nsd_m = 0.2\nheading_sd_deg = 0.5'
-    )
+    toml = (ON_SHIP % ", lever_arm_m = [2.0, 10.0, 0.0]").replace("sd_m = 0.0", "sd_m = 0.5")
 
-    log = logged(tmp_path, rows, toml)
+    log = logged(tmp_path, rows, f"{toml}{BOW}sd_m = 0.2\nheading_sd_deg = 0.5")
 
-    np.testing.assert_allclose(covariance(log) - np.eye(2) * 0.04, np.cov(drawn.T), rtol=0.03, atol=0.01)
-    np.testing.assert_allclose(places(log)[0], drawn.mean(axis=0), atol=0.05)
+    of_heading = covariance(log) - np.eye(2) * (0.2**2 + 0.5**2)
+    np.testing.assert_allclose(of_heading, np.cov(east, north), rtol=0.03, atol=0.01)
+    np.testing.assert_allclose(places(log)[0], [east.mean(), north.mean()], atol=0.05)
 
 
 def test_inverted_fixes_need_the_heading_of_the_vehicle_near_their_time(tmp_path: Path) -> None:
     rows = [yaw(T0, 0.0), yaw(T0 + 10 * SECOND, 0.0), *(point(T0 + k * SECOND, 20.0, 0.0) for k in (0, 5))]
 
-    log = logged(tmp_path, rows, '[usbl]\nframe = "body"\naxes = "FSD"\nbeacon = { east_m = 0.0, north_m = 0.0 }')
+    log = logged(tmp_path, rows, f"[usbl]\n{BOW}beacon = {{ east_m = 0.0, north_m = 0.0 }}")
 
     assert len(log.tables["usbl"]) == 1
     assert "1 without a heading at their time" in codes(log)["USBL-INVALID"]

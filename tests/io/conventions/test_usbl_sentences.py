@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import HEAD, logged_nmea, places
+from logs import HEAD, logged_nmea, only, places, refusal
 from recordings import sentence
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -38,7 +38,7 @@ def test_a_rov_locator_that_heard_nothing_tells_no_fix(tmp_path: Path) -> None:
     log = logged(tmp_path, LOCATOR, "USRTH,,,,,,,,-0.6,1.9,178.1,271.9,16")
 
     assert len(places(log)) == 1
-    assert "1 not a number" in next(f.text for f in log.findings if f.code == "USBL-INVALID")
+    assert "1 not a number" in only(log, "USBL-INVALID")
 
 
 def test_a_locator_with_a_gps_compass_tells_where_and_when_the_vehicle_was(tmp_path: Path) -> None:
@@ -75,11 +75,10 @@ NOT_READ = {
 
 @pytest.mark.parametrize("body", NOT_READ)
 def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body: str) -> None:
-    with pytest.raises(UsageError) as fault:
-        logged(tmp_path, body)
+    said = refusal(UsageError, logged, tmp_path, body)
 
-    assert f"cannot be used as usbl: it {NOT_READ[body]}" in str(fault.value)
-    assert str(fault.value).endswith("(--usbl none: replay without usbl)")
+    assert f"cannot be used as usbl: it {NOT_READ[body]}" in said
+    assert said.endswith("(--usbl none: replay without usbl)")
 
 
 @pytest.mark.parametrize("orientation", "NG")
@@ -94,6 +93,8 @@ def test_radians_of_a_hipap_are_latitude_and_longitude(tmp_path: Path, orientati
 GEODETIC = {
     "PSIMSSB,122640.00,B01,A,,D,G,M,4459.181960,N,09334.571154,W,3.0,1.5,N,,": "usbl",
     "PEVOSSB,122640.00,2,1,G,T,R,44.986366,-93.5761859,-3.0,1.5,-30,180,,": "usbl",
+    "PSONLLD,122640.00,2401,A,44.986366,-93.5761859,999.916,5.33,5.33,0.00,0.62,,,,": "usbl",
+    "PSONLLD,122640.00,ALVIN 914,A,44.986366,-93.5761859,1951.156,13.96,13.96,0.00,2.62,,,,": "usbl",
     "INGNS,122640.00,4459.181960,N,09334.571154,W,AN,8,0.9,1.0,48.0,,": "gps",
     "INGLL,4459.181960,N,09334.571154,W,122640.00,A,A": "gps",
 }

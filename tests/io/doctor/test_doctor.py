@@ -57,13 +57,9 @@ def test_a_convention_is_named_if_the_log_decides_it_and_no_other(
 
 def test_a_scale_that_changes_within_the_log_is_named_with_its_time_and_its_metres(tmp_path: Path) -> None:
     rows = curved_dive(gps=True)
-    later = [row[1] == "/dvl" and row[0] >= T0 + 150 * SECOND for row in rows]
-    wrong = [
-        (*row[:3], {name: 1.3 * value if "linear" in name else value for name, value in row[3].items()}) if hit else row
-        for row, hit in zip(rows, later, strict=True)
-    ]
+    first = next(k for k, row in enumerate(rows) if row[0] >= T0 + 150 * SECOND)
 
-    found = findings(written(tmp_path, wrong))["SENSOR-CHANGE"]
+    found = findings(written(tmp_path, [*rows[:first], *faster(rows[first:], 1.3)]))["SENSOR-CHANGE"]
 
     assert found["time_s"] == pytest.approx(150.0, abs=12.0)
     scale = re.search(r"speeds ([+-][\d.]+)% compared with before", found["text"])
@@ -282,10 +278,9 @@ def test_a_csv_folder_of_radians_is_told_what_mends_it(tmp_path: Path) -> None:
 
 def faster(rows: list[Row], times: float) -> list[Row]:
     """Return the dive with the velocities of its DVL in another unit."""
-    return [
-        (*row[:3], {key: times * value if key.startswith("twist") else value for key, value in row[3].items()})
-        for row in rows
-    ]
+    x, y, z = (f"twist.linear.{axis}" for axis in "xyz")
+    scaled = {path.replace(".", "__"): lambda values, path=path: times * values[path] for path in (x, y, z)}
+    return changed(rows, "/dvl", **scaled)
 
 
 def drafted_for(log: Path) -> str:
@@ -378,12 +373,8 @@ def test_a_scenario_is_examined_without_a_file() -> None:
 
 def ahead(topic: str, by_s: float) -> list[Row]:
     """Return a dive with a topic's stamps on a clock that is ahead; log times stay."""
-    return [
-        (*row[:3], dict(row[3]) | {"header.stamp": row[3]["header.stamp"] + round(by_s * SECOND)})
-        if row[1] == topic
-        else row
-        for row in curved_dive(gps=True)
-    ]
+    by_ns = round(by_s * SECOND)
+    return changed(curved_dive(gps=True), topic, header__stamp=lambda values: values["header.stamp"] + by_ns)
 
 
 @pytest.mark.parametrize("ahead_s", [-18.0, 37.0])
@@ -419,14 +410,11 @@ def test_the_clock_that_no_driver_explains_is_the_wrong_one(
 def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
     tmp_path: Path, first: str, second: str, sign: float
 ) -> None:
-    x, y = f"twist.linear.{first}", f"twist.linear.{second}"
-    rows = [
-        (*row[:3], dict(row[3]) | {"twist.linear.x": sign * row[3][x], "twist.linear.y": sign * row[3][y]})
-        if row[1] == "/dvl"
-        else row
-        for row in curved_dive(gps=True)
-    ]
-    log = written(tmp_path, rows)
+    wrong = {
+        f"twist__linear__{axis}": lambda values, other=other: sign * values[f"twist.linear.{other}"]
+        for axis, other in (("x", first), ("y", second))
+    }
+    log = written(tmp_path, changed(curved_dive(gps=True), "/dvl", **wrong))
     cure = "[dvl]\nmount_deg = 180.0\n" if first == "x" else '[dvl]\naxes = "FRD"\nmount_deg = -90.0\n'
 
     said, cured = replayed(log), replayed(log, "--config", stating(log, cure))
