@@ -15,6 +15,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import Writer
 
+from logs import only
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -192,8 +193,7 @@ def test_a_heading_may_be_absent(tmp_path: Path, channel: Channel, encode: Any) 
     log = read_log(write(tmp_path / "dive.mcap", channel, payloads), Request(topics={"compass": "location"}))
 
     assert log.tables["compass"]["heading_deg"].tolist() == pytest.approx([90.0])
-    (sentence,) = [finding.text for finding in log.findings if finding.code == "COMPASS-INVALID"]
-    assert sentence == "location: 1 of 2 records are invalid and left out (1 not a number)"
+    assert only(log, "COMPASS-INVALID") == "location: 1 of 2 records are invalid and left out (1 not a number)"
 
 
 @BOTH
@@ -203,8 +203,7 @@ def test_bytes_that_do_not_fit_are_counted(tmp_path: Path, channel: Channel, enc
     log = read_log(write(tmp_path / "dive.mcap", channel, payloads))
 
     assert len(log.tables["gps"]) == 1
-    (sentence,) = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
-    assert sentence == "location: 3 messages do not match their definition in the file"
+    assert only(log, "UNDECODED") == "location: 3 messages do not match their definition in the file"
 
 
 def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> None:

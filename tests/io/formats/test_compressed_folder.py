@@ -1,17 +1,13 @@
 """CSV files that are compressed inside their folder: the folder is the log that it would be with them decompressed."""
 
-import bz2
 import gc
 import gzip
-import lzma
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import pandas as pd
 import pytest
-import zstandard
 
+from compressions import PACK
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -19,13 +15,6 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
 
-PACK: Mapping[str, Callable[[bytes], bytes]] = {
-    "gz": gzip.compress,
-    "zst": zstandard.compress,
-    "bz2": bz2.compress,
-    "xz": lzma.compress,
-    "lz4": lz4.frame.compress,
-}
 NAMES = {"gz": "gzip", "zst": "zstd", "bz2": "bzip2", "xz": "xz", "lz4": "lz4"}
 COUNT = 60
 TIMES = [T0 + k * SECOND for k in range(COUNT)]
@@ -48,7 +37,7 @@ def packed(folder: Path, name: str, ending: str = "gz") -> Path:
     return folder / f"{name}.{ending}"
 
 
-@pytest.mark.parametrize("ending", PACK)
+@pytest.mark.parametrize("ending", NAMES)
 @pytest.mark.parametrize("names", [["dvl.csv"], ["dvl.csv", "gps.csv", "nav__compass.csv"]])
 def test_a_folder_with_compressed_files_is_the_folder_without(tmp_path: Path, names: list[str], ending: str) -> None:
     plain = read_log(dive(tmp_path / "dive"))

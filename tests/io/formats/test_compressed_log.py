@@ -1,10 +1,8 @@
 """Compressed logs are what their contents are; the libraries that compress them owe nothing to usbldr."""
 
-import bz2
 import gc
 import gzip
 import hashlib
-import lzma
 import random
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,6 +13,7 @@ import pytest
 import zstandard
 
 import damage
+from compressions import PACK
 from damaged_formats import COUNT, FORMATS, dive
 from logs import refusal
 from recordings import SECOND, T0, sentence, short_dive, write_bag, write_csv, write_mcap
@@ -27,19 +26,6 @@ from usbldr.io.reader import Records
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
-
-def with_checksum(data: bytes) -> bytes:
-    return zstandard.ZstdCompressor(write_checksum=True).compress(data)
-
-
-PACK: Mapping[str, Callable[[bytes], bytes]] = {
-    "zst": with_checksum,
-    "zstd": zstandard.compress,
-    "gz": gzip.compress,
-    "bz2": bz2.compress,
-    "xz": lzma.compress,
-    "lz4": lz4.frame.compress,
-}
 DVL = "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0 + k * SECOND},{1 + k / 7:.9f},0.5\n" for k in range(60))
 
 

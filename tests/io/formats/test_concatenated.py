@@ -1,6 +1,8 @@
 """Files of several recordings, and recordings with other bytes around them: all is read, or named as lost data."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,15 @@ junk = st.binary(min_size=1, max_size=600).map(
 )
 
 
+@contextmanager
+def recorded(form: str) -> Iterator[tuple[Path, Path, bytes, list[int]]]:
+    """Write a recording; give its file, what is opened, the bytes, and how many records are read of each topic."""
+    with tempfile.TemporaryDirectory() as name:
+        file = FORMATS[form].write(Path(name))
+        path = file.parent if FORMATS[form].folder else file
+        yield file, path, file.read_bytes(), count(open_log(path), form)
+
+
 def attempt(path: Path, form: str) -> tuple[list[int], bool]:
     """Return how many records are read, and whether a loss is said, or why nothing can be read."""
     try:
@@ -35,11 +46,7 @@ def attempt(path: Path, form: str) -> tuple[list[int], bool]:
 @settings(max_examples=3)
 @given(copies=st.integers(2, 4), zeros=st.sampled_from([0, 0, 7, 5000]))
 def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        file = FORMATS[form].write(folder)
-        path, whole = file.parent if FORMATS[form].folder else file, file.read_bytes()
-        once = count(open_log(path), form)
+    with recorded(form) as (file, path, whole, once):
         file.write_bytes(bytes(zeros if form in CONTAINERS else 0).join([whole] * copies))
         log = open_log(path)
 
@@ -52,10 +59,7 @@ def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -
 @settings(max_examples=3)
 @given(other=junk, before=st.booleans())
 def test_bytes_around_a_recording_are_named_and_the_recording_is_read(form: str, other: bytes, before: bool) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        file = FORMATS[form].write(Path(name))
-        path, whole = file.parent if FORMATS[form].folder else file, file.read_bytes()
-        once = count(open_log(path), form)
+    with recorded(form) as (file, path, whole, once):
         file.write_bytes(other + whole if before else whole + other)
 
         if before and not form.startswith(SEARCHED):
@@ -69,10 +73,7 @@ def test_bytes_around_a_recording_are_named_and_the_recording_is_read(form: str,
 @settings(max_examples=3)
 @given(data=st.data())
 def test_a_recording_behind_one_that_is_cut_is_read_or_the_loss_is_named(form: str, data: st.DataObject) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        file = FORMATS[form].write(Path(name))
-        path, whole = file.parent if FORMATS[form].folder else file, file.read_bytes()
-        once = count(open_log(path), form)
+    with recorded(form) as (file, path, whole, once):
         cut = data.draw(st.integers(9, len(whole) - 1))
         file.write_bytes(whole[:cut])
         alone, _ = attempt(path, form)

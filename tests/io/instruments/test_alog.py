@@ -27,6 +27,11 @@ columns = { lat_deg = "GPS_LATITUDE", lon_deg = "GPS_LONGITUDE" }
 """
 
 
+def saved(folder: Path, *postings: str) -> Path:
+    (folder / "a.alog").write_text(HEAD + "".join(postings))
+    return folder / "a.alog"
+
+
 def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:
     (tmp_path / "usbldr.toml").write_text(COLUMNS)
     log = read_log(write_alog(tmp_path / "a.alog"))
@@ -73,28 +78,19 @@ def test_types_may_be_marked_and_times_may_count_from_1970(tmp_path: Path) -> No
 
 def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
     """The report is that of pNodeReporter's documentation; of a name that comes twice the first counts."""
-    report = "NAME=alpha,TYPE=UUV,UTC_TIME=1252348077.59,X=51.71,Y=-35.50,LAT=43.824981,LON=-70.329755,SPD=2.00,"
-    report += "HDG=118.85,YAW=118.84754,DEP=4.63,LENGTH=3.8,MODE=MODE@ACTIVE:LOITERING"
+    numbers = "UTC_TIME=1252348077.59,X=51.71,Y=-35.50,LAT=43.824981,LON=-70.329755,SPD=2.00,"
+    numbers += "HDG=118.85,YAW=118.84754,DEP=4.63,LENGTH=3.8"
+    report = f"NAME=alpha,TYPE=UUV,{numbers},MODE=MODE@ACTIVE:LOITERING"
     texts = [("NODE_REPORT_LOCAL", report), ("USBL_FIX", "S:who=7, x = 1.5 ,y=-2,ok=true,x=9"), ("USBL_FIX", "x=2.5")]
     texts += [("POLYGON", "pts={0,0:10,20},label=one,edge=3"), ("EMPTY", "a=,=5,b,c==1,1=2,-d=3")]
-    text = "".join(line(k, variable, "app", value) for k, (variable, value) in enumerate(texts))
-    (tmp_path / "a.alog").write_text(HEAD + text)
-    log = open_log(tmp_path / "a.alog")
+    log = open_log(saved(tmp_path, *(line(k, name, "app", value) for k, (name, value) in enumerate(texts))))
 
     (topic,) = log.topics()
     records = read_whole(log, {"/app": topic.fields})["/app"].columns
 
+    pairs = (number.split("=") for number in numbers.split(","))
     assert {path: column[0] for path, column in records.items() if path.startswith("NODE")} == {
-        "NODE_REPORT_LOCAL.UTC_TIME": 1252348077.59,
-        "NODE_REPORT_LOCAL.X": 51.71,
-        "NODE_REPORT_LOCAL.Y": -35.5,
-        "NODE_REPORT_LOCAL.LAT": 43.824981,
-        "NODE_REPORT_LOCAL.LON": -70.329755,
-        "NODE_REPORT_LOCAL.SPD": 2.0,
-        "NODE_REPORT_LOCAL.HDG": 118.85,
-        "NODE_REPORT_LOCAL.YAW": 118.84754,
-        "NODE_REPORT_LOCAL.DEP": 4.63,
-        "NODE_REPORT_LOCAL.LENGTH": 3.8,
+        f"NODE_REPORT_LOCAL.{name}": float(value) for name, value in pairs
     }
     others = {path: column[1:] for path, column in records.items() if not path.startswith("NODE")}
     nan = np.nan
@@ -107,11 +103,10 @@ def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
 
 def test_positions_within_a_text_are_fixes(tmp_path: Path) -> None:
     rows = [line(k + 0.5, "USBL_REPORT", "iUSBL", f"T={T0 // SECOND + k},X={k},Y={-2 * k}") for k in range(COUNT)]
-    (tmp_path / "a.alog").write_text(HEAD + "".join(rows))
     columns = '{ time_unix_s = "USBL_REPORT.T", x = "USBL_REPORT.X", y = "USBL_REPORT.Y" }'
     (tmp_path / "usbldr.toml").write_text(f"[usbl]\ncolumns = {columns}\n")
 
-    fixes = read_log(tmp_path / "a.alog").tables["usbl"]
+    fixes = read_log(saved(tmp_path, *rows)).tables["usbl"]
 
     np.testing.assert_array_equal(fixes[["east_m", "north_m"]], [[k, -2 * k] for k in range(COUNT)])
     np.testing.assert_array_equal(np.diff(fixes["time_s"]), 1.0)
@@ -121,9 +116,9 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
     """Of five readings the second lacks Y, the third X; the others are 5 ms apart: no record has values of two."""
     rows = [(0.0, "X", 1), (0.001, "Y", 2), (0.1, "X", 3), (0.2, "Y", 4)]
     rows += [(0.3, "X", 5), (0.3, "Y", 6), (0.305, "X", 7), (0.305, "Y", 8)]
-    text = "".join(line(time_s, name, "app", value) for time_s, name, value in rows)
-    (tmp_path / "a.alog").write_text(HEAD + text)
-    columns = read_whole(open_log(tmp_path / "a.alog"), {"/app": ["X", "Y"]})["/app"].columns
+    file = saved(tmp_path, *(line(time_s, name, "app", value) for time_s, name, value in rows))
+
+    columns = read_whole(open_log(file), {"/app": ["X", "Y"]})["/app"].columns
 
     np.testing.assert_array_equal(columns["X"], [1, 3, np.nan, 5, 7])
     np.testing.assert_array_equal(columns["Y"], [2, np.nan, 4, 6, 8])
@@ -138,9 +133,7 @@ def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:
 
 
 def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
-    text = HEAD + line(0, "X", "app", 1.5) + "a text\nof two lines\n" + line(1, "X", "app", 2.5)
-    (tmp_path / "a.alog").write_text(text)
-    log = open_log(tmp_path / "a.alog")
+    log = open_log(saved(tmp_path, line(0, "X", "app", 1.5), "a text\nof two lines\n", line(1, "X", "app", 2.5)))
 
     assert read_whole(log, {"/app": ["X"]})["/app"].columns["X"].tolist() == [1.5, 2.5]
     (finding,) = log.findings()
@@ -164,14 +157,13 @@ def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
 
 def test_a_variable_of_texts_that_seldom_is_a_number_is_no_number(tmp_path: Path) -> None:
     rows = [line(k, "MODE", "app", "1" if k == 3 else "survey") + line(k, "X", "app", k) for k in range(9)]
-    (tmp_path / "a.alog").write_text(HEAD + "".join(rows))
 
-    assert open_log(tmp_path / "a.alog").topics()[0].fields == ("X",)
+    assert open_log(saved(tmp_path, *rows)).topics()[0].fields == ("X",)
 
 
 def test_variables_without_end_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.alog").write_text(HEAD + "".join(line(k, f"V{k}", "app", k) for k in range(2001)))
+    file = saved(tmp_path, *(line(k, f"V{k}", "app", k) for k in range(2001)))
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match="has more than 2000 variables; --limits 10 raises the limits tenfold"):
-        read_log(tmp_path / "a.alog")
+        read_log(file)

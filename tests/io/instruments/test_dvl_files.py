@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,15 @@ from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
+
+
+def saved(file: Path, texts: Iterable[str]) -> Path:
+    file.write_text("\n".join(texts) + "\n", encoding="utf-8")
+    return file
+
+
+def json_lines(folder: Path) -> list[str]:
+    return write_json(folder / "a.jsonl").read_text(encoding="utf-8").splitlines()
 
 
 @pytest.mark.parametrize("coordinates", [1, 2])
@@ -136,8 +146,7 @@ def test_reports_of_water_linked_are_read(tmp_path: Path) -> None:
     "form", ["array", "rows of an array", "indented", "indented array", "two on a line", "text behind"]
 )
 def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -> None:
-    whole = write_json(tmp_path / "a.jsonl")
-    lines = whole.read_text(encoding="utf-8").splitlines()
+    lines = json_lines(tmp_path)
     text = {
         "array": f"[{', '.join(lines)}]",
         "rows of an array": "[\n" + ",\n".join(lines) + "\n]",
@@ -146,9 +155,8 @@ def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -
         "two on a line": "\n".join(map("".join, zip(lines[::2], [*lines[1::2], ""], strict=True))),
         "text behind": "\n".join(f"{line} # rx 212 bytes" for line in lines),
     }[form]
-    (tmp_path / "b.json").write_text(text + "\n", encoding="utf-8")
 
-    logs = [open_log(whole), open_log(tmp_path / "b.json")]
+    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved(tmp_path / "b.json", [text]))]
 
     read = [read_whole(log, {"/velocity": ["vx", "time_of_validity"]})["/velocity"] for log in logs]
     np.testing.assert_array_equal(read[1].received_ns, read[0].received_ns)
@@ -157,15 +165,13 @@ def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -
 
 
 def test_an_object_that_is_not_closed_costs_its_lines_alone(tmp_path: Path) -> None:
-    whole = write_json(tmp_path / "a.jsonl")
-    texts = [json.dumps(json.loads(line), indent=2) for line in whole.read_text(encoding="utf-8").splitlines()]
+    texts = [json.dumps(json.loads(line), indent=2) for line in json_lines(tmp_path)]
     texts[4] = texts[4].removesuffix("}")
-    (tmp_path / "b.json").write_text("\n".join(texts), encoding="utf-8")
 
-    log = open_log(tmp_path / "b.json")
+    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved(tmp_path / "b.json", texts))]
 
-    lost = sum(topic.count for topic in open_log(whole).topics()) - sum(topic.count for topic in log.topics())
-    assert (lost, [finding.lost_data for finding in log.findings()]) == (1, [True])
+    whole, left = (sum(topic.count for topic in log.topics()) for log in logs)
+    assert (whole - left, [finding.lost_data for finding in logs[1].findings()]) == (1, [True])
 
 
 def test_settings_in_json_are_no_log(tmp_path: Path) -> None:
@@ -176,23 +182,20 @@ def test_settings_in_json_are_no_log(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("cut", ['"vx"', '"type"', "}"])
 def test_a_report_that_ends_early_is_named(tmp_path: Path, cut: str) -> None:
-    lines = write_json(tmp_path / "a.jsonl").read_text(encoding="utf-8").splitlines()
+    lines = json_lines(tmp_path)
     lines[4] = lines[4].replace(f", {cut}", f"}} {cut}", 1) if cut != "}" else lines[4][:-1]
-    (tmp_path / "b.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
-    assert "lines are no JSON, the first is line 5" in next(
-        finding.text for finding in open_log(tmp_path / "b.jsonl").findings() if finding.lost_data
-    )
+    found = open_log(saved(tmp_path / "b.jsonl", lines)).findings()
+
+    assert "lines are no JSON, the first is line 5" in next(one.text for one in found if one.lost_data)
 
 
 def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) -> None:
-    lines = [json.loads(line) for line in write_json(tmp_path / "a.jsonl").read_text(encoding="utf-8").splitlines()]
-    reports = [line for line in lines if line.get("type") == "velocity"]
+    reports = [one for one in map(json.loads, json_lines(tmp_path)) if one.get("type") == "velocity"]
     for k, report in enumerate(reports[:20]):
         report |= {"time_of_validity": 30_000_000 + 200_000 * k, "time_of_transmission": 30_050_000 + 200_000 * k}
-    (tmp_path / "b.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in reports), encoding="utf-8")
 
-    log = open_log(tmp_path / "b.jsonl")
+    log = open_log(saved(tmp_path / "b.jsonl", map(json.dumps, reports)))
     read = read_whole(log, {"/velocity": ["time_of_validity"]})["/velocity"]
 
     assert read.received_ns[:20].tolist() == [30_050_000_000 + 200_000_000 * k for k in range(20)]
@@ -202,21 +205,15 @@ def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) ->
 
 def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> None:
     place = {"cog": -1, "fix_quality": 1, "hdop": 1.9, "lat": 63.4, "lon": 10.4, "numsats": 11, "sog": 0}
-    lines = [json.dumps({**place, "lat": 63.4 + k * 1e-6}) for k in range(COUNT)]
-    (tmp_path / "bare.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "whole.txt").write_text(
-        "".join(f"{json.dumps({**json.loads(line), 'ts': T0 // SECOND + k})}\n" for k, line in enumerate(lines)),
-        encoding="utf-8",
-    )
-    (tmp_path / "timed.txt").write_text(
-        "".join(f"2020-09-13T12:26:40.{k:02d}Z {line}\n" for k, line in enumerate(lines)), encoding="utf-8"
-    )
+    places = [{**place, "lat": 63.4 + k * 1e-6} for k in range(COUNT)]
+    bare = saved(tmp_path / "bare.txt", map(json.dumps, places))
+    whole = saved(tmp_path / "whole.txt", (json.dumps(p | {"ts": T0 // SECOND + k}) for k, p in enumerate(places)))
+    timed = (f"2020-09-13T12:26:40.{k:02d}Z {json.dumps(p)}" for k, p in enumerate(places))
 
-    (finding,) = open_log(tmp_path / "bare.txt").findings()
+    (finding,) = open_log(bare).findings()
+    log = read_log(saved(tmp_path / "timed.txt", timed), Request(topics={"usbl": "/global"}))
+
     assert finding.text == "bare.txt: 40 lines have no time; log them with one before each line"
-    log = read_log(tmp_path / "timed.txt", Request(topics={"usbl": "/global"}))
-    assert len(log.tables["usbl"]) == COUNT
-    assert log.start_ns == T0
-    whole = open_log(tmp_path / "whole.txt")
-    assert read_whole(whole, {"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
-    assert not whole.findings()
+    assert (len(log.tables["usbl"]), log.start_ns) == (COUNT, T0)
+    assert read_whole(open_log(whole), {"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
+    assert not open_log(whole).findings()

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from logs import MAP, codes, logged_nmea
-from recordings import SECOND, T0, sentence, write_mcap
+from logs import HEAD, MAP, codes, covariance, logged, logged_nmea
+from recordings import SECOND, T0, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
@@ -178,25 +178,25 @@ NO_FIX = sentence("GPGGA,075618.34,,,,,0,00,,,M,,M,,")
 
 
 @pytest.mark.parametrize(
-    ("sentences", "toml", "sensor", "used", "code", "said"),
+    ("sentences", "sensor", "code", "said"),
     [
-        ([RECORDED_GGA, RECORDED_GGA.replace("7002", "7003")], "", "gps", 1, "NMEA-CHECKSUM",
+        ([RECORDED_GGA, RECORDED_GGA.replace("7002", "7003")], "gps", "NMEA-CHECKSUM",
          "ship.nmea: 1 of 2 sentences are cut or have a wrong checksum; left out"),
-        ([sentence("HEHDT,12.5,T"), sentence("HEHDT,north,T")], "", "compass", 1, "UNDECODED",
+        ([sentence("HEHDT,12.5,T"), sentence("HEHDT,north,T")], "compass", "UNDECODED",
          "/HEHDT: 1 sentences do not have the fields of their type; left out"),
-        ([RECORDED_GGA.partition("*")[0]], "", "gps", 1, "NMEA-UNCHECKED",
+        ([RECORDED_GGA.partition("*")[0]], "gps", "NMEA-UNCHECKED",
          "ship.nmea: 1 of 1 sentences have no checksum"),
-        ([RECORDED_GGA, NO_FIX], "", "gps", 1, "GPS-INVALID", "/GPGGA: 1 of 2 records are invalid and left out"),
-        ([sentence(f"GPTHS,10.0,{mode}") for mode in "AV"], "", "compass", 1, "COMPASS-INVALID",
+        ([RECORDED_GGA, NO_FIX], "gps", "GPS-INVALID", "/GPGGA: 1 of 2 records are invalid and left out"),
+        ([sentence(f"GPTHS,10.0,{mode}") for mode in "AV"], "compass", "COMPASS-INVALID",
          "/GPTHS: 1 of 2 records are invalid and left out"),
     ],
 )  # fmt: skip
 def test_a_sentence_that_is_cut_incomplete_or_invalid_by_its_own_word_is_left_out_and_counted(
-    tmp_path: Path, sentences: list[str], toml: str, sensor: str, used: int, code: str, said: str
+    tmp_path: Path, sentences: list[str], sensor: str, code: str, said: str
 ) -> None:
-    log = logged_nmea(tmp_path, *timed(*sentences), toml=toml)
+    log = logged_nmea(tmp_path, *timed(*sentences))
 
-    assert len(log.tables[sensor]) == used
+    assert len(log.tables[sensor]) == 1
     assert codes(log)[code].startswith(said)
     assert any(finding.lost_data for finding in log.findings if finding.code == code) == (
         code in ("UNDECODED", "NMEA-CHECKSUM")
@@ -286,7 +286,7 @@ RANGER_NORTH_M = 9.125e-4 * 111258  # metres a degree at 51.33
 @pytest.mark.parametrize(
     ("sentences", "toml", "east_north_m", "topic"),
     [
-        ([NORTH_UP], "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }", [139.017, 138.7], "/PSIMSSB_C_N"),
+        ([NORTH_UP], HEAD, [139.017, 138.7], "/PSIMSSB_C_N"),
         ([RANGER_SHIP, RANGER], on_map(51.3306281, -0.83563975), [0, RANGER_NORTH_M], "/PSONLLD"),
         ([GAPS, GAPS_SHIP], on_map(43 + 5.25355 / 60, 6 + 31.76852 / 60), [0, 0], "/PTSAG"),
         ([SOUTH], on_map(-27 - 18.19917 / 60, -17 - 47.61373 / 60), [0, 0], "/PTSAG"),
@@ -310,9 +310,7 @@ def test_a_fix_is_that_of_the_target_where_its_maker_counts_it_from(
 def test_no_reply_is_no_fix_even_with_status_a(tmp_path: Path) -> None:
     silent = NO_REPLY.replace("M17", "M44").partition("*")[0]
 
-    log = logged_nmea(tmp_path, *timed(NORTH_UP, silent), toml="[usbl]\nhead = { east_m = 0.0, north_m = 0.0 }")
-
-    assert len(log.tables["usbl"]) == 1
+    assert len(logged_nmea(tmp_path, *timed(NORTH_UP, silent), toml=HEAD).tables["usbl"]) == 1
 
 
 def test_the_ellipse_of_ranger_is_along_its_direction(tmp_path: Path) -> None:
@@ -320,8 +318,7 @@ def test_the_ellipse_of_ranger_is_along_its_direction(tmp_path: Path) -> None:
     line = sentence("PSONLLD,122640.00,2401,A,45.0,7.0,10.0,4.0,1.0,30.0,0.6,,,,")
     along, across = np.array([0.5, math.sqrt(3) / 2]), np.array([math.sqrt(3) / 2, -0.5])
 
-    usbl = logged_nmea(tmp_path, f"1600000000 {line}", toml=MAP).tables["usbl"]
-    R = usbl[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy()[0].reshape(2, 2)
+    R = covariance(logged_nmea(tmp_path, f"1600000000 {line}", toml=MAP))
 
     assert along @ R @ along == pytest.approx(16)
     assert across @ R @ across == pytest.approx(1)
@@ -343,7 +340,7 @@ def test_sentences_in_a_topic_of_text_are_topics_of_their_own(tmp_path: Path) ->
         (T0 + 2 * SECOND, "/status", STRING, {"data": "diving"}),
     ]
 
-    log = read_log(write_mcap(tmp_path / "dive.mcap", rows))
+    log = logged(tmp_path, rows)
 
     assert log.provenance["gps"].topic == "/nmea/GPGGA"
     assert log.provenance["compass"].topic == "/nmea/HEHDT"
@@ -353,10 +350,8 @@ def test_sentences_in_a_topic_of_text_are_topics_of_their_own(tmp_path: Path) ->
 
 def test_a_gga_on_a_usbl_topic_is_the_target(tmp_path: Path) -> None:
     gga = sentence("GPGGA,122640.00,4500.054,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
-    log_file = write_mcap(tmp_path / "dive.mcap", [(T0, "/usbl/nmea", STRING, {"data": gga})])
-    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
 
-    log = read_log(log_file)
+    log = logged(tmp_path, [(T0, "/usbl/nmea", STRING, {"data": gga})], MAP)
 
     assert list(log.tables) == ["usbl"]
     assert log.tables["usbl"]["north_m"][0] == pytest.approx(0.054 / 60 * 111132, abs=0.1)
