@@ -3,7 +3,9 @@
 The writers are those of mcap and rosbags, which owe nothing to usbldr.
 """
 
+import sqlite3
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -191,6 +193,13 @@ def write_rosbag2(folder: Path, rows: Iterable[Row], storage: StoragePlugin = St
                 connections[topic] = writer.add_connection(topic, type_name, typestore=ROS2)
             writer.write(connections[topic], log_ns, ROS2.serialize_cdr(message(type_name, values), type_name))
     return folder
+
+
+def execute(file: Path, *statements: str) -> None:
+    """Run SQL on the database of a recording."""
+    with closing(sqlite3.connect(file)) as database, database:
+        for statement in statements:
+            database.execute(statement)
 
 
 TWIST, IMU, POINT = "geometry_msgs/msg/TwistStamped", "sensor_msgs/msg/Imu", "geometry_msgs/msg/PointStamped"

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from commands import run
-from recordings import SECOND, T0, write_payloads
+from recordings import SECOND, T0, execute, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import RosDecoder, from_idl
 from usbldr.io.decoding.collected import read_whole
@@ -52,9 +52,7 @@ def undefined_dvl(folder: Path, layout: str) -> Path:
             )
             bag.write(connection, T0 + k * SECOND, store.serialize_cdr(made, "dvl_msgs/msg/DVL"))
     (file,) = folder.glob("*.db3")
-    with sqlite3.connect(file) as database:
-        database.execute("DROP TABLE message_definitions")
-    database.close()
+    execute(file, "DROP TABLE message_definitions")
     return file
 
 
@@ -86,10 +84,7 @@ def test_so_it_is_in_an_mcap_file(tmp_path: Path) -> None:
 
 def test_bytes_of_no_known_layout_are_named_with_the_way_out(tmp_path: Path) -> None:
     file = undefined_dvl(tmp_path / "a", OF_2024)
-    with sqlite3.connect(file) as database:
-        database.execute("UPDATE messages SET data = substr(data, 1, length(data) - 20)")
-    database.close()
-
+    execute(file, "UPDATE messages SET data = substr(data, 1, length(data) - 20)")
     log = Db3Log(file)
 
     assert [topic.problem for topic in log.topics()] == [
@@ -175,9 +170,7 @@ def own(tmp_path: Path) -> Path:
             header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](k, 0), "")
             made = types["our_msgs/msg/Compass"](header, types["our_msgs/msg/Angle"](float(k)))
             bag.write(connection, T0 + k, store.serialize_cdr(made, "our_msgs/msg/Compass"))
-    with sqlite3.connect(tmp_path / "own" / "own.db3") as database:
-        database.execute("DROP TABLE message_definitions")
-    database.close()
+    execute(tmp_path / "own" / "own.db3", "DROP TABLE message_definitions")
     messages = tmp_path / "src" / "our_msgs" / "msg"
     messages.mkdir(parents=True)
     (messages / "Compass.msg").write_text("# ours\n" + text)
@@ -265,16 +258,9 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
     line = "=" * 80 + "\n"
     parts = {"our_msgs/msg/Fix": IDL, "std_msgs/msg/Header": HEADER_IDL, "builtin_interfaces/msg/Time": TIME_IDL}
     definition = "".join(f"{line}IDL: {name}\n{text}" for name, text in parts.items())
-    data = (
-        b"\0\1\0\0"
-        + struct.pack("<iII", 7, 5, 4)
-        + b"map\0"
-        + struct.pack("<3d?xxxI", 1.0, 2.0, 3.0, True, 4)
-        + b"one\0"
-    )
-    file = write_payloads(
-        tmp_path / "a.mcap", "/fix", "cdr", ("our_msgs/msg/Fix", "ros2idl", definition.encode()), [data]
-    )
+    data = b"\0\1\0\0" + struct.pack("<iII4s", 7, 5, 4, b"map") + struct.pack("<3d?xxxI4s", 1, 2, 3, True, 4, b"one")
+    schema = ("our_msgs/msg/Fix", "ros2idl", definition.encode())
+    file = write_payloads(tmp_path / "a.mcap", "/fix", "cdr", schema, [data])
 
     paths = ["header.stamp", "header.frame_id", "position.1", "valid", "name"]
     read = read_whole(McapLog(file), {"/fix": paths})["/fix"]

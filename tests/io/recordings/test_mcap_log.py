@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
@@ -17,6 +18,7 @@ from logs import refusal
 from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
+from usbldr.io.limits import VARIABLE
 from usbldr.io.recordings.mcap_log import McapLog
 
 CONTAINERS = [
@@ -184,9 +186,7 @@ def test_a_destroyed_chunk_costs_only_its_own_messages(
 
 @pytest.mark.parametrize("damaged", [0, 3])
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
-def test_a_chunk_with_a_wrong_checksum_is_read_and_reported(
-    tmp_path: Path, compression: CompressionType, damaged: int
-) -> None:
+def test_a_chunk_with_a_wrong_checksum_is_reported(tmp_path: Path, compression: CompressionType, damaged: int) -> None:
     file = written(tmp_path / "a.mcap", compression, True, 8192)
     log = flip(file, chunks_of(file)[damaged].chunk_start_offset + 9 + 8 + 8 + 8)  # opcode and length, two times, size
 
@@ -285,6 +285,17 @@ def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
     (finding,) = log.findings()
     assert "1 chunks are damaged or use an unknown compression (snap) (logged between" in finding.text
     assert finding.text.endswith(": 0 of 2000 messages could be read")
+
+
+def test_messages_that_decompress_to_too_much_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = zstandard.compress(bytes(2_000_000))
+    file = write_payloads(tmp_path / "a.mcap", "/speed", "cdr", FLOAT64, [data, data])
+    monkeypatch.setenv(VARIABLE, "0.01")
+    log = McapLog(file)
+
+    assert len(read_whole(log, {"/speed": ["data"]})["/speed"].received_ns) == 0
+    (finding, _) = log.findings()
+    assert finding.text.startswith("messages decompress to more than 1.34 MB each and are left out (--limits 10")
 
 
 def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:

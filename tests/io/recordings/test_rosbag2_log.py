@@ -12,11 +12,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from logs import refusal
-from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, short_dive, twist, write_payloads, write_rosbag2
+from recordings import ROS2, SECOND, T0, TWIST, Row, execute, message, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
-from usbldr.io.limits import VARIABLE
 from usbldr.io.reader import Reader
 from usbldr.io.reading.read import read_log, require
 
@@ -44,9 +43,7 @@ def x_of(source: Path | Reader) -> list[float]:
 def five(folder: Path, *statements: str) -> Path:
     """Return a file of five messages after some statements of SQL."""
     file = write_rosbag2(folder / "dive", stretch(0, 5)) / "dive.db3"
-    with closing(sqlite3.connect(file)) as database, database:
-        for statement in statements:
-            database.execute(statement)
+    execute(file, *statements)
     return file
 
 
@@ -163,9 +160,7 @@ def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
          "holds 2 recordings (dive_0.db3, other_0.db3); name one of them, or join them with --with"),
     ],
 )  # fmt: skip
-def test_a_folder_that_is_no_recording_is_named_with_what_to_do(
-    tmp_path: Path, files: list[str], sentence: str
-) -> None:
+def test_a_folder_that_is_no_recording_is_named(tmp_path: Path, files: list[str], sentence: str) -> None:
     folder = parts(tmp_path / "dive", 0)
     whole = (folder / "dive_0.db3").read_bytes()
     (folder / "dive_0.db3").unlink()
@@ -200,9 +195,7 @@ def compressed(folder: Path, storage: StoragePlugin, mode: CompressionMode) -> P
 
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
-def test_a_recording_that_rosbag2_compressed_is_read(
-    tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
-) -> None:
+def test_a_compressed_recording_is_read(tmp_path: Path, storage: StoragePlugin, mode: CompressionMode) -> None:
     folder = compressed(tmp_path / "dive", storage, mode)
     (part,) = (file for file in folder.iterdir() if file.name != "metadata.yaml")
     assert part.name.endswith(".zstd") == (mode is CompressionMode.FILE)
@@ -244,19 +237,6 @@ def test_a_compressed_part_that_is_missing_or_cut_is_reported(tmp_path: Path) ->
     assert log.topics() == open_log(folder / "dive_0.db3.zstd").topics()
 
 
-def test_messages_of_an_mcap_file_that_decompress_to_too_much_are_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    data = zstandard.compress(bytes(2_000_000))
-    file = write_payloads(tmp_path / "a.mcap", "/speed", "cdr", FLOAT64, [data, data])
-    monkeypatch.setenv(VARIABLE, "0.01")
-    log = open_log(file)
-
-    assert len(read_whole(log, {"/speed": ["data"]})["/speed"].received_ns) == 0
-    (finding, _) = log.findings()
-    assert finding.text.startswith("messages decompress to more than 1.34 MB each and are left out (--limits 10")
-
-
 def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: Path) -> None:
     unknown = "INSERT INTO topics SELECT 9, '/x', 'my_msgs/msg/X', 'cdr', '', '' FROM topics"
     log = open_log(five(tmp_path, "DROP TABLE message_definitions", unknown))
@@ -282,14 +262,10 @@ def test_a_cut_db3_is_an_error_that_names_a_way_to_recover_it(tmp_path: Path, ke
 
 
 def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
-    with closing(sqlite3.connect(tmp_path / "a.db3")) as database, database:
-        database.execute("CREATE TABLE photos (id INTEGER)")
-
-    with pytest.raises(LogError) as fault:
-        open_log(tmp_path / "a.db3").topics()
+    file = five(tmp_path, "DROP TABLE messages")
 
     sentence = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
-    assert str(fault.value) == f"{tmp_path / 'a.db3'}: {sentence}"
+    assert refusal(LogError, lambda: open_log(file).topics()) == f"{file}: {sentence}"
 
 
 def test_a_topic_without_a_number_is_damage(tmp_path: Path) -> None:

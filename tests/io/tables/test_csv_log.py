@@ -6,15 +6,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs import MAP, logged_csv, lost, only
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
+from usbldr.io.log import Log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables import csv_text
 from usbldr.io.tables.csv_log import CsvLog
 
+WHEN = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
 DVL = f"time_ns,received_ns,starboard_mps,forward_mps\n{T0},{T0 + 7},0.1,1.25\n{T0 + 2},{T0 + 5},,-1e-3"
+
+
+def read_text(folder: Path, text: str, name: str = "compass") -> Log:
+    (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+    return read_log(folder / f"{name}.csv")
 
 
 def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> None:
@@ -66,25 +74,16 @@ def test_headers_may_carry_a_mark_blanks_and_rostopics_prefixes(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        (
-            "dvl",
-            "time_ns,starboard_mps,fwd\n1,2,3",
-            "{folder}: /dvl cannot be read as dvl: dvl.csv has no column forward_mps (its columns: time_ns, "
-            "starboard_mps, fwd); usbldr init proposes the key columns, if their names are unambiguous",
-        ),
+        ("dvl", "time_ns,starboard_mps,fwd\n1,2,3",
+         "{folder}: /dvl cannot be read as dvl: dvl.csv has no column forward_mps (its columns: time_ns, "
+         "starboard_mps, fwd); usbldr init proposes the key columns, if their names are unambiguous"),
         ("compass", "time_ns,heading_deg\n1,south\n2,north", '{file}: line 2: heading_deg is "south", not a number'),
-        (
-            "compass",
-            "time_ns,heading_deg,heading_deg\n1,2,3",
-            "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg)",
-        ),
-        (
-            "dvl",
-            "1600000000,0.5,1.25\n1600000001,0.5,1.25",
-            "{file}: has no header: its first line holds numbers; insert a line with the column names",
-        ),
+        ("compass", "time_ns,heading_deg,heading_deg\n1,2,3",
+         "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg)"),
+        ("dvl", "1600000000,0.5,1.25\n1600000001,0.5,1.25",
+         "{file}: has no header: its first line holds numbers; insert a line with the column names"),
     ],
-)
+)  # fmt: skip
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, name: str, text: str, said: str) -> None:
     folder = write_csv(tmp_path / "dive", **{name: text})
     file = folder / f"{name}.csv"
@@ -115,13 +114,9 @@ def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Pa
 
 @pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])
 def test_seconds_beyond_all_calendars_are_left_out_and_named_by_their_line(tmp_path: Path, when: str) -> None:
-    folder = write_csv(tmp_path / "dive", compass=f"when,hdg\n1,2\n{when},4")
-    columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
-    (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
+    (text,) = lost(logged_csv(tmp_path, WHEN, compass=f"when,hdg\n1,2\n{when},4"))
 
-    (finding,) = [finding for finding in read_log(folder).findings if finding.lost_data]
-
-    assert finding.text.endswith(f'line 3: when is "{when}", not a number of seconds')
+    assert text.endswith(f'line 3: when is "{when}", not a number of seconds')
 
 
 def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
@@ -142,17 +137,11 @@ def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
 
 
 def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
-    (tmp_path / "compass.csv").write_text("time_ns,heading_deg\n1,2\n2,3\n3,44", encoding="utf-8")
-
-    log = read_log(tmp_path / "compass.csv")
+    log = read_text(tmp_path, "time_ns,heading_deg\n1,2\n2,3\n3,44")
 
     assert list(log.tables["compass"]["heading_deg"]) == [2, 3]
-    (finding,) = [finding for finding in log.findings if finding.lost_data]
-    assert (finding.code, finding.text) == (
-        "TRUNCATED",
-        "compass.csv: line 4, the last, has no line end and is left out: it may be cut; "
-        "append a line end if it is whole",
-    )
+    said = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
+    assert [only(log, "TRUNCATED")] == lost(log) == [f"compass.csv: {said}"]
 
 
 @pytest.mark.parametrize(
@@ -163,9 +152,7 @@ def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) -> None:
-    (tmp_path / "dvl.csv").write_text(text + "\n", encoding="utf-8")
-
-    dvl = read_log(tmp_path / "dvl.csv").tables["dvl"]
+    dvl = read_text(tmp_path, text + "\n", "dvl").tables["dvl"]
 
     np.testing.assert_array_equal(dvl["starboard_mps"], [0.5, 0.25])
     np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
@@ -173,31 +160,25 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
 
 @pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;"])
 def test_a_line_that_names_the_separator_is_none_of_the_columns(tmp_path: Path, first: str) -> None:
-    (tmp_path / "compass.csv").write_text(f"{first}\ntime_ns;heading_deg\n1;0,5\n2;1,5\n", encoding="utf-8")
+    log = read_text(tmp_path, f"{first}\ntime_ns;heading_deg\n1;0,5\n2;1,5\n")
 
-    assert read_log(tmp_path / "compass.csv").tables["compass"]["heading_deg"].tolist() == [0.5, 1.5]
+    assert log.tables["compass"]["heading_deg"].tolist() == [0.5, 1.5]
 
 
 @pytest.mark.parametrize("remark", ['"bottom, lost\nagain"', '"one\n\ntwo ""three""\nfour"'])
 def test_a_line_break_in_a_quoted_cell_ends_no_row(tmp_path: Path, remark: str) -> None:
-    text = f"time_ns,heading_deg,remark\n1,0.5,\n2,1.5,{remark}\n3,2.5,\n"
-    (tmp_path / "compass.csv").write_text(text, encoding="utf-8")
-
-    log = read_log(tmp_path / "compass.csv")
+    log = read_text(tmp_path, f"time_ns,heading_deg,remark\n1,0.5,\n2,1.5,{remark}\n3,2.5,\n")
 
     assert log.tables["compass"]["heading_deg"].tolist() == [0.5, 1.5, 2.5]
-    assert not any(finding.lost_data for finding in log.findings)
+    assert not lost(log)
 
 
 def test_a_missing_quotation_mark_costs_its_own_row_alone(tmp_path: Path) -> None:
-    text = 'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n'
-    (tmp_path / "compass.csv").write_text(text, encoding="utf-8")
-
-    log = read_log(tmp_path / "compass.csv")
+    log = read_text(tmp_path, 'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n')
 
     assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 3.5]
-    (finding,) = [finding for finding in log.findings if finding.lost_data]
-    assert "line 2: a quotation mark is missing; so are lines 4" in finding.text
+    (text,) = lost(log)
+    assert "line 2: a quotation mark is missing; so are lines 4" in text
 
 
 @pytest.mark.parametrize(
@@ -206,10 +187,9 @@ def test_a_missing_quotation_mark_costs_its_own_row_alone(tmp_path: Path) -> Non
 )
 def test_a_point_that_may_part_thousands_is_asked_about(tmp_path: Path, forward: Sequence[str], shown: str) -> None:
     rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(forward, start=1))
-    (tmp_path / "dvl.csv").write_text(f"time_ns;forward_mps;starboard_mps\n{rows}", encoding="utf-8")
 
     with pytest.raises(LogError) as caught:
-        read_log(tmp_path / "dvl.csv")
+        read_text(tmp_path, f"time_ns;forward_mps;starboard_mps\n{rows}", "dvl")
 
     said = f"line 2: forward_mps holds {shown}: is that a thousands separator or a decimal point?"
     assert caught.value.text.startswith(said)
@@ -226,9 +206,7 @@ def test_a_point_beside_other_decimals_parts_no_thousands(tmp_path: Path, forwar
 
 
 @pytest.mark.parametrize("rows", [1, 6, 7])
-def test_cells_that_are_kept_in_pieces_are_those_of_the_file(
-    tmp_path: Path, rows: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cells_kept_in_pieces_are_those_of_the_file(tmp_path: Path, rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_text, "PIECE", 3)
     lines = [f"{T0 + k};{k},5;{-k}" for k in range(rows)]
     lines[rows // 2] = f"{T0 + rows // 2};;1,25"
@@ -243,14 +221,9 @@ def test_cells_that_are_kept_in_pieces_are_those_of_the_file(
 
 
 def test_times_may_be_dates(tmp_path: Path) -> None:
-    folder = write_csv(
-        tmp_path / "dive",
-        compass="when,hdg\n2020-09-13T12:26:40.123456789Z,1\n2020-09-13 14:26:41+02:00,2\n2020-09-13T14:26:42+02,3",
-    )
-    columns = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
-    (folder / "usbldr.toml").write_text(columns, encoding="utf-8")
+    sheet = "when,hdg\n2020-09-13T12:26:40.123456789Z,1\n2020-09-13 14:26:41+02:00,2\n2020-09-13T14:26:42+02,3"
 
-    log = read_log(folder)
+    log = logged_csv(tmp_path, WHEN, compass=sheet)
 
     assert log.start_ns == T0 + 123_456_789
     np.testing.assert_allclose(log.tables["compass"]["time_s"], [0, 0.876543211, 1.876543211], atol=1e-9)
@@ -265,13 +238,9 @@ def test_words_may_state_whether_a_record_is_valid(tmp_path: Path) -> None:
 
 
 def test_gps_may_come_on_the_plane_or_by_latitude(tmp_path: Path) -> None:
-    plane = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0"
-    local = write_csv(tmp_path / "local", gps="time_ns,east_m,north_m,sd_m\n1,0,100.02,0.5")
-    geodetic = write_csv(tmp_path / "geodetic", gps="time_ns,lat_deg,lon_deg\n1,45.0009,7.0")
-    for folder in (local, geodetic):
-        (folder / "usbldr.toml").write_text(plane, encoding="utf-8")
+    sheets = ("time_ns,east_m,north_m,sd_m\n1,0,100.02,0.5", "time_ns,lat_deg,lon_deg\n1,45.0009,7.0")
 
-    by_metres, by_degrees = read_log(local).tables["gps"], read_log(geodetic).tables["gps"]
+    by_metres, by_degrees = (logged_csv(tmp_path, MAP, gps=sheet).tables["gps"] for sheet in sheets)
 
     assert by_metres["lat_deg"].iloc[0] == pytest.approx(45.0009, abs=1e-7)
     assert by_metres["sd_m"].iloc[0] == 0.5

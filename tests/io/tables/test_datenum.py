@@ -11,6 +11,7 @@ import pytest
 from recordings import SECOND, T0, Row, define, write_csv, write_mcap
 from table_recordings import WRITERS, Tables, as_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.log import Log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
@@ -28,17 +29,19 @@ def day_number(seconds: float) -> float:
     return FIRST.toordinal() + MATLAB + (of_day + seconds) / DAY_S
 
 
-def configured(folder: Path, text: str) -> Request:
-    (folder / "own.toml").write_text(text, encoding="utf-8")
-    return Request(configuration=str(folder / "own.toml"))
+def read(log: Path, topic: str = "nav", **columns: str) -> Log:
+    """Read headings whose times are day numbers."""
+    named = ", ".join(f'{key} = "{column}"' for key, column in columns.items()) or 'time_datenum = "t", heading = "psi"'
+    own = log.with_name("own.toml")
+    own.write_text(f'[compass]\ntopic = "{topic}"\ncolumns = {{ {named} }}\n', encoding="utf-8")
+    return read_log(log, Request(configuration=str(own)))
 
 
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
 def test_day_numbers_are_dates_of_the_calendar(tmp_path: Path, write: Callable[[Path, Tables], Path]) -> None:
     seconds = np.arange(50) / 4
     nav = {"t": [day_number(s) for s in seconds], "psi": np.arange(50.0)}
-    columns = '[compass]\ntopic = "nav"\ncolumns = { time_datenum = "t", heading = "psi" }\n'
-    log = read_log(write(tmp_path, {"nav": nav}), configured(tmp_path, columns))
+    log = read(write(tmp_path, {"nav": nav}))
 
     assert abs(log.start_ns - T0) <= KNOWN_NS
     np.testing.assert_allclose(log.tables["compass"]["time_s"], seconds, rtol=0, atol=2e-9 * KNOWN_NS)
@@ -46,8 +49,7 @@ def test_day_numbers_are_dates_of_the_calendar(tmp_path: Path, write: Callable[[
 
 def test_day_numbers_of_whole_numbers_are_midnights(tmp_path: Path) -> None:
     nav = {"t": np.array([738_047, 738_048], dtype=np.int32), "psi": np.arange(2.0)}  # 2020-09-13 and the day after
-    columns = '[compass]\ntopic = "nav"\ncolumns = { time_datenum = "t", heading = "psi" }\n'
-    log = read_log(WRITERS["HDF5"](tmp_path, {"nav": nav}), configured(tmp_path, columns))
+    log = read(WRITERS["HDF5"](tmp_path, {"nav": nav}))
 
     assert log.start_ns == T0 - T0 % (DAY_S * SECOND)
     np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, DAY_S])
@@ -57,9 +59,8 @@ def test_day_numbers_of_csv_files_are_exact_to_the_nanosecond(tmp_path: Path) ->
     days = Fraction(T0 + 7, DAY_S * SECOND) + 719_529
     text = f"{days.numerator * 10**20 // days.denominator:021d}"
     folder = write_csv(tmp_path / "dive", nav=f"t,psi\n{text[:-20]}.{text[-20:]},1\n")
-    columns = '[compass]\ncolumns = { time_datenum = "t", heading = "psi" }\n'
 
-    assert read_log(folder, configured(tmp_path, columns)).start_ns == T0 + 7
+    assert read(folder).start_ns == T0 + 7
 
 
 def gyro(numbers: list[float]) -> list[Row]:
@@ -68,8 +69,7 @@ def gyro(numbers: list[float]) -> list[Row]:
 
 def test_day_numbers_of_messages_are_stamps_and_zero_is_none(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "dive.mcap", gyro([day_number(0.0), day_number(1.0), 0.0]))
-    columns = '[compass]\ntopic = "/gyro"\ncolumns = { time_datenum = "datenum", heading = "heading" }\n'
-    log = read_log(file, configured(tmp_path, columns))
+    log = read(file, "/gyro", time_datenum="datenum", heading="heading")
 
     stamps = log.start_ns + log.tables["compass"]["time_s"].to_numpy() * SECOND
     np.testing.assert_allclose(stamps - T0, [0.0, SECOND, 9 * SECOND + 2], rtol=0, atol=3 * KNOWN_NS)
@@ -77,7 +77,6 @@ def test_day_numbers_of_messages_are_stamps_and_zero_is_none(tmp_path: Path) -> 
 
 def test_times_that_are_no_day_numbers_are_refused_in_one_sentence(tmp_path: Path) -> None:
     nav = {"t": [1.6e9, 1.6e9 + 1], "psi": np.arange(2.0)}
-    columns = '[compass]\ntopic = "nav"\ncolumns = { time_datenum = "t", heading = "psi" }\n'
     file = WRITERS["HDF5"](tmp_path, {"nav": nav})
     with pytest.raises(LogError, match="/nav: no value of the column t is a time before 2116 in its unit"):
-        read_log(file, configured(tmp_path, columns))
+        read(file)

@@ -147,9 +147,7 @@ def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path: Path, he
         ("Time [s],Heading [deg],Heading [deg]", "1,1,1", "has columns for the same quantity (Heading [deg], Heading"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_named_for_its_sensor_says_which_of_its_columns_stops_it(
-    tmp_path: Path, header: str, cells: str, why: str
-) -> None:
+def test_a_file_named_for_a_sensor_says_what_stops_it(tmp_path: Path, header: str, cells: str, why: str) -> None:
     folder = write_csv(tmp_path / "dive", compass=f"{header}\n{cells}", depth=f"time_ns,depth_m\n{T0},3")
 
     (problem,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}

@@ -144,16 +144,10 @@ def test_a_broken_number_of_a_long_file_is_reported_with_its_line(tmp_path: Path
 
 RECORDED: dict[str, tuple[str, str, str, tuple[float, ...]]] = {  # type: its columns, a row of them, what is made of it
     "mUSBLFix": (
-        "relative_position.x relative_position.y relative_position.z source_id type",
-        "30 40 -1 3 2",
-        "usbl",
-        (30, 40),
+        "relative_position.x relative_position.y relative_position.z source_id type", "30 40 -1 3 2", "usbl", (30, 40)
     ),
     "BeaconInfo": (
-        "relative_position.x relative_position.y relative_position.z beacon_id",
-        "40 30 1 3",
-        "usbl",
-        (30, 40),
+        "relative_position.x relative_position.y relative_position.z beacon_id", "40 30 1 3", "usbl", (30, 40)
     ),
     "AcousticModemUSBLLONG": ("X Y Z E N U propagation_time remote_address", "1 2 3 30 40 -1 620 3", "usbl", (30, 40)),
     "EvologicsUsbllong": ("x y z e n u propagation_time accuracy", "1 2 3 30 40 -1 620 1.5", "usbl", (30, 40)),
@@ -170,7 +164,7 @@ RECORDED: dict[str, tuple[str, str, str, tuple[float, ...]]] = {  # type: its co
     "TeledyneExplorerDvl": ("bi_x_axis bi_y_axis bi_z_axis bi_status", "2 1 0 A", "dvl", (1, 2)),
     "DepthPressure": ("depth pressure pressure_raw", "12.5 13 13", "depth", (12.5,)),
     "Depth": ("depth variance", "12.5 0.1", "depth", (12.5,)),
-}
+}  # fmt: skip
 MADE = {
     "usbl": ["east_m", "north_m"],
     "gps": ["lat_deg", "lon_deg"],

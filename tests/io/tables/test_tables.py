@@ -169,26 +169,32 @@ def test_what_is_in_other_files_or_has_too_many_dimensions_is_named(tmp_path: Pa
     }
 
 
-def test_records_in_a_column_are_a_table_and_texts_are_columns(tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", ["Parquet", "HDF5"])
+def test_targets_of_a_table_are_texts(tmp_path: Path, form: str) -> None:
+    fixes = {"t_s": np.arange(4.0), "e": np.arange(4.0), "n": np.arange(4.0), "who": ["a", "b", "a", "b"]}
+    columns = '{ time_s = "t_s", x = "e", y = "n", target = "who" }'
+    (tmp_path / "usbldr.toml").write_text("")
+    own = tmp_path / "own.toml"
+    own.write_text(f'[usbl]\ntarget = "b"\ncolumns = {columns}\n')
+
+    log = read_log(WRITERS[form](tmp_path, {"fixes": fixes}), Request(configuration=str(own)))
+
+    np.testing.assert_array_equal(log.tables["usbl"]["east_m"], [1.0, 3.0])
+
+
+def test_records_in_a_column_are_a_table_and_names_are_none(tmp_path: Path) -> None:
     columns = dive()["compass"]
     records = np.zeros((COUNT, 1), dtype=[("time_ns", "i8"), ("heading_deg", "f8")])
     for name in ("time_ns", "heading_deg"):
         records[name][:, 0] = columns[name]
     with h5py.File(tmp_path / "dive.h5", "w") as file:
         file["compass"] = records
-        file["fixes/t_s"], file["fixes/e"], file["fixes/n"] = np.arange(4.0), np.arange(4.0), np.arange(4.0)
-        file["fixes/who"] = ["a", "b", "a", "b"]
-        file["fixes/names"] = ["e", "n"]
-    (tmp_path / "usbldr.toml").write_text(
-        '[usbl]\ntarget = "b"\ncolumns = { time_s = "t_s", x = "e", y = "n", target = "who" }\n'
-        '[compass]\ntopic = "none"\n'
-    )
+        file["fixes/e"], file["fixes/names"] = np.arange(4.0), ["e", "n"]
     log = open_log(tmp_path / "dive.h5")
 
     found = read_whole(log, {"/compass": ["heading_deg"]})["/compass"]
     np.testing.assert_array_equal(found.columns["heading_deg"], columns["heading_deg"])
     assert [topic.name for topic in log.topics()] == ["/compass", "/fixes"]
-    np.testing.assert_array_equal(read_log(tmp_path / "dive.h5").tables["usbl"]["east_m"], [1.0, 3.0])
 
 
 @pytest.mark.parametrize("form", ["HDF5", "MATLAB", "MATLAB 7.3"])
@@ -289,12 +295,3 @@ def test_texts_where_numbers_should_be_are_named(tmp_path: Path) -> None:
         read_log(tmp_path / "compass.parquet")
     (topic,) = open_log(tmp_path / "other.parquet").topics()
     assert topic.problem == "/other: the column time_ns holds no times"
-
-
-def test_targets_of_a_table_are_texts(tmp_path: Path) -> None:
-    fixes = {"t_s": np.arange(4.0), "e": np.arange(4.0), "n": np.arange(4.0), "who": ["a", "b", "a", "b"]}
-    pd.DataFrame(fixes).to_parquet(tmp_path / "fixes.parquet")
-    columns = '{ time_s = "t_s", x = "e", y = "n", target = "who" }'
-    (tmp_path / "usbldr.toml").write_text(f'[usbl]\ntarget = "b"\ncolumns = {columns}\n')
-
-    np.testing.assert_array_equal(read_log(tmp_path / "fixes.parquet").tables["usbl"]["east_m"], [1.0, 3.0])
