@@ -96,14 +96,11 @@ def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
 @pytest.mark.parametrize(
     ("method", "settings", "sentence"),
     [
-        (
-            "adf",
-            usbldr.RunSettings(noise={"sonar": usbldr.Gaussian()}),
-            r"noise of sonar: no such sensor \(sensors: dvl, ",
-        ),
+        ("adf", usbldr.RunSettings(noise={"sonar": usbldr.Gaussian()}),
+         r"noise of sonar: no such sensor \(sensors: dvl, "),
         ("dr", usbldr.RunSettings(smooth=True), "--smooth needs a filter, and dr is not one"),
     ],
-)
+)  # fmt: skip
 def test_settings_that_do_not_fit_are_refused_in_python_as_in_the_shell(method: str, settings, sentence: str) -> None:
     log = usbldr.open_log(SAMPLES / "lawnmower_turn_db3")
 

@@ -158,9 +158,7 @@ def test_a_gate_that_a_cluster_has_opened_rejects_the_cluster_again() -> None:
     ("drift_m", "every", "process", "most_fixes"),
     [(30.0, 1, UNCERTAIN, 25), (30.0, 10, UNCERTAIN, 4), (10.0, 1, CERTAIN, 45)],
 )
-def test_a_track_follows_a_real_drift_after_some_fixes(
-    drift_m: float, every: int, process: ProcessNoise, most_fixes: int
-) -> None:
+def test_a_track_follows_a_real_drift_soon(drift_m: float, every: int, process: ProcessNoise, most_fixes: int) -> None:
     """The drift is ten sigmas of the uncertain filter and thirty of the certain one."""
     line, truth = dive(4, drift_m=drift_m, every=every)
 

@@ -187,9 +187,7 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
 
 @pytest.mark.parametrize("container", ["mcap", "bag", "csv", "hdf5", "lsf"])
 @pytest.mark.parametrize("cut", [10, 37, COUNT - 10])
-def test_a_clock_that_counts_from_its_start_until_it_is_set_makes_two_parts(
-    tmp_path: Path, container: str, cut: int
-) -> None:
+def test_a_clock_that_counts_from_its_start_until_set_makes_parts(tmp_path: Path, container: str, cut: int) -> None:
     """As of a computer without a battery, before NTP answers. The time after that is right for all."""
     times = T0 + np.arange(COUNT) * STEP
     times[:cut] -= T0 - 30 * SECOND

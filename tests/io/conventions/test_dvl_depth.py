@@ -91,11 +91,8 @@ SPEED = "[dvl]\nsound_speed_mps = 1545.0"
         (marine(T0, sound_speed=1500.0), SPEED, [0.206, 1.03]),
         (marine(T0, sound_speed=1484.0), SPEED, [0.2 * 1545 / 1484, 1545 / 1484]),  # what each record assumed
         (marine(T0, sound_speed=0.0), SPEED, [0.206, 1.03]),  # none recorded: the usual 1500 m/s
-        (
-            marine(T0, sound_speed=1500.0),
-            f"{SPEED}\nassumed_sound_speed_mps = 1400.0",
-            [0.2 * 1545 / 1400, 1545 / 1400],
-        ),
+        (marine(T0, sound_speed=1500.0), f"{SPEED}\nassumed_sound_speed_mps = 1400.0",
+         [0.2 * 1545 / 1400, 1545 / 1400]),
         *((yaw(T0, ccw), "", [heading]) for ccw, heading in ((0, 90), (90, 0), (180, 270), (-45, 135))),
         (yaw(T0, 30), '[compass]\nconvention = "NED"', [30]),
         (tilted(40, -20, 10), "", [50]),
@@ -108,10 +105,8 @@ SPEED = "[dvl]\nsound_speed_mps = 1545.0"
         ),
         (number(-4.0, "/depth"), '[depth]\npositive = "up"', [4]),
     ],
-)
-def test_a_record_is_turned_and_scaled_as_its_conventions_say(
-    tmp_path: Path, row: Row, toml: str, expected: list[float]
-) -> None:
+)  # fmt: skip
+def test_a_record_is_read_as_its_conventions_say(tmp_path: Path, row: Row, toml: str, expected: list[float]) -> None:
     (role, table), *_ = logged(tmp_path, [row], toml).tables.items()
 
     column = {"compass": "heading_deg", "depth": "depth_m"}

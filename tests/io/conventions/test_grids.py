@@ -24,9 +24,7 @@ def fix_at(place: tuple[float, float]) -> Row:
 
 
 @pytest.mark.parametrize(("frame", "order"), [("", (0, 1)), ('frame = "NED"\n', (1, 0))])
-def test_a_fix_on_a_grid_lies_where_its_latitude_and_longitude_put_it(
-    tmp_path: Path, frame: str, order: tuple[int, int]
-) -> None:
+def test_a_fix_on_a_grid_lies_where_its_latitude_puts_it(tmp_path: Path, frame: str, order: tuple[int, int]) -> None:
     easting_northing = utm_m(LAT_DEG, LON_DEG, ZONE)
     row = fix_at((easting_northing[order[0]], easting_northing[order[1]]))
     log = logged(tmp_path, [row], f"{MAP}[usbl]\n{frame}{GRID}\n")

@@ -155,9 +155,7 @@ def test_attitudes_are_the_same_in_blocks_of_any_length(tmp_path: Path, monkeypa
 
 
 @pytest.mark.parametrize("most", [5000, 200])
-def test_attitudes_of_some_records_turn_velocities_level(
-    tmp_path: Path, most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_some_attitudes_turn_velocities_level(tmp_path: Path, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(role_records, "MAX_ATTITUDES", most)
 
     log = logged(tmp_path, dive(0.3, swing_deg=15.0), settings())

@@ -29,9 +29,7 @@ def test_the_records_beside_the_wanted_times_give_what_all_records_give() -> Non
 
 @pytest.mark.parametrize("length", [1, 2, 7, 1000, 5000])
 @pytest.mark.parametrize("turn", [360.0, 2 * np.pi])
-def test_angles_in_blocks_of_any_length_run_on_as_a_whole(
-    length: int, turn: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_angles_run_on_in_blocks_of_any_length(length: int, turn: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(layouts, "BLOCK_RECORDS", length)
     rng = np.random.default_rng(2)
     angle = np.mod(np.cumsum(rng.uniform(-0.7, 0.9, 3000) * turn), turn)

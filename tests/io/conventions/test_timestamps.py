@@ -67,9 +67,7 @@ def test_usbl_fixes_of_one_stamp_are_all_kept(tmp_path: Path) -> None:
     ("step_s", "shared", "times"),
     [(10, 72, "its times have steps of 10 s or more"), (1000, 79, "all its times are the same")],
 )
-def test_times_with_too_few_digits_are_a_warning_that_names_their_step(
-    tmp_path: Path, step_s: int, shared: int, times: str
-) -> None:
+def test_times_of_too_few_digits_are_named_by_their_step(tmp_path: Path, step_s: int, shared: int, times: str) -> None:
     log = logged(tmp_path, [point(T0 + k // step_s * step_s * SECOND, k, 0) for k in range(80)])
 
     (found,) = (finding for finding in log.findings if finding.code == "COARSE-TIMES")

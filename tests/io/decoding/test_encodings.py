@@ -153,9 +153,7 @@ NO_SCHEMA = [("", b""), ("jsonschema", b""), ("jsonschema", b"{}"), ("jsonschema
 
 
 @pytest.mark.parametrize(("encoding", "definition"), NO_SCHEMA)
-def test_json_whose_schema_has_no_field_is_read_by_its_messages(
-    tmp_path: Path, encoding: str, definition: bytes
-) -> None:
+def test_json_without_fields_in_its_schema_is_read(tmp_path: Path, encoding: str, definition: bytes) -> None:
     known = {"position_covariance": (np.eye(3) * 4.0).ravel().tolist(), "position_covariance_type": 2}
     payloads = [b"no json", in_json(T0, {"heading": None}), in_json(T0 + 7, BERMUDA | known)]
 

@@ -193,9 +193,7 @@ def test_big_endian_messages_are_left_to_the_slow_decoder() -> None:
         ("sensor_msgs/msg/BatteryState", ["voltage", "header.frame_id", "location", "serial_number"]),
     ],
 )
-def test_damaged_messages_are_read_exactly_if_rosbags_reads_them(
-    ros_version: int, type_name: str, paths: list[str]
-) -> None:
+def test_damaged_messages_are_read_if_rosbags_reads_them(ros_version: int, type_name: str, paths: list[str]) -> None:
     decoder, payloads, _ = messages(ros_version, type_name, 300, 2)
     rng = random.Random(3)
     bent = [bytearray(payload) for payload in payloads]

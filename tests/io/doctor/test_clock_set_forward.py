@@ -37,9 +37,7 @@ def warned(log: Path, config: str = "none") -> dict[str, Finding]:
 
 
 @pytest.mark.parametrize(("sensor", "log_time_too"), [("dvl", True), ("compass", False), ("usbl", True)])
-def test_a_clock_that_was_set_is_named_and_its_key_restores_the_records(
-    tmp_path: Path, sensor: str, log_time_too: bool
-) -> None:
+def test_a_clock_that_was_set_is_named_and_undone_by_its_key(tmp_path: Path, sensor: str, log_time_too: bool) -> None:
     rows = curved_dive()
     clean = written(tmp_path / "clean", rows)
     log = written(tmp_path / "stepped", stepped(rows, TOPICS[sensor], log_time_too))
@@ -57,9 +55,7 @@ def test_a_clock_that_was_set_is_named_and_its_key_restores_the_records(
 
 
 @pytest.mark.parametrize("sensor", TOPICS)
-def test_an_outage_is_no_step_of_a_clock_and_no_step_that_no_gap_is_as_long_as_is_undone(
-    tmp_path: Path, sensor: str
-) -> None:
+def test_an_outage_is_no_step_and_no_step_longer_than_all_gaps_is_undone(tmp_path: Path, sensor: str) -> None:
     rows = [
         row
         for row in curved_dive()

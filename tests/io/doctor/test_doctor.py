@@ -356,9 +356,7 @@ def test_fixes_that_stay_where_they_are_tell_no_unit(tmp_path: Path) -> None:
         ("/usbl", {"point__x": 1e12}),
     ],
 )
-def test_senseless_sensors_end_in_findings_and_nothing_else(
-    tmp_path: Path, topic: str, values: Mapping[str, float]
-) -> None:
+def test_senseless_sensors_end_in_findings_alone(tmp_path: Path, topic: str, values: Mapping[str, float]) -> None:
     found = findings(written(tmp_path, changed(curved_dive(gps=True), topic, **values)))
 
     assert FLIPPED.isdisjoint(found)
@@ -394,9 +392,7 @@ def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float
 
 @pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
 @pytest.mark.long
-def test_the_clock_that_no_driver_explains_is_the_wrong_one(
-    tmp_path: Path, topic: str, section: str, ahead_s: float
-) -> None:
+def test_the_clock_that_no_driver_explains_is_wrong(tmp_path: Path, topic: str, section: str, ahead_s: float) -> None:
     log = written(tmp_path, ahead(topic, ahead_s))
 
     ill, cured = findings(log)["CLOCK-OFFSET"], cured_by(log, f"[{section}]\nlatency_s = {ahead_s}\n")
@@ -407,9 +403,7 @@ def test_the_clock_that_no_driver_explains_is_the_wrong_one(
 
 
 @pytest.mark.parametrize(("first", "second", "sign"), [("x", "y", -1.0), ("y", "x", 1.0)])
-def test_replay_warns_of_axes_that_are_reversed_or_exchanged(
-    tmp_path: Path, first: str, second: str, sign: float
-) -> None:
+def test_replay_warns_of_reversed_or_exchanged_axes(tmp_path: Path, first: str, second: str, sign: float) -> None:
     wrong = {
         f"twist__linear__{axis}": lambda values, other=other: sign * values[f"twist.linear.{other}"]
         for axis, other in (("x", first), ("y", second))

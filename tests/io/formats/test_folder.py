@@ -89,15 +89,11 @@ def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Calla
         (lambda file: file.symlink_to(file.name), "a link to a file that is not there"),
         (os.mkfifo, "neither a file nor a folder"),
         (lambda file: file.write_bytes(bytes(9000)), "nothing but zeros"),
-        (
-            lambda file: write_csv(file, gps=GPS),
-            "it is a folder of files like those of a log; --with gps.csv adds them",
-        ),
+        (lambda file: write_csv(file, gps=GPS),
+         "it is a folder of files like those of a log; --with gps.csv adds them"),
     ],
-)
-def test_what_is_no_file_of_a_log_and_named_like_a_sensor_is_named(
-    tmp_path: Path, make: Callable[[Path], object], why: str
-) -> None:
+)  # fmt: skip
+def test_what_is_no_file_but_named_like_one_is_named(tmp_path: Path, make: Callable[[Path], object], why: str) -> None:
     folder = dive(tmp_path / "dive")
     (folder / "gps.csv").unlink()
     make(folder / "gps.csv")
@@ -143,9 +139,7 @@ def test_tables_of_several_kinds_are_one_log(tmp_path: Path, before: bytes) -> N
         ("day1/raw/gps.csv", "it is a folder of files like those of a log; --with day1/raw adds them"),
     ],
 )
-def test_a_file_named_like_a_sensor_is_named_unless_its_ending_says_that_it_holds_no_records(
-    tmp_path: Path, name: str, why: str
-) -> None:
+def test_a_file_like_a_sensor_is_named_unless_its_ending_rules_it_out(tmp_path: Path, name: str, why: str) -> None:
     folder = dive(tmp_path / "dive")
     for beside in ("dvl.png", "usbl.py", "._gps.csv", ".gitignore", ".git/dvl.csv", "dvl_photos/usbl.jpg"):
         (folder / beside).parent.mkdir(exist_ok=True)
@@ -256,9 +250,7 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
     assert "gps.csv is not read" not in added.output
 
 
-def test_folders_within_a_folder_are_named_and_are_a_loss_if_a_file_of_them_is_named_like_a_sensor(
-    tmp_path: Path,
-) -> None:
+def test_folders_within_a_folder_are_named_and_a_loss_if_a_file_is_named_like_a_sensor(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     for number in (1, 2):
         dive(tmp_path / "a" / f"dive{number}")
@@ -271,9 +263,7 @@ def test_folders_within_a_folder_are_named_and_are_a_loss_if_a_file_of_them_is_n
 
 
 @pytest.mark.parametrize("writer", [as_csv, as_parquet], ids=["CSV", "Parquet"])
-def test_a_file_of_the_folder_that_is_added_is_read_once(
-    tmp_path: Path, writer: Callable[[Path, Tables], Path]
-) -> None:
+def test_a_file_of_the_folder_added_is_read_once(tmp_path: Path, writer: Callable[[Path, Tables], Path]) -> None:
     folder = writer(tmp_path, table_recordings.dive(COUNT))
     (file,) = folder.glob("gps.*")
 

@@ -57,9 +57,7 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_what_costs_more_than_its_size_allows_is_refused(
-    tmp_path: Path, bomb: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_costs_more_than_its_size_is_refused(tmp_path: Path, bomb: str, monkeypatch: pytest.MonkeyPatch) -> None:
     write, sentence = BOMBS[bomb]
     file = write(tmp_path / "bomb")
     monkeypatch.setenv(VARIABLE, "0.01")

@@ -8,12 +8,10 @@ import gzip
 import json
 import lzma
 import os
-import sqlite3
 import struct
 import time
 import tracemalloc
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -21,7 +19,7 @@ import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from mcap.writer import Writer
 
-from recordings import FLOAT64, T0, short_dive, write_mcap, write_rosbag2
+from recordings import FLOAT64, T0, execute, short_dive, write_mcap, write_rosbag2
 from speed.bombs import bz2_of, in_bag, in_db3, in_file, in_mcap, in_mcap_in_file, lz4_of, zstd_of
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.collected import read_whole
@@ -110,10 +108,8 @@ def test_a_factor_that_is_no_positive_number_is_an_error(monkeypatch: pytest.Mon
 
 def test_a_view_in_place_of_messages_is_refused(tmp_path: Path) -> None:
     file = in_db3(tmp_path / "a.db3", [])
-    with closing(sqlite3.connect(file)) as database, database:
-        database.execute("DROP TABLE messages")
-        endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT 1, i, x'00' FROM n"
-        database.execute(f"CREATE VIEW messages(topic_id, timestamp, data) AS {endless}")
+    endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT 1, i, x'00' FROM n"
+    execute(file, "DROP TABLE messages", f"CREATE VIEW messages(topic_id, timestamp, data) AS {endless}")
 
     with pytest.raises(LogError, match="messages is no table"):
         open_log(file).topics()
@@ -215,9 +211,7 @@ def test_a_pipe_is_not_waited_for(pipe: Path, tmp_path: Path) -> None:
         read_log(file, Request(configuration=str(pipe)))
 
 
-def test_a_folder_of_definitions_that_holds_everything_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_of_definitions_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "link").symlink_to("/")
     file = write_mcap(tmp_path / "a.mcap", short_dive())
     monkeypatch.setenv(VARIABLE, "0.01")

@@ -77,9 +77,7 @@ def test_without_log_times_midnight_is_the_jump_back_of_the_clock(tmp_path: Path
 
 @pytest.mark.parametrize("order", [("GPRMC", "GPGGA"), ("GPGGA", "GPRMC")])
 @pytest.mark.parametrize("dates", [("010126", "020126"), ("010126", "180506")])
-def test_without_log_times_each_date_is_that_of_the_sentences_around_it(
-    tmp_path: Path, order: Sequence[str], dates: Sequence[str]
-) -> None:
+def test_each_date_is_that_of_sentences_around_it(tmp_path: Path, order: Sequence[str], dates: Sequence[str]) -> None:
     """A receiver that was off for a day and ten minutes, and one whose count of weeks begins again: 2026 is 2006."""
     lines: list[str] = []
     for minute, date in zip(("1200", "1210"), dates, strict=True):
@@ -407,9 +405,7 @@ def test_flipped_bytes_end_in_a_log_or_in_a_sentence(tmp_path: Path, seed: int) 
 
 @settings(max_examples=25, deadline=None)
 @given(talkers=st.lists(st.sampled_from(["GP", "GN", "GL", "GA"]), min_size=4, max_size=12), twice=st.booleans())
-def test_a_receiver_whose_talker_changes_is_one_topic_and_two_receivers_are_two(
-    talkers: Sequence[str], twice: bool
-) -> None:
+def test_a_receiver_with_several_talkers_is_one_topic_and_two_are_two(talkers: Sequence[str], twice: bool) -> None:
     bodies = [f"{one}GGA,1200{k:02d}.00,4500.0,N,00700.0,E,1,9,0.6,0,M,20,M,," for k, one in enumerate(talkers)]
     if twice:  # a second receiver states a time of the first one
         bodies.append(bodies[0].replace(talkers[0], "GQ", 1))

@@ -265,9 +265,7 @@ def test_the_name_of_a_frame_cannot_turn_what_a_record_itself_says(tmp_path: Pat
         ("/adcp/heading_magnetic", "[compass]\ndeclination_deg = 0", False),
     ],
 )
-def test_a_plain_heading_called_magnetic_asks_for_a_declination(
-    tmp_path: Path, topic: str, toml: str, reported: bool
-) -> None:
+def test_a_heading_called_magnetic_asks_for_declination(tmp_path: Path, topic: str, toml: str, reported: bool) -> None:
     log = logged(tmp_path, [(T0 + k, topic, "std_msgs/msg/Float64", {"data": 10.0 + k}) for k in range(3)], toml)
 
     assert heading(log) == [10.0, 11.0, 12.0]

@@ -161,9 +161,7 @@ FLOAT32 = "std_msgs/msg/Float32"
         ("/sensor", ODOMETRY, {"pose.pose.position.z": 4.0, "header.frame_id": "world_ned"}, False),
     ],
 )
-def test_each_kind_of_depth_grows_downwards(
-    tmp_path: Path, topic: str, kind: str, values: Mapping[str, Any], found: bool
-) -> None:
+def test_a_depth_grows_downwards(tmp_path: Path, topic: str, kind: str, values: Mapping[str, Any], found: bool) -> None:
     rows = [record(topic, kind, values)]
 
     named = logged(tmp_path, rows, topics={"depth": topic})

@@ -139,39 +139,27 @@ GPSES: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any], float]] = {  # g
     "ublox_msgs/msg/NavPVT": (UBX, {"fixType": 5}, 1.5),
     "ublox_msgs/msg/NavPVT7": (UBX, {"flags": 2}, 1.5),
     "sbg_driver/msg/SbgGpsPos": (
-        {**DEGREES, "status.type": 2, "position_accuracy.x": 1.5, "position_accuracy.y": 1.5},
-        {"status.status": 1},
-        1.5,
+        {**DEGREES, "status.type": 2, "position_accuracy.x": 1.5, "position_accuracy.y": 1.5}, {"status.status": 1}, 1.5
     ),
     "septentrio_gnss_driver/msg/PVTGeodetic": ({**RADIANS, "mode": 4}, {"mode": 0, "error": 5}, math.nan),
     "vectornav_msgs/msg/GpsGroup": (
-        {"poslla.x": 45.01, "poslla.y": 7.02, "fix": 3, "posu.x": 1.5, "posu.y": 1.5},
-        {"fix": 1},
-        1.5,
+        {"poslla.x": 45.01, "poslla.y": 7.02, "fix": 3, "posu.x": 1.5, "posu.y": 1.5}, {"fix": 1}, 1.5
     ),
     "interfaces/msg/INS": ({**DEGREES, "lat_long_is_valid": True}, {"lat_long_is_valid": False}, math.nan),
     "sbg_driver/msg/SbgEkfNav": (
-        {**DEGREES, "status.position_valid": True},
-        {"status.position_valid": False},
-        math.nan,
+        {**DEGREES, "status.position_valid": True}, {"status.position_valid": False}, math.nan
     ),
     "septentrio_gnss_driver/msg/INSNavGeod": (
-        {**RADIANS, "latitude_std_dev": 1.5, "longitude_std_dev": 1.5},
-        {"latitude": -2e10},
-        1.5,
+        {**RADIANS, "latitude_std_dev": 1.5, "longitude_std_dev": 1.5}, {"latitude": -2e10}, 1.5
     ),
     "vectornav_msgs/msg/InsGroup": (
-        {"poslla.x": 45.01, "poslla.y": 7.02, "posu": 1.5, "insstatus.mode": 2},
-        {"insstatus.mode": 0},
-        1.5,
+        {"poslla.x": 45.01, "poslla.y": 7.02, "posu": 1.5, "insstatus.mode": 2}, {"insstatus.mode": 0}, 1.5
     ),
     "vectornav_msgs/msg/CommonGroup": (
-        {"position.x": 45.01, "position.y": 7.02, "insstatus.mode": 2},
-        {"insstatus.mode": 0},
-        math.nan,
+        {"position.x": 45.01, "position.y": 7.02, "insstatus.mode": 2}, {"insstatus.mode": 0}, math.nan
     ),
     "vectornav/msg/Ins": ({**DEGREES, "posUncertainty": 1.5}, {"latitude": 0.0, "longitude": 0.0}, 1.5),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", GPSES)

@@ -134,9 +134,7 @@ def test_a_layout_file_of_the_configuration_comes_first(tmp_path: Path) -> None:
     assert ("layout", "acme.toml") in [(one.role, one.path.name) for one in input_files(log.path, Request())]
 
 
-def test_the_users_folder_counts_and_a_file_beside_the_log_does_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_users_folder_counts_and_the_logs_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = tmp_path / "config" / "usbldr" / "layouts"
     place.mkdir(parents=True)
     (tmp_path / "acme.toml").write_text(LAYOUT, encoding="utf-8")

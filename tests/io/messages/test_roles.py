@@ -138,24 +138,16 @@ VELOCITY = (*HEAD, "velocity.x", "velocity.y", "velocity.z")
 TWISTS = (*HEAD, *(f"twist.twist.linear.{axis}" for axis in "xyz"), "twist.covariance")
 REPORT = ("header.stamp", *(f"report.{name}" for name in ("vx", "vy", "vz", "velocity_valid")))
 ONE_AFTER_THE_OTHER = [
-    (
-        topic("/dvl/data", "dvl_msgs/msg/DVL", (*VELOCITY, "velocity_valid")),
-        topic("/dvl/report", "waterlinked_dvl/msg/TransducerReportStamped", REPORT),
-    ),
-    (
-        topic("/dvl/marine", "marine_acoustic_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "num_good_beams")),
-        topic("/dvl/whoi", "ds_sensor_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "coordinate_mode")),
-    ),
-    (
-        topic("/dvl/cola", "cola2_msgs/msg/DVL", (*VELOCITY, "velocity_covariance")),
-        topic("/dvl/uuv", "uuv_sensor_msgs/msg/DVL", (*VELOCITY, "velocity_covariance", "velocity_reference")),
-    ),
-    (
-        topic("/dvl/covered", "geometry_msgs/msg/TwistWithCovarianceStamped", TWISTS),
-        topic("/dvl/twist", DVL.type, TWIST),
-    ),
+    (topic("/dvl/data", "dvl_msgs/msg/DVL", (*VELOCITY, "velocity_valid")),
+     topic("/dvl/report", "waterlinked_dvl/msg/TransducerReportStamped", REPORT)),
+    (topic("/dvl/marine", "marine_acoustic_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "num_good_beams")),
+     topic("/dvl/whoi", "ds_sensor_msgs/msg/Dvl", (*VELOCITY, "velocity_covar", "coordinate_mode"))),
+    (topic("/dvl/cola", "cola2_msgs/msg/DVL", (*VELOCITY, "velocity_covariance")),
+     topic("/dvl/uuv", "uuv_sensor_msgs/msg/DVL", (*VELOCITY, "velocity_covariance", "velocity_reference"))),
+    (topic("/dvl/covered", "geometry_msgs/msg/TwistWithCovarianceStamped", TWISTS),
+     topic("/dvl/twist", DVL.type, TWIST)),
     (topic("/dvl/local_position", "nav_msgs/msg/Odometry", TWISTS),),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("rank", range(4))
@@ -257,9 +249,7 @@ def test_on_a_boat_with_its_own_dvl_the_word_distinguishes_nothing() -> None:
 
 @given(first=st.integers(1, 9), second=st.integers(1, 9), other=st.sampled_from(["TwistStamped", "String"]))
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_of_a_topic_whose_type_changes_one_is_read_and_the_other_counted(
-    tmp_path: Path, first: int, second: int, other: str
-) -> None:
+def test_of_two_types_of_a_topic_one_is_read_one_counted(tmp_path: Path, first: int, second: int, other: str) -> None:
     times = [T0 + k * SECOND for k in range(first + second)]
     covariance = {"twist.twist.linear.x": 1.0, "twist.twist.linear.y": 0.5}
     changed: list[Row] = [(t, "/dvl", TWIST_COVARIANCE, {"header.stamp": t, **covariance}) for t in times[first:]]

@@ -107,9 +107,7 @@ XY = {
 
 @pytest.mark.parametrize("kind", XY)
 @pytest.mark.parametrize("role", ["usbl", "gps"])
-def test_a_local_position_is_east_and_north_for_whichever_sensor_it_is_named(
-    tmp_path: Path, kind: str, role: str
-) -> None:
+def test_a_local_position_is_east_and_north_of_any_sensor(tmp_path: Path, kind: str, role: str) -> None:
     rows = [record("/place", kind, {f"{XY[kind]}.x": 30.0, f"{XY[kind]}.y": 40.0})]
 
     table = logged(tmp_path, rows, topics={role: "/place"}).tables[role]
@@ -227,9 +225,7 @@ def cola2(lat: float, lon: float, k: int) -> Row:
         ([cola2(5.0 + 1e-3 * k, 3.0, k) for k in range(4)], MAP, [5, 3]),
     ],
 )  # fmt: skip
-def test_a_fix_lies_along_the_axes_of_its_own_system(
-    tmp_path: Path, rows: list[Row], toml: str, east_north_m: list[float]
-) -> None:
+def test_a_fix_lies_along_its_own_axes(tmp_path: Path, rows: list[Row], toml: str, east_north_m: list[float]) -> None:
     log = logged(tmp_path, rows, toml)
 
     assert places(log)[0] == pytest.approx(east_north_m, abs=0.1 if toml == MAP else 1e-4)

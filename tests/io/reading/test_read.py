@@ -151,15 +151,11 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
         (PLACE, PLACE, "", None),
         (PLACE[::-1], PLACE, "", "/usbl/fix and /gps/fix are "),
         (PLACE, IN_RADIANS, "", "/usbl/fix and /gps/fix are "),
-        (
-            PLACE,
-            PLACE,
-            "[map]\norigin_lat_deg = 46.0\norigin_lon_deg = 7.0",
-            "/usbl/fix and /gps/fix: 111 km from the map",
-        ),
+        (PLACE, PLACE, "[map]\norigin_lat_deg = 46.0\norigin_lon_deg = 7.0",
+         "/usbl/fix and /gps/fix: 111 km from the map"),
         (PLACE, PLACE, "[map]\norigin_lat_deg = 45.3\norigin_lon_deg = 7.0", None),
     ],
-)
+)  # fmt: skip
 def test_places_that_cannot_be_of_one_dive_are_told(
     tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, sentence: str | None
 ) -> None:

@@ -44,9 +44,7 @@ def bucket(dive: Path) -> str:
     return "memory://bucket"
 
 
-def test_a_log_its_configuration_and_what_that_names_are_copied_for_as_long_as_they_are_read(
-    bucket: str, dive: Path
-) -> None:
+def test_a_log_and_what_its_configuration_names_are_copied_as_long_as_they_are_read(bucket: str, dive: Path) -> None:
     with local_log(f"{bucket}/dive.mcap", DEFAULT_REQUEST) as copy:
         found = sorted(str(path.relative_to(copy.parent)) for path in copy.parent.rglob("*") if path.is_file())
         assert copy.read_bytes() == dive.read_bytes()

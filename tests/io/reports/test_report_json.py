@@ -98,9 +98,7 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
     ("evidence", "hint"),
     [((), "--calibrate auto"), ((SensorErrorEvidence("scale", -3.0, False, ()),), "usbldr doctor")],
 )
-def test_the_warning_of_a_far_over_confident_filter_says_what_to_try(
-    evidence: tuple[SensorErrorEvidence, ...], hint: str
-) -> None:
+def test_a_far_over_confident_filter_says_what_to_try(evidence: tuple[SensorErrorEvidence, ...], hint: str) -> None:
     assert CKF.cov is not None
     found = Identification(dataclasses.replace(LOG.parameters, calibrate=()), evidence)
 

@@ -45,11 +45,8 @@ def test_a_file_like_another_states_only_what_differs(tmp_path: Path) -> None:
     ("was", "now", "sentence"),
     [
         ("sd_mps = 0.02", "sd_mp = 0.02", r"\[dvl\] has no key sd_mp; did you mean sd_mps\?"),
-        (
-            "turn_rate_dps = 6.0\n",
-            "turn_rate = 6.0\n",
-            r"\[leg\[1\]\] has no key turn_rate; did you mean turn_rate_dps",
-        ),
+        ("turn_rate_dps = 6.0\n", "turn_rate = 6.0\n",
+         r"\[leg\[1\]\] has no key turn_rate; did you mean turn_rate_dps"),
         ("scatter_m = 0.7", "scatter = 0.7", r"\[usbl.multipath\] has no key scatter; did you mean scatter_m"),
         ("rate_hz = 10.0", "rate_hz = 0.0", r"\[compass\] rate_hz: expected number > 0"),
         ("dropout_share = 0.06", "dropout_share = 1.0", r"\[dvl\] dropout_share: expected number < 1"),
@@ -59,20 +56,15 @@ def test_a_file_like_another_states_only_what_differs(tmp_path: Path) -> None:
         ("sd_m = 0.2, sd_rel = 0.01, ", "", r"\[usbl\] accuracy: state sd_m, sd_rel or both"),
         ("[current]", "[drawn]\n[current]", r"\[drawn\] cannot be combined with \[current\]"),
         ("duration_s = 60.0\n\n[v", "\n[v", r"the key duration_s is missing"),
-        (
-            "duration_s = 60.0\n\n[v",
-            "duration_s = 1e9\n\n[v",
-            r"dvl.rate_hz and duration_s give 5e\+09 records; the limit is 1e\+07",
-        ),
+        ("duration_s = 60.0\n\n[v", "duration_s = 1e9\n\n[v",
+         r"dvl.rate_hz and duration_s give 5e\+09 records; the limit is 1e\+07"),
         ("every_s = 100.0", "every_s = 1e-6", r"usbl.multipath.every_s and duration_s give 6e\+07"),
         ("schema = 1", "schema = 2", r"schema"),
         ("schema = 1", 'schema = 1\nlike = "pool"', r"like = 'pool': no such scenario \(scenarios: .*paper"),
         ("[current]", "[[current", r"is not valid TOML"),
     ],
-)
-def test_a_mistake_in_a_scenario_is_one_sentence_with_file_and_key(
-    tmp_path: Path, was: str, now: str, sentence: str
-) -> None:
+)  # fmt: skip
+def test_a_mistake_is_one_sentence_with_file_and_key(tmp_path: Path, was: str, now: str, sentence: str) -> None:
     assert EVERYTHING.count(was) == 1
     file = _file(tmp_path, EVERYTHING.replace(was, now))
 

@@ -89,15 +89,13 @@ def test_the_limit_is_abs_plus_rel_times_the_size_of_the_value() -> None:
 @pytest.mark.parametrize(
     ("direction", "metrics"),
     [
-        (
-            "lower",
-            "mean_abs_east_m rmse_horizontal_m final_horizontal_m p95_abs_north_m surfacing_error_m drift_percent",
-        ),
+        ("lower",
+         "mean_abs_east_m rmse_horizontal_m final_horizontal_m p95_abs_north_m surfacing_error_m drift_percent"),
         ("lower", "mean_horizontal_m_seed_median diverged_share"),
         ("higher", "coverage"),
         ("both", "bias_east_m nees_mean nis_mean_usbl ess_mean_ratio distance_m fixes_rejected"),
     ],
-)
+)  # fmt: skip
 def test_errors_are_better_when_lower_and_consistency_has_no_better_side(direction: str, metrics: str) -> None:
     assert {usual_direction(metric) for metric in metrics.split()} == {direction}
 
@@ -174,15 +172,12 @@ def test_an_update_follows_any_layout(tmp_path: Path) -> None:
         ("rel = 0.1", "real = 0.1", "row 'second': [metrics.rmse_horizontal_m] has no key real; did you mean rel?"),
         ("rel = 0.1\n", "", "row 'second': metrics.rmse_horizontal_m states no tolerance: give abs, rel or both"),
         ("rel = 0.1", "rel = inf", "row 'second': [metrics] rmse_horizontal_m.rel = inf is not a finite number"),
-        (
-            'direction = "both"',
-            'direction = "up"',
-            "row 'first': [metrics] nees_mean.direction: up is not allowed (allowed: lower, higher, both)",
-        ),
+        ('direction = "both"', 'direction = "up"',
+         "row 'first': [metrics] nees_mean.direction: up is not allowed (allowed: lower, higher, both)"),
         (GOOD[GOOD.index("[row.metrics.rmse") :], "[row.metrics]\n", "row 'second': metrics is empty"),
         (GOOD[GOOD.index("[[row]]") :], "", "has no [[row]]: such a check would always pass"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_file_is_refused_with_row_and_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     file = _baseline(tmp_path, GOOD.replace(old, new, 1))
 
