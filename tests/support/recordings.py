@@ -4,13 +4,14 @@ The writers are those of mcap and rosbags, which owe nothing to usbldr.
 """
 
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
@@ -154,6 +155,17 @@ def write_mcap(
             writer.add_message(channels[topic, type_name], log_ns, data, log_ns)
         writer.finish()
     return file
+
+
+def decoded(file: Path) -> Iterator[tuple[str, int, Any]]:
+    """Yield topic, log time and message of an MCAP file, by the definitions in the file alone."""
+    store = get_typestore(Stores.EMPTY)
+    with file.open("rb") as stream:
+        for schema, channel, written in make_reader(stream, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if schema.name not in store.types:
+                store.register(get_types_from_msg(schema.data.decode(), schema.name))
+            yield channel.topic, written.log_time, store.deserialize_cdr(written.data, schema.name)
 
 
 def write_payloads(file: Path, topic: str, encoding: str, schema: Schema, payloads: Iterable[bytes]) -> Path:

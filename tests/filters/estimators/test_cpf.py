@@ -1,4 +1,4 @@
-"""The cubature particle filter against exact posteriors and the filter that it becomes in special cases."""
+"""The particle filters against exact posteriors and the filters that they become in special cases."""
 
 import itertools
 import math
@@ -11,10 +11,12 @@ from textbook import PRIOR, Drift, beliefs, end, exact_mixture, position_steps
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
+from usbldr.filters.estimators.pf import BootstrapParticleFilter
 from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.estimators.resampling import effective_size, normalised, systematic
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.sensors import DirectState, Measurement
-from usbldr.filters.models.sigma_points import cubature
+from usbldr.filters.models.sigma_points import cubature, linearised
 
 Q = (0.3, 0.1)
 MOTION = Drift(Q)
@@ -173,3 +175,48 @@ def test_without_moves_there_is_no_acceptance() -> None:
     estimator = replace(CubatureParticleFilter(MOTION, cubature, 50), move_steps=0)
     *_, belief = beliefs(estimator, position_steps(np.arange(20) * 1.0, noise))
     assert math.isnan(belief.acceptance)
+
+
+def test_on_a_linear_model_it_tends_to_the_kalman_filter_as_one_over_root_n() -> None:
+    z = np.cumsum(np.random.default_rng(0).normal(1.0, 1.0, size=15))
+    noise = Gaussian().modes(np.array([[0.8]]))
+    want = end(KalmanFilter(MOTION, linearised, moment_matched), position_steps(z, noise))
+    errors = {}
+    for count, seeds in ((100, 60), (10_000, 10)):
+        ends = [
+            end(BootstrapParticleFilter(MOTION, count, start_seed=s), position_steps(z, noise), s) for s in range(seeds)
+        ]
+        errors[count] = math.sqrt(np.mean([np.sum((e.mean - want.mean) ** 2) for e in ends]))
+    np.testing.assert_allclose(np.mean([e.mean for e in ends], axis=0), want.mean, atol=0.02)
+    np.testing.assert_allclose(np.mean([e.cov for e in ends], axis=0), want.cov, rtol=0.05, atol=0.005)
+
+    assert errors[10_000] < errors[100] / 5
+
+
+def test_each_particle_is_drawn_its_share_give_or_take_one() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        weights = rng.dirichlet(np.ones(50))
+        counts = np.bincount(systematic(weights, rng), minlength=50)
+        assert np.all(np.abs(counts - 50 * weights) < 1)
+
+
+def test_on_average_each_particle_is_drawn_its_share() -> None:
+    rng = np.random.default_rng(1)
+    weights = np.array([0.05, 0.15, 0.3, 0.5])
+    counts = sum(np.bincount(systematic(weights, rng), minlength=4) for _ in range(20_000)) / 20_000
+
+    np.testing.assert_allclose(counts, 4 * weights, atol=0.02)
+
+
+def test_a_single_heavy_particle_is_the_only_ancestor() -> None:
+    assert set(systematic(np.array([0.0, 1.0, 0.0]), np.random.default_rng(2))) == {1}
+
+
+def test_effective_size_runs_from_one_to_n() -> None:
+    assert effective_size(np.full(7, -np.log(7))) == pytest.approx(7)
+    assert effective_size(normalised(np.array([0.0, -800.0, -900.0]))) == pytest.approx(1)
+
+
+def test_weights_too_small_for_a_float_still_normalise() -> None:
+    assert np.exp(normalised(np.array([-5000.0, -5001.0]))).sum() == pytest.approx(1)

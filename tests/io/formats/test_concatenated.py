@@ -1,4 +1,4 @@
-"""Files of several recordings, and recordings with other bytes around them: all is read, or named as lost data."""
+"""Files of several recordings, among other bytes, or without their beginning: all is read, or named as lost data."""
 
 import tempfile
 from collections.abc import Iterator
@@ -85,6 +85,26 @@ def test_a_recording_behind_one_that_is_cut_is_read_or_the_loss_is_named(form: s
         assert said or at_same_times or all(a >= b for a, b in zip(found, together, strict=True))
         if form.startswith(RESUMED):
             assert all(a >= b for a, b in zip(found, once, strict=True))
+
+
+CAPTURES = [".tlog", "PD0", "PD4", "PD5", "PD6", "JSON lines", ".lsf"]  # records that need no beginning of their file
+
+
+@pytest.mark.parametrize("form", CAPTURES)
+@settings(max_examples=8)
+@given(data=st.data())
+def test_a_capture_that_begins_within_a_record_is_read_from_the_next_one(form: str, data: st.DataObject) -> None:
+    with recorded(form) as (file, _, whole, once):
+        log = open_log(file)
+        kind, total = log.format, sum(topic.count for topic in log.topics())
+        lost = data.draw(st.integers(1, len(whole) // 2))
+        file.write_bytes(whole[lost:])
+        log = open_log(file)
+
+        expected = total * (len(whole) - lost) / len(whole) - 10  # [records] their sizes differ
+        assert log.format == kind
+        assert all(a <= b for a, b in zip(count(log, form), once, strict=True))
+        assert sum(topic.count for topic in log.topics()) >= expected
 
 
 def test_recordings_of_several_formats_in_one_file_are_read(tmp_path: Path) -> None:

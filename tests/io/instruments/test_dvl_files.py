@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvl_recordings import COUNT, ensemble, write_json, write_pd0, write_pd6
+from dvl_recordings import COUNT, ensemble, velocity, write_json, write_pd0, write_pd6
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -217,3 +217,16 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     assert (len(log.tables["usbl"]), log.start_ns) == (COUNT, T0)
     assert read_whole(open_log(whole), {"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
     assert not open_log(whole).findings()
+
+
+def test_reports_of_the_first_version_of_json_are_timed_one_after_the_other(tmp_path: Path) -> None:
+    left_out = ("type", "time_of_validity", "time_of_transmission", "covariance")
+    reports = ({k: v for k, v in velocity(k).items() if k not in left_out} for k in range(COUNT))
+    lines = [json.dumps({**report, "time": 200.0, "format": "json_v1"}) for report in reports]
+
+    log = read_log(saved(tmp_path / "dvl.txt", lines))
+
+    assert log.format == "JSON lines"
+    assert log.provenance["dvl"].used == COUNT - 1  # one is invalid
+    assert log.tables["dvl"]["received_s"].diff().dropna().round(9).isin([0.2, 0.4]).all()
+    assert [finding.code for finding in log.findings if finding.code == "NO-DATE"] == ["NO-DATE"]

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from mcap.reader import make_reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from checkout import ROOT, SAMPLES
 from commands import output_of, run
+from recordings import decoded
 from usbldr.filters.errors import LogError, StorageError, UsageError
 from usbldr.io.reading.read import read_log
 
@@ -36,18 +36,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def messages(folder: Path) -> dict[str, list[Any]]:
     """Return by topic the messages as rosbags decodes them by the definitions in the file."""
-    store = get_typestore(Stores.EMPTY)
     found: dict[str, list[Any]] = {}
-    with (folder / "track.mcap").open("rb") as stream:
-        for schema, channel, message in make_reader(stream).iter_messages():
-            if channel.topic.startswith("/usbldr"):
-                assert schema is not None
-                if schema.name not in store.types:
-                    store.register(get_types_from_msg(schema.data.decode(), schema.name))
-                decoded: Any = store.deserialize_cdr(message.data, schema.name)
-                stamp = decoded.header.stamp
-                assert stamp.sec * 10**9 + stamp.nanosec == message.log_time
-                found.setdefault(channel.topic, []).append(decoded)
+    for topic, log_ns, message in decoded(folder / "track.mcap"):
+        if topic.startswith("/usbldr"):
+            assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == log_ns
+            found.setdefault(topic, []).append(message)
     return found
 
 

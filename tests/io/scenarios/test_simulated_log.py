@@ -4,7 +4,6 @@ import dataclasses
 import math
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,9 @@ import pandas as pd
 import pymap3d
 import pytest
 from mcap.reader import make_reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from commands import interrupt, output_of, run
+from recordings import decoded
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.simulation.scenario import Timing
@@ -35,17 +34,6 @@ SHORT = dataclasses.replace(
     compass=dataclasses.replace(PAPER.compass, bias_rad=0.0234),
     usbl=dataclasses.replace(PAPER.usbl, timing=Timing(latency_s=0.345, delay_s=1.25)),
 )
-
-
-def _messages(file: Path) -> Iterator[tuple[str, int, Any]]:
-    """Decode with the definitions in the file alone."""
-    store = get_typestore(Stores.EMPTY)
-    with file.open("rb") as stream:
-        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
-            assert schema is not None
-            if schema.name not in store.types:
-                store.register(get_types_from_msg(schema.data.decode(), schema.name))
-            yield channel.topic, message.log_time, store.deserialize_cdr(message.data, schema.name)
 
 
 def _stamp_s(message: Any) -> float:
@@ -82,7 +70,7 @@ def test_gps_latitudes_are_at_sea_level_over_the_stated_origin() -> None:
 def test_another_reader_finds_the_same_values_in_the_mcap_file(tmp_path: Path) -> None:
     log, _ = write_scenario(SHORT, 5, tmp_path / "dive.mcap")
 
-    found = list(_messages(tmp_path / "dive.mcap"))
+    found = list(decoded(tmp_path / "dive.mcap"))
 
     topics = ("/dvl/data", "/imu/data", "/usbl/fix", "/gps/fix")
     by_topic = {topic: [m for t, _, m in found if t == topic] for topic in topics}
@@ -104,7 +92,7 @@ def test_another_reader_finds_the_same_values_in_the_mcap_file(tmp_path: Path) -
 def test_log_time_is_the_arrival_and_never_falls(tmp_path: Path) -> None:
     write_scenario(SHORT, 0, tmp_path / "dive.mcap")
 
-    found = list(_messages(tmp_path / "dive.mcap"))
+    found = list(decoded(tmp_path / "dive.mcap"))
 
     late = [log_time - START_NS - round(_stamp_s(m) * 1e9) for topic, log_time, m in found if topic == "/usbl/fix"]
     assert set(late) == {1_250_000_000}
