@@ -119,15 +119,8 @@ def test_no_factor_is_beyond_all_reason(factor: InflationFactor) -> None:
 @FACTORS
 def test_speed_and_heading_are_not_listened_to(factor: InflationFactor) -> None:
     z = np.arange(40.0) + 25.0 * (np.arange(40) >= 20)
-    steps = [
-        Step(
-            k,
-            float(max(k - 1, 0)),
-            float(k),
-            (Measurement(np.array([v]), DirectState(0), ONE, "dvl", "forward", k, k),),
-        )
-        for k, v in enumerate(z)
-    ]
+    readings = [(Measurement(np.array([v]), DirectState(0), ONE, "dvl", "forward", k, k),) for k, v in enumerate(z)]
+    steps = [Step(k, float(max(k - 1, 0)), float(k), reading) for k, reading in enumerate(readings)]
 
     assert {e.inflation for e in run(factor, steps)} == {1.0}
 

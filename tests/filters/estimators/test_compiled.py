@@ -83,9 +83,8 @@ def assert_equal(name: str, parameters: Parameters, settings: FilterSettings, li
         np.testing.assert_array_equal(got.acceptance, want.acceptance)
     for one, other in zip(got.updates, want.updates, strict=True):
         for a, b in zip(one.parts, other.parts, strict=True):
-            assert (a.sensor, a.axis, a.row, a.time_s, a.dof, a.outcome) == (
-                (b.sensor, b.axis, b.row, b.time_s, b.dof, b.outcome)
-            )
+            mine, theirs = ((u.sensor, u.axis, u.row, u.time_s, u.dof, u.outcome) for u in (a, b))
+            assert mine == theirs
             assert (a.shift is None) == (b.shift is None)
             for mine, theirs in (
                 (a.innovation, b.innovation),

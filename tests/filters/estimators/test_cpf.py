@@ -58,15 +58,8 @@ def test_the_move_leaves_the_posterior_over_modes_unchanged(move_steps: int) -> 
     """Particles drawn from the enumerated posterior of the last steps' modes still have it after the move."""
     noise = Mixture(0.4, 30.0).modes(np.array([[0.3]]))
     z = np.array([0.2, 3.5, 1.0, 6.0])
-    steps = [
-        Step(
-            k,
-            float(k - 1) if k else 0.0,
-            float(k),
-            tuple(Measurement(z[[2 * k + i]], DirectState(0), noise, "usbl", "east", 0, float(k)) for i in (0, 1)),
-        )
-        for k in (0, 1)
-    ]
+    read = [Measurement(z[[k]], DirectState(0), noise, "usbl", "east", 0, float(k // 2)) for k in range(4)]
+    steps = [Step(k, 0.0, float(k), tuple(read[2 * k : 2 * k + 2])) for k in (0, 1)]
     count = 40_000
     estimator = CubatureParticleFilter(MOTION, cubature, count, resample_below=0.0, move_steps=2)
 

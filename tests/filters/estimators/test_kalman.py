@@ -109,9 +109,8 @@ def test_collapsing_one_mode_is_the_kalman_filter() -> None:
 def test_matched_takes_the_mixture_for_one_wide_gaussian() -> None:
     z = np.random.default_rng(3).normal(size=30)
     mixture = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, Mixture().modes(np.eye(1))))
-    wide = run(
-        OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, Gaussian().modes(3.7 * np.eye(1)))
-    )
+    one_gaussian = Gaussian().modes(3.7 * np.eye(1))
+    wide = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, one_gaussian))
     for a, b in zip(mixture, wide, strict=True):
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
         np.testing.assert_allclose(a.cov, b.cov, atol=1e-12)
@@ -185,12 +184,8 @@ def test_a_gate_follows_a_manoeuvre_within_a_second_and_no_spike() -> None:
     noise = Gaussian().modes(np.array([[0.02**2]]))
 
     def forward(z: np.ndarray) -> list[float]:
-        steps = [
-            Step(
-                k, 0.2 * k, 0.2 * (k + 1), (Measurement(z[k : k + 1], DirectState(2), noise, "dvl", "forward", k, 0.0),)
-            )
-            for k in range(len(z))
-        ]
+        read = [(Measurement(z[k : k + 1], DirectState(2), noise, "dvl", "forward", k, 0.0),) for k in range(len(z))]
+        steps = [Step(k, 0.2 * k, 0.2 * (k + 1), reading) for k, reading in enumerate(read)]
         return [e.mean[2] for e in run(OurKalmanFilter(motion, cubature, Gate()), steps, prior)]
 
     t = np.arange(40)
@@ -204,12 +199,9 @@ def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
     noise = Contamination(0.05, 50.0).modes(np.eye(1))
     motion = VehicleMotion(StateLayout(), ProcessNoise(1e-3, 1e-4, 1e-3, 1e-5))
     prior = Prior(np.array([0.0, 0, 0, 0, 60.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.001, 1, 1]) ** 2)
+    axes = [(name, UsblFix(StateLayout(), 0.0, axes=(axis,))) for axis, name in enumerate(("east", "north"))]
     fixes = [
-        [
-            Measurement(np.zeros(1), UsblFix(StateLayout(), 0.0, axes=(axis,)), noise, "usbl", name, k, float(k))
-            for axis, name in enumerate(("east", "north"))
-        ]
-        for k in range(20)
+        [Measurement(np.zeros(1), model, noise, "usbl", name, k, float(k)) for name, model in axes] for k in range(20)
     ]
     steps = [Step(k, float(max(k - 1, 0)), float(k), tuple(both)) for k, both in enumerate(fixes)]
 
@@ -221,9 +213,8 @@ def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
 
 def test_every_filter_in_the_table_steps() -> None:
     prior = Prior(np.array([0.1, 0, 1, 0, 0, 0.0]), np.diag([0.1, 0.5, 0.5, 0.05, 3, 3]) ** 2)
-    fix = Measurement(
-        np.ones(2), UsblFix(StateLayout(), -0.1), Contamination().modes(np.eye(2)), "usbl", "position", 0, 0.1
-    )
+    noise = Contamination().modes(np.eye(2))
+    fix = Measurement(np.ones(2), UsblFix(StateLayout(), -0.1), noise, "usbl", "position", 0, 0.1)
     for name, build in ((name, method.build) for name, method in METHODS.items() if method.build):
         estimator = build(VehicleMotion(StateLayout(), ProcessNoise()), replace(FilterSettings(), particles=20))
         belief = estimator.step(estimator.start(prior), Step(1, 0.0, 0.2, (fix,)), lambda: np.random.default_rng(0))

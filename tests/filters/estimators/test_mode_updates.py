@@ -65,9 +65,8 @@ def test_per_scalar_and_joint_updates_agree_where_the_noise_is_gaussian_and_roun
     apart = bank
     for axis in (0, 1):
         noise = Gaussian().modes(R[:1, :1])
-        scalar = Measurement(
-            z[axis : axis + 1], UsblFix(StateLayout(), 0.0, axes=(axis,)), noise, "usbl", "east", 0, 0.0
-        )
+        model = UsblFix(StateLayout(), 0.0, axes=(axis,))
+        scalar = Measurement(z[axis : axis + 1], model, noise, "usbl", "east", 0, 0.0)
         apart, *_ = moment_matched(apart, project(apart, scalar, cubature), noise)
 
     np.testing.assert_allclose(apart.mean, together.mean, atol=1e-12)

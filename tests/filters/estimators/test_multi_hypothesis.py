@@ -314,9 +314,8 @@ def test_a_log_that_ends_while_fixes_are_rejected_reports_them() -> None:
 def test_a_log_that_ends_with_a_single_rejected_fix_reports_nothing() -> None:
     line, _ = dive(1, 5, 50.0)
 
-    track = run(
-        "adf", line.with_fixes(line.fix_time_s <= OUTAGE[1]), Parameters(process=UNCERTAIN), FilterSettings(guard=True)
-    )
+    until = line.with_fixes(line.fix_time_s <= OUTAGE[1])
+    track = run("adf", until, Parameters(process=UNCERTAIN), FilterSettings(guard=True))
 
     assert [update.outcome for update in track.updates if update.sensor == "usbl"][-2:] == ["used", "rejected"]
     assert not track.reacquisitions
@@ -345,10 +344,8 @@ def test_clusters_between_good_fixes_do_not_move_the_track(seed: int) -> None:
     line = timeline(log)
     assert log.truth is not None
     truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])
-    alone, guarded = (
-        float(np.hypot(*(run("adf", line, log.parameters, FilterSettings(guard=on)).position_m - truth).T).max())
-        for on in (False, True)
-    )
+    tracks = (run("adf", line, log.parameters, FilterSettings(guard=on)) for on in (False, True))
+    alone, guarded = (float(np.hypot(*(track.position_m - truth).T).max()) for track in tracks)
 
     assert guarded < 1.2 * alone
 

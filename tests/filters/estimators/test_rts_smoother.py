@@ -55,9 +55,8 @@ def test_on_a_linear_dive_the_pass_solves_the_normal_equations(rule) -> None:
     z = np.random.default_rng(0).normal(size=40).cumsum()
     mean, cov = filtered(z, rule)
 
-    smoothed_mean, smoothed_cov = smooth(
-        mean, cov, np.ones(40), np.zeros((40, 2)), np.arange(40.0), Drift(tuple(Q)), rule
-    )
+    none, seconds = np.zeros((40, 2)), np.arange(40.0)
+    smoothed_mean, smoothed_cov = smooth(mean, cov, np.ones(40), none, seconds, Drift(tuple(Q)), rule)
 
     want_mean, want_cov = solved_at_once(z)
     np.testing.assert_allclose(smoothed_mean, want_mean, atol=1e-9)
@@ -70,10 +69,8 @@ def test_an_inflated_or_widened_prediction_counts_as_more_noise() -> None:
     doubled, lost, none = np.ones(12), np.zeros((12, 2)), np.zeros((12, 2))
     doubled[6], lost[6] = 2.0, 1e12  # [m2] independent noise: the past says nothing of what comes after
 
-    whole, inflated, widened = (
-        smooth(mean, cov, factor, added, np.arange(12.0), Drift(tuple(Q)), linearised)[1]
-        for factor, added in ((np.ones(12), none), (doubled, none), (np.ones(12), lost))
-    )
+    how = ((np.ones(12), none), (doubled, none), (np.ones(12), lost))
+    whole, inflated, widened = (smooth(mean, cov, *of, np.arange(12.0), Drift(tuple(Q)), linearised)[1] for of in how)
 
     np.testing.assert_allclose(widened[5], cov[5], rtol=1e-6)
     np.testing.assert_array_equal(widened[6:], whole[6:])

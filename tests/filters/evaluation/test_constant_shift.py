@@ -51,9 +51,8 @@ def test_a_truth_moved_by_metres_and_one_kilometres_away_are_told_likewise() -> 
         assert found.mostly_shift
         (warning,) = found.warnings
         assert f"a constant shift ({text}" in warning
-        assert f"without a constant shift of {found.shift.length_m:.2f} m {found.shift.mean_m:.2f} m" in (
-            summary_sentence(found)
-        )
+        said = f"without a constant shift of {found.shift.length_m:.2f} m {found.shift.mean_m:.2f} m"
+        assert said in summary_sentence(found)
     assert not report((0.2, 0.1)).mostly_shift
     assert report((0.2, 0.1)).warnings == ()
 

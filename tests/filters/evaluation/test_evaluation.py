@@ -318,12 +318,8 @@ def update(sensor: str, nis: float, dof: int, fate: str) -> Update:
 
 
 def test_nis_is_averaged_per_sensor_with_the_rejected() -> None:
-    updates = (
-        update("usbl", 1.0, 2, "used"),
-        update("usbl", 5.0, 2, "down-weighted"),
-        update("usbl", 99.0, 2, "rejected"),
-        update("dvl", 0.5, 1, "used"),
-    )
+    of_usbl = (("usbl", 1.0, 2, "used"), ("usbl", 5.0, 2, "down-weighted"), ("usbl", 99.0, 2, "rejected"))
+    updates = (*(update(*one) for one in of_usbl), update("dvl", 0.5, 1, "used"))
     track = track_of(SECONDS, line(SECONDS), updates=updates)
 
     sensors = evaluate(track, truth_of(SECONDS, line(SECONDS))).sensors
@@ -393,9 +389,8 @@ def test_the_verdict_compares_with_doing_without() -> None:
 
     assert line("cpf", 0.69) == "cpf: mean horizontal error 0.69 m, 31 % better than raw USBL, 70 % better than DR"
     assert line("cpf", 1.15) == "cpf: mean horizontal error 1.15 m, 15 % worse than raw USBL, 50 % better than DR"
-    assert (
-        line("cpf", 7.0) == "cpf: mean horizontal error 7.00 m, 7.0 times worse than raw USBL, 3.0 times worse than DR"
-    )
+    worse = "cpf: mean horizontal error 7.00 m, 7.0 times worse than raw USBL, 3.0 times worse than DR"
+    assert line("cpf", 7.0) == worse
     assert line("ekf", 1.0) == "ekf: mean horizontal error 1.00 m, equal to raw USBL, 57 % better than DR"
     assert line("usbl", 1.0) == "usbl: mean horizontal error 1.00 m, 57 % better than DR"
     assert summary_sentence(usbl) == "usbl: mean horizontal error 1.00 m"
@@ -430,12 +425,8 @@ def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs:
     table = pd.DataFrame(track.position_m, columns=["east_m", "north_m"])
     table.insert(0, "time_s", track.time_s + start_ns / 1e9)
     table.to_csv(tmp_path / "track.csv", index=False)
-    subprocess.run(
-        [sys.executable, tool, "track.csv", field_logs / "uib_field", "--skip", "0", "--json", "out"],
-        check=True,
-        capture_output=True,
-        cwd=tmp_path,
-    )
+    command = [sys.executable, tool, "track.csv", field_logs / "uib_field", "--skip", "0", "--json", "out"]
+    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
     found = pd.read_json(tmp_path / "out", typ="series")
 
     by_a = evaluate(track, truth, Window(4.0, 1084.5), "first").flat()

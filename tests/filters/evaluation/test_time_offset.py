@@ -65,15 +65,9 @@ def test_tracks_are_compared_over_the_time_that_both_have() -> None:
 
     def beside_fixes(count: int) -> str:
         s = SECONDS[:count]
-        return summary_sentence(
-            track,
-            [
-                evaluate(
-                    Trajectory("usbl", ("x", "y"), s, turning_m(s) + np.column_stack([np.cos(s), np.sin(s)]), None),
-                    truth,
-                )
-            ],
-        )
+        off_m = np.column_stack([np.cos(s), np.sin(s)])
+        fixes = evaluate(Trajectory("usbl", ("x", "y"), s, turning_m(s) + off_m, None), truth)
+        return summary_sentence(track, [fixes])
 
     assert beside_fixes(50).endswith("3.65 m, 50 % better than raw USBL")
     assert beside_fixes(2).endswith("3.65 m, not comparable with raw USBL (2 common epochs)")

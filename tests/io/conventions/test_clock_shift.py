@@ -36,10 +36,9 @@ def test_a_clock_of_its_own_is_moved_to_log_time_and_keeps_its_spacing(tmp_path:
     np.testing.assert_allclose(np.diff(moved), np.diff(right), atol=1e-9)
     absolute = moved[0] + (log.start_ns - true.start_ns) / 1e9 - right[0]
     assert absolute == pytest.approx(0.02)  # the least delay, which cannot be distinguished from the clock's offset
-    assert said(log) == [
-        "/dvl: stamps come from another clock than the log's and other sensors'; "
-        f"shifted by {0.02 - other / 1e9:.3f} s, the smallest delay from stamp to log"
-    ]
+    clocks = "stamps come from another clock than the log's and other sensors'"
+    shift_s = f"{0.02 - other / 1e9:.3f} s"
+    assert said(log) == [f"/dvl: {clocks}; shifted by {shift_s}, the smallest delay from stamp to log"]
 
 
 def test_two_sensors_of_one_other_clock_are_moved_alike(tmp_path: Path) -> None:

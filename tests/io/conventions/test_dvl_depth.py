@@ -137,9 +137,8 @@ def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> No
 def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:
     log = logged(tmp_path, [number(3.0)])
 
-    assert codes(log)["HEADING-UNIT"] == (
-        '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
-    )
+    said = '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
+    assert codes(log)["HEADING-UNIT"] == said
     assert codes(log)["NO-HEADER"] == "/heading: its type has no header, so it is timed by log time"
 
 
@@ -157,14 +156,9 @@ def test_imu_messages_without_orientation_are_left_out(tmp_path: Path) -> None:
 
 
 def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path) -> None:
-    rows = [
-        marine(T0),
-        marine(T0 + 1, beams=2),
-        marine(T0 + 2, velocity_mode=2),
-        marine(T0 + 3, velocity__x=0.0, velocity__y=0.0),
-        marine(T0 + 4, velocity__x=math.nan),
-        marine(T0 + 5, velocity__x=327.67),
-    ]
+    still = marine(T0 + 3, velocity__x=0.0, velocity__y=0.0)
+    rows = [marine(T0), marine(T0 + 1, beams=2), marine(T0 + 2, velocity_mode=2), still]
+    rows += [marine(T0 + 4, velocity__x=math.nan), marine(T0 + 5, velocity__x=327.67)]
 
     log = logged(tmp_path, rows)
 
@@ -249,10 +243,9 @@ def test_a_dvl_record_is_as_old_as_its_transmission_took(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("kind", [TWIST_COVARIANCE, ODOMETRY])
 def test_a_negative_covariance_makes_a_twist_invalid(tmp_path: Path, kind: str) -> None:
-    rows = [
-        record("/dvl", kind, {"twist.twist.linear.x": 1.0, "twist.covariance": np.eye(1, 36)[0] * variance}, k)
-        for k, variance in enumerate([0.0004, -1.0])
-    ]
+    covariances = [np.eye(1, 36)[0] * variance for variance in (0.0004, -1.0)]
+    values = [{"twist.twist.linear.x": 1.0, "twist.covariance": covariance} for covariance in covariances]
+    rows = [record("/dvl", kind, one, k) for k, one in enumerate(values)]
 
     log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
 
@@ -326,9 +319,8 @@ def test_pressures_that_cannot_be_pascals_are_not_used(tmp_path: Path) -> None:
     log = logged(tmp_path, [pressure(1013.0)])
 
     assert "depth" not in log.tables
-    assert codes(log)["DEPTH-UNIT"] == (
-        "/pressure: not used as depth: a median of 1013 cannot be Pa; state unit under [depth]"
-    )
+    said = "/pressure: not used as depth: a median of 1013 cannot be Pa; state unit under [depth]"
+    assert codes(log)["DEPTH-UNIT"] == said
 
 
 def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None:
@@ -338,9 +330,8 @@ def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None
     unsaid, said = logged(tmp_path, rows), logged(tmp_path, rows, "[depth]\nsurface_pa = 0")
 
     assert "depth" not in unsaid.tables
-    assert codes(unsaid)["DEPTH-UNIT"].endswith(
-        "is below air pressure: gauge pressures need surface_pa = 0 under [depth]"
-    )
+    said_why = "is below air pressure: gauge pressures need surface_pa = 0 under [depth]"
+    assert codes(unsaid)["DEPTH-UNIT"].endswith(said_why)
     assert said.tables["depth"]["depth_m"].to_numpy() == pytest.approx(np.arange(200) / 10)
 
 

@@ -79,12 +79,9 @@ def test_what_is_no_grid_is_refused(tmp_path: Path, grid: str, said: str) -> Non
 def test_latitudes_and_offsets_from_a_head_are_on_no_grid(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"\[usbl\] grid = .*/usbl holds no eastings and northings"):
         logged_csv(tmp_path, f"{MAP}[usbl]\n{GRID}\n", usbl=f"time_ns,lat_deg,lon_deg\n{T0},45,7")
+    from_head = f'[usbl]\n{GRID}\nrelative_to = "head"\nhead = {{ east_m = 0, north_m = 0 }}'
     with pytest.raises(UsageError, match="positions on a grid do not count from the head"):
-        logged(
-            tmp_path,
-            [fix_at((1.0, 2.0))],
-            f'[usbl]\n{GRID}\nrelative_to = "head"\nhead = {{ east_m = 0, north_m = 0 }}',
-        )
+        logged(tmp_path, [fix_at((1.0, 2.0))], from_head)
 
 
 def test_an_unnamed_grid_is_said_and_init_asks_for_its_code(tmp_path: Path) -> None:

@@ -115,10 +115,8 @@ def test_of_fixes_that_are_polled_faster_than_the_usbl_pings_each_is_used_once(d
 def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> None:
     """A table with a row for each DVL record shows each GPS fix several times, as if the vehicle stopped for it."""
     rows = np.arange(len(times(dive, "dvl"))) // 5 * 5
-    place, time_s = (
-        np.cumsum(np.random.default_rng(0).normal(0.2, 0.1, (len(rows), 2)), axis=0)[rows],
-        times(dive, "dvl"),
-    )
+    time_s, steps_m = times(dive, "dvl"), np.random.default_rng(0).normal(0.2, 0.1, (len(rows), 2))
+    place = np.cumsum(steps_m, axis=0)[rows]
     fixes = pd.DataFrame({"time_s": time_s, "received_s": time_s, "east_m": place[:, 0], "north_m": place[:, 1]})
     fixes = fixes.assign(sd_m=1.0, lat_deg=45 + fixes["north_m"] * 9e-6, lon_deg=7 + fixes["east_m"] * 13e-6)
     provenance = {**dive.provenance, "gps": replace(dive.provenance["usbl"], topic="/gps")}
@@ -216,9 +214,8 @@ def test_the_turns_of_a_fast_rov_are_true(dive: Log, rate_hz: float, sd_deg: flo
     time_s = np.arange(0.0, 300.0, 1 / rate_hz)
     turning_dps = 60.0 * np.array([0, 0, 1, 0, -1, 1, -1, 0])[(time_s // 3).astype(int) % 8]  # reverses at once
     heading = 350 + np.cumsum(turning_dps) / rate_hz + np.random.default_rng(4).normal(0, sd_deg, len(time_s))
-    table = pd.DataFrame(
-        {"time_s": time_s, "received_s": time_s, "heading_deg": heading % 360, "sd_deg": np.full(len(time_s), 0.3)}
-    )
+    columns = {"time_s": time_s, "received_s": time_s, "heading_deg": heading % 360, "sd_deg": 0.3}
+    table = pd.DataFrame(columns)
 
     log = replace(dive, tables={**dive.tables, "compass": table})
 

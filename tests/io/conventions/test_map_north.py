@@ -48,9 +48,8 @@ def dive(folder: Path, lat_deg: float, fixes: str) -> Log:
 
 def by_latitude(lat_deg: float) -> str:
     step_deg = math.degrees(SPEED_MPS / 6378137.0 / math.cos(math.radians(lat_deg)))
-    return "time_ns,lat_deg,lon_deg " + " ".join(
-        f"{T0_S + k}000000000,{lat_deg},{LON_DEG + k * step_deg:.9f}" for k in range(5)
-    )
+    rows = (f"{T0_S + k}000000000,{lat_deg},{LON_DEG + k * step_deg:.9f}" for k in range(5))
+    return "time_ns,lat_deg,lon_deg " + " ".join(rows)
 
 
 def end_m(log: Log) -> np.ndarray:

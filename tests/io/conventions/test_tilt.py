@@ -165,9 +165,8 @@ def test_some_attitudes_turn_velocities_level(tmp_path: Path, most: int, monkeyp
 
 
 def test_attitudes_are_moved_to_log_time_with_their_headings(tmp_path: Path) -> None:
-    right, moved = (
-        logged(tmp_path, dive(0.3, swing_deg=15.0, imu_late_ns=late), settings()) for late in (0, 7200 * SECOND)
-    )
+    dives = (dive(0.3, swing_deg=15.0, imu_late_ns=late) for late in (0, 7200 * SECOND))
+    right, moved = (logged(tmp_path, rows, settings()) for rows in dives)
 
     assert moved.start_ns == right.start_ns
     np.testing.assert_array_equal(moved.tables["dvl"]["up_mps"], right.tables["dvl"]["up_mps"])

@@ -211,9 +211,8 @@ def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_
 
     np.testing.assert_allclose(covariance(far), np.eye(2) * 10.0**2)
     np.testing.assert_allclose(covariance(anywhere), np.eye(2))
-    assert {Convention("sd_rel", 2.0, "default", "%"), Convention("min_sd_m", 1.0, "default", "m")} <= {
-        *far.provenance["usbl"].conventions
-    }
+    said = {Convention("sd_rel", 2.0, "default", "%"), Convention("min_sd_m", 1.0, "default", "m")}
+    assert said <= {*far.provenance["usbl"].conventions}
     assert Convention("sd_m", 1.0, "default", "m") in anywhere.provenance["usbl"].conventions
     stated = logged(tmp_path, [WITH_COVARIANCE]).provenance["usbl"].conventions
     assert stated[-2] == Convention("covariance", "of the messages", "default")

@@ -181,9 +181,8 @@ def test_a_range_that_is_too_long_is_the_same_error_before_and_after_the_depth_i
     )
 
     line = timeline(log)
-    (tmp_path / "dive" / "usbldr.toml").write_text(
-        "[usbl]\nsound_speed_scale = 0.96\nhead = { east_m = 10.0, north_m = 0.0 }"
-    )
+    scaled = "[usbl]\nsound_speed_scale = 0.96\nhead = { east_m = 10.0, north_m = 0.0 }"
+    (tmp_path / "dive" / "usbldr.toml").write_text(scaled)
 
     assert places(read_log(tmp_path / "dive"))[0] == pytest.approx([10 + 76.8, 0])  # 96 m, 57.6 m below the head
     assert line.fix_away_m is not None

@@ -265,9 +265,8 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
     paths = ["header.stamp", "header.frame_id", "position.1", "valid", "name"]
     read = read_whole(McapLog(file), {"/fix": paths})["/fix"]
 
-    assert {path: column[0] for path, column in read.columns.items()} == dict(
-        zip(paths, [7_000_000_005, "map", 2.0, True, "one"], strict=True)
-    )
+    values = dict(zip(paths, [7_000_000_005, "map", 2.0, True, "one"], strict=True))
+    assert {path: column[0] for path, column in read.columns.items()} == values
 
 
 @pytest.mark.parametrize("size", ["1 << 40000000000", "9999999999 * 9999999999", "9" * 5000])

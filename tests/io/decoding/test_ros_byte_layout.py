@@ -83,11 +83,8 @@ def messages(ros_version: int, type_name: str, count: int, most: int) -> tuple[R
     made = [anything(store, (Nodetype.NAME, type_name), rng, most) for _ in range(count)]
     definition = store.generate_msgdef(type_name, ros_version=ros_version)[0].encode()
     if ros_version == 1:
-        return (
-            from_msg(type_name, definition, "ros1"),
-            [bytes(store.serialize_ros1(one, type_name)) for one in made],
-            made,
-        )
+        payloads = [bytes(store.serialize_ros1(one, type_name)) for one in made]
+        return from_msg(type_name, definition, "ros1"), payloads, made
     return from_msg(type_name, definition), [bytes(store.serialize_cdr(one, type_name)) for one in made], made
 
 

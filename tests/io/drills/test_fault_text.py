@@ -84,6 +84,5 @@ def test_a_drill_is_named_if_findings_name_each_of_its_faults() -> None:
     assert is_named(drill, {"OUTAGE", "USBL-OUTLIERS"}, {"USBL-OUTLIERS"}) is None  # it says so of the log as it is
     assert not is_named(drill, {"USBL-OUTLIERS"}, {"HEADING-CHECKED"})
     assert is_named(Drill("rare", (fault_of("thin", "usbl:0.1Hz"),)), ()) is None
-    assert {(kind, sensor) for kind, codes in NAMED_BY.items() for sensor in codes} <= {
-        (kind, sensor) for kind, declared in KINDS.items() for sensor in declared.units
-    }
+    declared = {(kind, sensor) for kind, one in KINDS.items() for sensor in one.units}
+    assert {(kind, sensor) for kind, codes in NAMED_BY.items() for sensor in codes} <= declared

@@ -125,9 +125,8 @@ def test_a_stuck_sensor_repeats_the_first_record_of_each_span_under_new_stamps()
 
 def test_zeros_are_stated_as_valid() -> None:
     table = LOG.tables["dvl"].assign(valid=False)
-    hurt = with_faults("zero dvl@10:20", log=dataclasses.replace(LOG, tables={**LOG.tables, "dvl": table})).tables[
-        "dvl"
-    ]
+    log = dataclasses.replace(LOG, tables={**LOG.tables, "dvl": table})
+    hurt = with_faults("zero dvl@10:20", log=log).tables["dvl"]
     inside = (times("dvl") >= 10) & (times("dvl") < 20)
     assert hurt["valid"].tolist() == inside.tolist()
     assert (hurt.loc[inside, ["starboard_mps", "forward_mps"]] == 0).all(axis=None)
@@ -165,11 +164,9 @@ def test_a_late_stamp_arrives_no_earlier_than_it_says_and_a_clock_moves_both() -
 @pytest.mark.parametrize("sensor", ["dvl", "usbl"])
 def test_a_lever_arm_does_what_the_simulator_does(sensor: str) -> None:
     """The simulator has the true turn rate; the same noise of the same seed cancels."""
-    exact = dataclasses.replace(
-        SCENARIO,
-        legs=(Leg(40.0, 0.0, 1.0, 0.0), Leg(60.0, 0.0, 1.0, -0.1)),
-        compass=dataclasses.replace(SCENARIO.compass, sd_rad=1e-9),
-    )
+    legs = (Leg(40.0, 0.0, 1.0, 0.0), Leg(60.0, 0.0, 1.0, -0.1))
+    compass = dataclasses.replace(SCENARIO.compass, sd_rad=1e-9)
+    exact = dataclasses.replace(SCENARIO, legs=legs, compass=compass)
     part = dataclasses.replace(getattr(exact, sensor), lever_m=(0.0, 2.0, 0.0))
     want = simulated_log(dataclasses.replace(exact, **{sensor: part}), 0).tables[sensor]
 

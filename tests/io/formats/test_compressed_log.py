@@ -44,9 +44,8 @@ WRITERS: Mapping[str, tuple[Callable[[Path], Path], Mapping[str, list[str]]]] = 
 
 
 def same(a: Records, b: Records) -> bool:
-    return np.array_equal(a.received_ns, b.received_ns) and all(
-        np.array_equal(a.columns[path], b.columns[path]) for path in a.columns
-    )
+    same_times = np.array_equal(a.received_ns, b.received_ns)
+    return same_times and all(np.array_equal(a.columns[path], b.columns[path]) for path in a.columns)
 
 
 @pytest.mark.parametrize("ending", PACK)

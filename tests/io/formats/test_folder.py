@@ -165,9 +165,8 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(t
 
     log = open_log(folder)
 
-    assert [(f.text, f.lost_data) for f in log.findings()] == [
-        ("not read of this folder: profile.svp; --with FILE adds one", False)
-    ]
+    said = [("not read of this folder: profile.svp; --with FILE adds one", False)]
+    assert [(f.text, f.lost_data) for f in log.findings()] == said
     assert {topic.name: topic.count for topic in log.topics()}["/depth"] == COUNT
 
 
@@ -236,9 +235,8 @@ def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: 
 def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / "dive", short_dive())
     (folder / "notes.txt").write_text("calm", encoding="utf-8")
-    assert [(f.text, f.lost_data) for f in open_log(folder).findings()] == [
-        ("not read of this folder: notes.txt; --with FILE adds one", False)
-    ]
+    said = [("not read of this folder: notes.txt; --with FILE adds one", False)]
+    assert [(f.text, f.lost_data) for f in open_log(folder).findings()] == said
     (folder / "gps.csv").write_text(GPS, encoding="utf-8")
 
     (lost,) = (finding for finding in open_log(folder).findings() if finding.lost_data)

@@ -89,9 +89,8 @@ def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
     records = read_whole(log, {"/app": topic.fields})["/app"].columns
 
     pairs = (number.split("=") for number in numbers.split(","))
-    assert {path: column[0] for path, column in records.items() if path.startswith("NODE")} == {
-        f"NODE_REPORT_LOCAL.{name}": float(value) for name, value in pairs
-    }
+    expected = {f"NODE_REPORT_LOCAL.{name}": float(value) for name, value in pairs}
+    assert {path: column[0] for path, column in records.items() if path.startswith("NODE")} == expected
     others = {path: column[1:] for path, column in records.items() if not path.startswith("NODE")}
     nan = np.nan
     expected = {"x": [1.5, 2.5, nan], "y": [-2.0, nan, nan], "ok": [1.0, nan, nan], "who": [7.0, nan, nan]}

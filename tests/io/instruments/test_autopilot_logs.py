@@ -58,9 +58,8 @@ def test_a_telemetry_log_is_a_dive(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], (0.2 + np.arange(COUNT) / 100) * 5, rtol=1e-6)
     np.testing.assert_allclose(log.tables["compass"]["heading_deg"], np.degrees(np.arange(COUNT) / 20), atol=1e-4)
     assert len(log.tables["gps"]) == COUNT
-    np.testing.assert_allclose(
-        log.tables["depth"]["depth_m"], (150050 + 100 * np.arange(COUNT) - 101325) / (1025 * 9.80665), atol=1e-3
-    )
+    depth_m = (150050 + 100 * np.arange(COUNT) - 101325) / (1025 * 9.80665)
+    np.testing.assert_allclose(log.tables["depth"]["depth_m"], depth_m, atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -83,10 +83,9 @@ def test_each_date_is_that_of_sentences_around_it(tmp_path: Path, order: Sequenc
     for minute, date in zip(("1200", "1210"), dates, strict=True):
         for second in range(20):
             place = f"{minute}{second:02d}.00", "4500.000,N,00700.000,E"
-            both = {
-                "GPRMC": f"GPRMC,{place[0]},A,{place[1]},1.0,90.0,{date},,,A",
-                "GPGGA": f"GPGGA,{place[0]},{place[1]},1,10,0.8,1.0,M,48.0,M,,",
-            }
+            at, where = place
+            both = {"GPRMC": f"GPRMC,{at},A,{where},1.0,90.0,{date},,,A"}
+            both["GPGGA"] = f"GPGGA,{at},{where},1,10,0.8,1.0,M,48.0,M,,"
             lines += [sentence(both[name]) for name in order]
     (tmp_path / "gps.nmea").write_text("\n".join([*lines, sentence("HEHDT,1.0,T")]) + "\n", encoding="utf-8")
 
@@ -145,10 +144,8 @@ def test_lines_begin_with_their_log_time_in_many_ways(prefix: str, time_ns: int)
 
 
 def test_a_number_that_stays_the_same_before_all_sentences_is_no_time(tmp_path: Path) -> None:
-    lines = [
-        f"COM3 1234567890 {sentence(f'GPGGA,1226{k:02d}.00,4500.0,N,00700.0,E,1,10,0.8,1.0,M,48.0,M,,')}"
-        for k in range(40, 60)
-    ]
+    bodies = (f"GPGGA,1226{k:02d}.00,4500.0,N,00700.0,E,1,10,0.8,1.0,M,48.0,M,," for k in range(40, 60))
+    lines = [f"COM3 1234567890 {sentence(body)}" for body in bodies]
 
     assert read_times(tmp_path, lines, "/GPGGA") == [(12 * 3600 + 26 * 60 + 40 + k) * SECOND for k in range(20)]
 
@@ -196,9 +193,8 @@ def test_a_sentence_that_is_cut_incomplete_or_invalid_by_its_own_word_is_left_ou
 
     assert len(log.tables[sensor]) == 1
     assert codes(log)[code].startswith(said)
-    assert any(finding.lost_data for finding in log.findings if finding.code == code) == (
-        code in ("UNDECODED", "NMEA-CHECKSUM")
-    )
+    is_lost = any(finding.lost_data for finding in log.findings if finding.code == code)
+    assert is_lost == (code in ("UNDECODED", "NMEA-CHECKSUM"))
 
 
 GGA = "GPGGA,122640.00,4500.000,{},00700.000,{},{},10,0.8,1.0,M,48.0,M,,"
@@ -332,11 +328,9 @@ def test_gaps_holds_the_date_and_an_impossible_one_is_none(tmp_path: Path, line:
 
 def test_sentences_in_a_topic_of_text_are_topics_of_their_own(tmp_path: Path) -> None:
     gga = sentence("GPGGA,122640.25,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
-    rows = [
-        (T0 + SECOND, "/nmea", STRING, {"data": gga + "\r\n" + sentence("HEHDT,12.5,T") + "\r\n"}),
-        (T0 + 2 * SECOND, "/nmea", STRING, {"data": "hello"}),
-        (T0 + 2 * SECOND, "/status", STRING, {"data": "diving"}),
-    ]
+    both = gga + "\r\n" + sentence("HEHDT,12.5,T") + "\r\n"
+    texts = [(1, "/nmea", both), (2, "/nmea", "hello"), (2, "/status", "diving")]
+    rows = [(T0 + k * SECOND, topic, STRING, {"data": text}) for k, topic, text in texts]
 
     log = logged(tmp_path, rows)
 

@@ -69,9 +69,8 @@ def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
 
 def test_an_ensemble_without_data_is_left_out_and_counted(tmp_path: Path) -> None:
     head = b"\x7f\x7f\6\0\0\0"
-    (tmp_path / "a.ENX").write_bytes(
-        head + sum(head).to_bytes(2, "little") + write_enx(tmp_path / "b.ENX").read_bytes()
-    )
+    empty = head + sum(head).to_bytes(2, "little")
+    (tmp_path / "a.ENX").write_bytes(empty + write_enx(tmp_path / "b.ENX").read_bytes())
     log = open_log(tmp_path / "a.ENX")
 
     assert [topic.count for topic in log.topics()] == [COUNT, COUNT]
@@ -98,6 +97,5 @@ def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path
     assert found["/heading"].received_ns.tolist() == expected
     assert found["/navigation"].received_ns.tolist() == expected
     lost = len(clocks) - len(expected)
-    assert [finding.text for finding in log.findings()] == [
-        f"{lost} ensembles have no leader or no valid time; left out"
-    ]
+    said = f"{lost} ensembles have no leader or no valid time; left out"
+    assert [finding.text for finding in log.findings()] == [said]

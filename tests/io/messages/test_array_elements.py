@@ -160,10 +160,7 @@ def test_many_lengths_of_arrays_need_no_decoder_for_each_message(monkeypatch: py
 
     pieces = decoder.pieces(payloads, ["beams.3.range", "end"])
 
-    read = {
-        int(row): value
-        for piece in pieces
-        for row, value in zip(piece.rows, piece.columns["beams.3.range"], strict=True)
-    }
+    rows_and_values = (zip(piece.rows, piece.columns["beams.3.range"], strict=True) for piece in pieces)
+    read = {int(row): value for one in rows_and_values for row, value in one}
     expected = [k + 3 / 8 if n > 3 else np.nan for k, n in enumerate(lengths.tolist())]
     np.testing.assert_array_equal([read[k] for k in range(300)], expected)

@@ -129,9 +129,8 @@ def test_a_number_that_is_no_angle_of_a_circle_is_left_out(tmp_path: Path, no_da
     log = logged(tmp_path, rows, topics={"compass": "/heading"})
 
     assert heading(log) == pytest.approx([(90 - math.degrees(angle)) % 360 for angle in (1.0, 2.0, 3.0)])
-    assert only(log, "COMPASS-INVALID") == (
-        "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
-    )
+    said = "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
+    assert only(log, "COMPASS-INVALID") == said
 
 
 def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: Path) -> None:
@@ -169,9 +168,8 @@ def test_the_variance_of_an_azimuth_is_in_its_own_unit(tmp_path: Path) -> None:
 def test_a_grid_azimuth_is_left_out(tmp_path: Path) -> None:
     log = logged(tmp_path, [row(AZIMUTH, {"azimuth": 1.0, "reference": north}, north) for north in (1, 2)])
 
-    assert only(log, "COMPASS-INVALID") == (
-        "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
-    )
+    said = "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
+    assert only(log, "COMPASS-INVALID") == said
 
 
 NOAA = [  # test values that NOAA publishes with the models: lat, lon, year, degrees of declination

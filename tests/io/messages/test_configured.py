@@ -207,9 +207,8 @@ def test_a_unit_that_a_name_ends_in_holds_unless_the_section_states_one(tmp_path
     columns = '[dvl]\ncolumns = { time_ns = "time_ns", x = "vx_cm_s", y = "vy [mm/s]" }\naxes = "FSD"\n'
 
     by_name = logged_csv(tmp_path, columns, doppler=sheet)
-    by_section = logged_csv(
-        tmp_path, columns + 'unit = "knots"\n', doppler=sheet.replace("0,1", "0,1.").replace("0,2", "0,2.")
-    )
+    decimals = sheet.replace("0,1", "0,1.").replace("0,2", "0,2.")
+    by_section = logged_csv(tmp_path, columns + 'unit = "knots"\n', doppler=decimals)
 
     np.testing.assert_allclose(by_name.tables["dvl"][["forward_mps", "starboard_mps"]], [[1.0, 0.2], [1.1, 0.21]])
     assert by_section.convention("dvl", "unit").value == "knots"

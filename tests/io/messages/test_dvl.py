@@ -143,9 +143,8 @@ def test_a_useless_topic_does_no_harm_beside_a_dvl(tmp_path: Path) -> None:
 def test_a_simulator_that_names_a_ned_frame_means_it(tmp_path: Path) -> None:
     kind = "uuv_sensor_ros_plugins_msgs/msg/DVL"
 
-    log = logged(
-        tmp_path, [row(kind, {"velocity.x": 2.0, "velocity.y": 1.0, "header.frame_id": "rexrov/dvl_link_ned"})]
-    )
+    values = {"velocity.x": 2.0, "velocity.y": 1.0, "header.frame_id": "rexrov/dvl_link_ned"}
+    log = logged(tmp_path, [row(kind, values)])
 
     assert log.tables["dvl"]["starboard_mps"].iloc[0] == 1.0
     assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "frame_id", note="rexrov/dvl_link_ned")

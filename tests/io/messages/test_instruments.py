@@ -72,9 +72,8 @@ def test_a_figure_of_ten_and_a_velocity_of_minus_32_768_mean_no_data(tmp_path: P
     unknown = {**NORTEK, "velZ1": -32.768, "fomX": 10.0}
     flagged_well = {**NORTEK, "velY": -32.768}
 
-    log = logged(
-        tmp_path, [row(kind, NORTEK), row(kind, unknown, 1), row(kind, flagged_well, 2)], '[dvl]\nsd_mps="message"'
-    )
+    rows = [row(kind, NORTEK), row(kind, unknown, 1), row(kind, flagged_well, 2)]
+    log = logged(tmp_path, rows, '[dvl]\nsd_mps="message"')
 
     table = log.tables["dvl"]
     np.testing.assert_allclose(table["up_mps"].iloc[:2], [-0.5, np.nan])

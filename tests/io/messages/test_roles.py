@@ -226,10 +226,8 @@ def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
     roles = choose_roles(LOG, [DVL, SHIP_GPS, gyro, IMU_DATA], {}, {})
 
     assert taken(roles) == {"dvl": DVL.name, "compass": "/imu/data"}
-    assert [(finding.code, finding.topic) for finding in roles.findings] == [
-        ("ROLE-SHIP", "/vessel/imu"),
-        ("ROLE-SHIP", "/ship/gps"),
-    ]
+    of_ship = [("ROLE-SHIP", "/vessel/imu"), ("ROLE-SHIP", "/ship/gps")]
+    assert [(finding.code, finding.topic) for finding in roles.findings] == of_ship
     assert roles.findings[1].text == (
         "/ship/gps: not used as gps, because of the name taken for a sensor of the ship; "
         "a sensor of the vehicle is chosen with --gps TOPIC or with topic under [gps]"

@@ -112,11 +112,9 @@ def test_invalid_records_are_neither_measured_nor_interpolated() -> None:
 def test_the_order_of_the_records_in_the_file_does_not_matter() -> None:
     rng = np.random.default_rng(1)
     t = np.sort(rng.uniform(0, 50, size=300))
-    tables = {
-        "dvl": dvl_table(t, starboard=rng.normal(size=300)),
-        "compass": compass_table(t, heading_deg=rng.normal(0, 20, size=300) % 360),
-        "usbl": usbl_table(t, east=rng.normal(size=300)),
-    }
+    compass = compass_table(t, heading_deg=rng.normal(0, 20, size=300) % 360)
+    tables = {"dvl": dvl_table(t, starboard=rng.normal(size=300)), "compass": compass}
+    tables["usbl"] = usbl_table(t, east=rng.normal(size=300))
     sorted_line = timeline(log(**tables))
 
     shuffled = timeline(log(**{name: table.sample(frac=1, random_state=3) for name, table in tables.items()}))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from logs import refusal
+from logs import only, refusal
 from recordings import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.log import COLUMNS
@@ -17,19 +17,14 @@ def test_a_short_dive_becomes_canonical_tables(tmp_path: Path) -> None:
 
     log = read_log(file)
 
-    assert {role: tuple(table.columns) for role, table in log.tables.items()} == {
-        role: COLUMNS[role] for role in ("dvl", "compass", "usbl", "gps")
-    }
+    columns = {role: COLUMNS[role] for role in ("dvl", "compass", "usbl", "gps")}
+    assert {role: tuple(table.columns) for role, table in log.tables.items()} == columns
     assert log.format == "MCAP"
     assert log.start_ns == T0
     assert log.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
     assert log.configuration is None
-    assert {role: (p.messages, p.used) for role, p in log.provenance.items()} == {
-        "dvl": (11, 11),
-        "compass": (11, 11),
-        "usbl": (11, 11),
-        "gps": (1, 1),
-    }
+    counts = dict.fromkeys(("dvl", "compass", "usbl"), (11, 11)) | {"gps": (1, 1)}
+    assert {role: (p.messages, p.used) for role, p in log.provenance.items()} == counts
 
 
 def test_the_configuration_beside_the_log_is_read_and_named(tmp_path: Path) -> None:
@@ -104,9 +99,8 @@ def test_gps_without_any_fix_is_a_finding_not_an_error(tmp_path: Path) -> None:
 
     assert "gps" not in log.tables
     assert log.truth is None
-    assert [f.text for f in log.findings if f.code == "GPS-INVALID"] == [
-        f"{file}: all 1 records of /gps/fix (gps) are invalid: 1 without fix (status below 0)"
-    ]
+    said = f"{file}: all 1 records of /gps/fix (gps) are invalid: 1 without fix (status below 0)"
+    assert only(log, "GPS-INVALID") == said
 
 
 def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
@@ -133,9 +127,8 @@ def test_the_digest_of_a_folder_changes_with_its_files_and_not_with_its_configur
 
 
 def test_a_log_of_unknown_encodings_alone_is_a_log_without_sensors(tmp_path: Path) -> None:
-    file = write_payloads(
-        tmp_path / "dive.mcap", "/gps/fix", "json", ("foxglove.LocationFix", "jsonschema", b"{}"), [b"{}"]
-    )
+    schema = ("foxglove.LocationFix", "jsonschema", b"{}")
+    file = write_payloads(tmp_path / "dive.mcap", "/gps/fix", "json", schema, [b"{}"])
 
     assert dict(read_log(file).tables) == {}
 
@@ -159,9 +152,8 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
 def test_places_that_cannot_be_of_one_dive_are_told(
     tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, sentence: str | None
 ) -> None:
-    fixes = [
-        fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
-    ]
+    places = ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
+    fixes = [fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in places]
     (tmp_path / "usbldr.toml").write_text(toml)
 
     log = read_log(write_mcap(tmp_path / "dive.mcap", [*(r for r in short_dive() if r[1] != "/usbl"), *fixes]))
@@ -186,10 +178,8 @@ def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usb
 @pytest.mark.parametrize(("unit_ns", "unit"), [(1_000, "us"), (1_000_000, "ms"), (SECOND, "s")])
 def test_stamps_of_another_unit_are_refused_with_the_unit_that_fits(tmp_path: Path, unit_ns: int, unit: str) -> None:
     stamps = [(T0 + k * SECOND // 5) // unit_ns for k in range(301)]
-    folder = write_csv(
-        tmp_path / "dive",
-        dvl="\n".join(["time_ns,forward_mps,starboard_mps", *(f"{stamp},1,0" for stamp in stamps)]),
-        compass="\n".join(["time_ns,heading_deg", *(f"{stamp},30" for stamp in stamps)]),
-    )
+    dvl = "\n".join(["time_ns,forward_mps,starboard_mps", *(f"{stamp},1,0" for stamp in stamps)])
+    compass = "\n".join(["time_ns,heading_deg", *(f"{stamp},30" for stamp in stamps)])
+    folder = write_csv(tmp_path / "dive", dvl=dvl, compass=compass)
     with pytest.raises(LogError, match=rf"log of 60 s; state columns = \{{ time_unix_{unit} = "):
         read_log(folder)

@@ -58,15 +58,9 @@ def test_fixes_along_three_axes_are_the_same_survey(folder):
 def test_replay_places_fixes_by_the_same_keys_as_the_calibration(folder):
     """The fixes that replay makes of the true installation, against the geometry of the calibration."""
     true = dict(zip(NAMES, BOX.true_values, strict=True))
-    mount = "".join(
-        f"{key} = {true[name]}\n"
-        for key, name in (
-            ("mount_roll_deg", "mount_roll_deg"),
-            ("mount_pitch_deg", "mount_pitch_deg"),
-            ("mount_deg", "mount_heading_deg"),
-            ("sound_speed_scale", "scale"),
-        )
-    )
+    names = {"mount_roll_deg": "mount_roll_deg", "mount_pitch_deg": "mount_pitch_deg"}
+    names |= {"mount_deg": "mount_heading_deg", "sound_speed_scale": "scale"}
+    mount = "".join(f"{key} = {true[name]}\n" for key, name in names.items())
     arm = f"lever_arm_m = [{true['arm_starboard_m']}, {true['arm_forward_m']}, -9.0]"
     late = f"heading_latency_s = {true['attitude_latency_s']}, latency_s = {true['position_latency_s']}"
     configure(folder, mount, f'topic = "gps", heading_topic = "compass", {arm}, {late}')

@@ -242,10 +242,8 @@ def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(
         file.write_bytes(file.read_bytes()[:-3])
     log = McapLog(file)
 
-    assert [(topic.name, topic.type, topic.count) for topic in log.topics()] == [
-        ("/heading", "std_msgs/msg/Float64", 10),
-        ("/depth", "std_msgs/msg/Float64", 10),
-    ]
+    expected = [("/heading", "std_msgs/msg/Float64", 10), ("/depth", "std_msgs/msg/Float64", 10)]
+    assert [(topic.name, topic.type, topic.count) for topic in log.topics()] == expected
     read = read_whole(log, {"/heading": ["data"], "/depth": ["data"]})
     for topic in ("/heading", "/depth"):
         np.testing.assert_array_equal(read[topic].columns["data"], np.arange(10.0))
@@ -312,9 +310,8 @@ def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
 
 
 def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_path: Path) -> None:
-    file = write_payloads(
-        tmp_path / "a.mcap", "/fix", "flatbuffer", ("foxglove.LocationFix", "flatbuffer", b"{}"), [b"{}"]
-    )
+    schema = ("foxglove.LocationFix", "flatbuffer", b"{}")
+    file = write_payloads(tmp_path / "a.mcap", "/fix", "flatbuffer", schema, [b"{}"])
     log = McapLog(file)
 
     (topic,) = log.topics()

@@ -115,9 +115,8 @@ def following(dive: Path, own: str, *keys: str) -> str:
     place.write_text(own, encoding="utf-8")
     log = read_log(dive)
     log = replace(log, parameters=replace(log.parameters, calibrate=keys))
-    return calibrated_configuration(
-        log, Identification(log.parameters), run_filter("adf", timeline(log), log.parameters)
-    )
+    track = run_filter("adf", timeline(log), log.parameters)
+    return calibrated_configuration(log, Identification(log.parameters), track)
 
 
 OWN = """\
@@ -237,10 +236,8 @@ def test_a_latency_and_a_lever_arm_that_the_log_cannot_tell_apart_are_stated_by_
     ahead = (ErrorEstimate("dvl_lever_starboard_m", 0.0, 0.1), ErrorEstimate("dvl_lever_forward_m", 2.4, 0.1))
     evidence = (SensorErrorEvidence("latency", 9.0, True, (late,)), SensorErrorEvidence("dvl-lever", 9.0, True, ahead))
     rivals = (Explanation(("latency",), 0.0, (late,)), Explanation(("dvl-lever",), -1.0, ahead))
-    found, track = (
-        Identification(log.parameters, evidence, explanations=rivals),
-        run_filter("adf", line, log.parameters),
-    )
+    found = Identification(log.parameters, evidence, explanations=rivals)
+    track = run_filter("adf", line, log.parameters)
 
     report = report_content(Run(log, line, found, ScoredTrack(track, None)))
 

@@ -59,9 +59,8 @@ def test_lines_of_mblist_are_read_as_a_truth(tmp_path: Path) -> None:
     lines = [LINE.format(k=k, t=start + k) + "\t-29.99999\t45.00001" * 2 for k in range(60)]
     (tmp_path / "ship.fnv").write_text("\n".join(lines) + "\n")
 
-    output_of(
-        "replay", LOG, "-f", "dr", "--truth", tmp_path / "ship.fnv", "--plots", "none", "-q", "-o", tmp_path / "run"
-    )
+    options = ("-f", "dr", "--truth", tmp_path / "ship.fnv", "--plots", "none", "-q")
+    output_of("replay", LOG, *options, "-o", tmp_path / "run")
 
     report = json.loads((tmp_path / "run" / "report.json").read_text(encoding="utf-8"))
     assert report["truth"]["rows"] == 60

@@ -41,14 +41,9 @@ CONFIGURED = Identification(LOG.parameters)
 
 
 def a_run(trajectory: Trajectory = CKF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
-    return Run(
-        LOG,
-        TIMELINE,
-        CONFIGURED,
-        scored(trajectory, window, align),
-        (scored(USBL), scored(DR)),
-        request={"log": "paper", "options": {"start": 4.0}},
-    )
+    judged, references = scored(trajectory, window, align), (scored(USBL), scored(DR))
+    request = {"log": "paper", "options": {"start": 4.0}}
+    return Run(LOG, TIMELINE, CONFIGURED, judged, references, request=request)
 
 
 def written(tmp_path: Path, run: Run) -> Path:

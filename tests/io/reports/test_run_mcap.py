@@ -49,9 +49,8 @@ def report(folder: Path) -> Any:
 
 
 def judged(log: Path, out: Path, *options: object) -> dict[str, float]:
-    reported = output_of(
-        "evaluate", log, "-e", "/usbldr/estimate", "--truth", "/usbldr/truth", "--json", "-o", out, *options
-    )
+    topics = ("-e", "/usbldr/estimate", "--truth", "/usbldr/truth")
+    reported = output_of("evaluate", log, *topics, "--json", "-o", out, *options)
     return json.loads(reported)["metrics"]
 
 

@@ -32,13 +32,8 @@ def test_a_file_like_another_states_only_what_differs(tmp_path: Path) -> None:
 
     mine = read_scenario(_file(tmp_path, text))
 
-    assert mine == dataclasses.replace(
-        paper,
-        name="mine",
-        about="slower",
-        dvl=dataclasses.replace(paper.dvl, rate_hz=2.0),
-        drawn=RandomWalkMotion(0.2, 0.02, 0.0),
-    )
+    dvl, drawn = dataclasses.replace(paper.dvl, rate_hz=2.0), RandomWalkMotion(0.2, 0.02, 0.0)
+    assert mine == dataclasses.replace(paper, name="mine", about="slower", dvl=dvl, drawn=drawn)
 
 
 @pytest.mark.parametrize(
@@ -125,12 +120,8 @@ def test_the_documentation_has_every_scenario_and_every_key() -> None:
     assert listed == set(scenario_names())
     named = set(re.findall(r"[a-z_]+", text))
     sections = {name: part for name, part in get_type_hints(ScenarioFile).items() if name not in ("process", "start")}
-    keys = {
-        key
-        for section in sections.values()
-        for struct in (section, *get_args(section))
-        for key in getattr(struct, "__struct_fields__", ())
-    }
+    structs = [struct for section in sections.values() for struct in (section, *get_args(section))]
+    keys = {key for struct in structs for key in getattr(struct, "__struct_fields__", ())}
     assert len(keys) > 40
     for key in keys:
         assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key

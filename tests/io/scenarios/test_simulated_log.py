@@ -43,9 +43,8 @@ def _stamp_s(message: Any) -> float:
 def test_the_tables_are_the_simulation_in_canonical_columns() -> None:
     log, dive = simulated_log(SHORT, 5), simulate(SHORT, 5)
 
-    assert {name: tuple(table.columns) for name, table in log.tables.items()} == {
-        name: COLUMNS[name] for name in ("dvl", "compass", "usbl", "gps")
-    }
+    columns = {name: COLUMNS[name] for name in ("dvl", "compass", "usbl", "gps")}
+    assert {name: tuple(table.columns) for name, table in log.tables.items()} == columns
     np.testing.assert_array_equal(log.tables["dvl"][["starboard_mps", "forward_mps"]], dive.dvl.value)
     heading, yaw = np.radians(log.tables["compass"]["heading_deg"]), dive.compass.value[:, 0]
     np.testing.assert_allclose([np.cos(heading), np.sin(heading)], [np.cos(yaw), -np.sin(yaw)])
@@ -60,9 +59,8 @@ def test_gps_latitudes_are_at_sea_level_over_the_stated_origin() -> None:
     gps, origin = log.tables["gps"], log.origin
     assert origin is not None
 
-    east, north, _ = pymap3d.geodetic2enu(
-        gps["lat_deg"].to_numpy(), gps["lon_deg"].to_numpy(), 0.0, origin.lat_deg, origin.lon_deg, 0.0
-    )
+    lat_lon = gps["lat_deg"].to_numpy(), gps["lon_deg"].to_numpy()
+    east, north, _ = pymap3d.geodetic2enu(*lat_lon, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
 
     np.testing.assert_allclose(np.column_stack([east, north]), gps[["east_m", "north_m"]], atol=1e-8)
 
@@ -146,13 +144,9 @@ def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) ->
             "turn_rate_sd_dps": 0.01,
         },
     }
-    assert process == {
-        "position_m": 0.0022,
-        "uncalibrated_m": 0.067,
-        "heading_deg": pytest.approx(math.degrees(2.2e-4), rel=1e-14),
-        "velocity_mps": 2.2e-3,
-        "turn_rate_dps": pytest.approx(math.degrees(2.2e-5), rel=1e-14),
-    }
+    angles_deg = {"heading_deg": math.degrees(2.2e-4), "turn_rate_dps": math.degrees(2.2e-5)}
+    assert {key: process.pop(key) for key in angles_deg} == pytest.approx(angles_deg, rel=1e-14)
+    assert process == {"position_m": 0.0022, "uncalibrated_m": 0.067, "velocity_mps": 2.2e-3}
 
 
 def test_the_configuration_hides_every_true_error() -> None:

@@ -31,13 +31,9 @@ unit = "bar"
 
 
 def dive(folder: Path, configuration: str = CONFIGURATION) -> Path:
-    write_csv(
-        folder,
-        velocities=DVL,
-        ahrs=f"t,heard,yaw\n{T0},{T0 + 4},0\n{T0 + 10**9},{T0 + 10**9},1.5707963267948966",
-        fixes=f"t,n,e,acc\n{T0 + 6 * 10**8},10,-20,1.5",
-        press=f"sec,p\n{T0 // 10**9},2.01325",
-    )
+    ahrs = f"t,heard,yaw\n{T0},{T0 + 4},0\n{T0 + 10**9},{T0 + 10**9},1.5707963267948966"
+    fixes, press = f"t,n,e,acc\n{T0 + 6 * 10**8},10,-20,1.5", f"sec,p\n{T0 // 10**9},2.01325"
+    write_csv(folder, velocities=DVL, ahrs=ahrs, fixes=fixes, press=press)
     (folder / "usbldr.toml").write_text(configuration, encoding="utf-8")
     return folder
 
@@ -87,6 +83,5 @@ def test_a_column_missing_from_the_file_named_is_an_error_with_its_header(tmp_pa
     text = CONFIGURATION.replace("[dvl]", '[dvl]\ntopic = "velocities"').replace('"vx"', '"u"')
     folder = dive(tmp_path / "dive", text)
 
-    assert refusal(UsageError, read_log, folder) == (
-        f"{folder / 'velocities.csv'}: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"
-    )
+    said = "/velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"
+    assert refusal(UsageError, read_log, folder) == f"{folder / 'velocities.csv'}: {said}"

@@ -26,24 +26,15 @@ def read_text(folder: Path, text: str, name: str = "compass") -> Log:
 
 
 def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> None:
-    folder = write_csv(
-        tmp_path / "dive",
-        dvl=DVL,
-        nav__imu_heading="time_ns,heading_deg\n1,359.5",
-        events="when,what\n12:00,launch",
-        depth="time_ns,depth_m\n1,3.5",
-    )
+    others = {"events": "when,what\n12:00,launch", "depth": "time_ns,depth_m\n1,3.5"}
+    folder = write_csv(tmp_path / "dive", dvl=DVL, nav__imu_heading="time_ns,heading_deg\n1,359.5", **others)
     (folder / "notes.md").write_text("a, b\n", encoding="utf-8")
     (folder / "usbldr.toml").write_text("# a, b\n", encoding="utf-8")
 
     topics = {topic.name: topic for topic in CsvLog(folder).topics()}
 
-    assert {name: topic.type for name, topic in topics.items()} == {
-        "/depth": "usbldr/depth",
-        "/dvl": "usbldr/dvl",
-        "/events": "",
-        "/nav/imu_heading": "usbldr/compass",
-    }
+    types = {"/depth": "usbldr/depth", "/dvl": "usbldr/dvl", "/events": "", "/nav/imu_heading": "usbldr/compass"}
+    assert {name: topic.type for name, topic in topics.items()} == types
     assert topics["/dvl"].count == 2
     assert (topics["/dvl"].first_ns, topics["/dvl"].last_ns) == (T0 + 5, T0 + 7)
     assert topics["/events"].problem.startswith("its columns match no sensor (when, what); name them")
@@ -106,9 +97,8 @@ def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Pa
 
     assert list(log.tables["compass"]["heading_deg"]) == [2, 6]
     (finding,) = [finding for finding in log.findings if finding.lost_data]
-    assert finding.text == (
-        f'compass.csv: 1 of 3 rows are left out: line 4: time_ns is "{shown}", not a whole number of nanoseconds'
-    )
+    said = f'line 4: time_ns is "{shown}", not a whole number of nanoseconds'
+    assert finding.text == f"compass.csv: 1 of 3 rows are left out: {said}"
     assert finding.topic == "/compass"
 
 
@@ -249,9 +239,8 @@ def test_gps_may_come_on_the_plane_or_by_latitude(tmp_path: Path) -> None:
 
 
 def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
-    folder = write_csv(
-        tmp_path / "dive", compass="time_ns,heading_deg\n10,2\n20,2", truth="time_ns,east_m,north_m\n10,1,2\n20,3,4"
-    )
+    compass, truth_ = "time_ns,heading_deg\n10,2\n20,2", "time_ns,east_m,north_m\n10,1,2\n20,3,4"
+    folder = write_csv(tmp_path / "dive", compass=compass, truth=truth_)
 
     truth = read_log(folder).truth
 

@@ -32,9 +32,8 @@ def test_a_wide_file_holds_several_sensors(tmp_path: Path) -> None:
     log = logged_csv(tmp_path, '[dvl]\naxes = "FSD"', dive=WIDE)
 
     dvl = log.tables["dvl"]
-    np.testing.assert_array_equal(
-        dvl[["forward_mps", "starboard_mps", "up_mps"]], [[1.5, -0.25, -0.01], [1.6, -0.35, -0.02]]
-    )
+    velocities = dvl[["forward_mps", "starboard_mps", "up_mps"]]
+    np.testing.assert_array_equal(velocities, [[1.5, -0.25, -0.01], [1.6, -0.35, -0.02]])
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [30.5, 31.5])
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [12.5, 12.6])
     assert log.start_ns == T0 + SECOND // 4
@@ -386,9 +385,8 @@ def test_a_column_of_dates_is_a_time_whatever_its_name(tmp_path: Path) -> None:
 def test_angles_with_a_side_are_those_of_their_sign(angle_deg: float, form: str) -> None:
     degrees, part = divmod(abs(angle_deg), 1.0)
     minutes, rest = divmod(60 * part, 1.0)
-    text = form.format(
-        d=degrees, m=60 * part, w=minutes, r=60 * rest, a=abs(angle_deg), s="W" if angle_deg < 0 else "E"
-    )
+    side = "W" if angle_deg < 0 else "E"
+    text = form.format(d=degrees, m=60 * part, w=minutes, r=60 * rest, a=abs(angle_deg), s=side)
     read = numbers([text], "lon")
     assert (dict(read.faults), read.values[0]) == ({}, pytest.approx(angle_deg, abs=1e-9))
 
@@ -400,10 +398,8 @@ def test_what_is_no_angle_is_no_number(text: str) -> None:
 
 def test_a_stated_format_comes_first_and_midnight_is_passed() -> None:
     assert with_iso_times({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"})["t"] == ["2026-06-05T01:30:00.000000"]
-    assert with_iso_times({"t": ["23:59:59.5", "00:00:00.5"]})["t"] == [
-        "1970-01-01T23:59:59.500000",
-        "1970-01-02T00:00:00.500000",
-    ]
+    passed = ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]
+    assert with_iso_times({"t": ["23:59:59.5", "00:00:00.5"]})["t"] == passed
 
 
 def test_a_configured_time_format_is_read(tmp_path: Path) -> None:

@@ -26,13 +26,9 @@ def flags(kind: int) -> bytes:
 
 def opaque(name: str, kind: str) -> bytes:
     """Return an object as MATLAB stores it: its name, where it belongs, its class, and where its contents are."""
-    reference = element(
-        MATRIX,
-        flags(UINT32_CLASS)
-        + element(5, np.array([6, 1], dtype="<i4").tobytes())
-        + element(INT8, b"")
-        + element(UINT32, np.array([0xDD000000, 2, 1, 1, 1, 1], dtype="<u4").tobytes()),
-    )
+    size = element(5, np.array([6, 1], dtype="<i4").tobytes())
+    place = element(UINT32, np.array([0xDD000000, 2, 1, 1, 1, 1], dtype="<u4").tobytes())
+    reference = element(MATRIX, flags(UINT32_CLASS) + size + element(INT8, b"") + place)
     texts = b"".join(element(INT8, text.encode()) for text in (name, "MCOS", kind))
     return element(MATRIX, flags(OPAQUE) + texts + reference)
 
@@ -76,9 +72,8 @@ def test_a_file_of_nothing_but_objects_says_so(tmp_path: Path, write: Callable[[
 
 def test_columns_beside_an_object_are_read(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "plain.mat", {"time_ns": T0 + np.arange(6) * SECOND, "heading_deg": np.arange(6.0)})
-    (tmp_path / "compass.mat").write_bytes(
-        HEAD + opaque("note", "string") + (tmp_path / "plain.mat").read_bytes()[128:]
-    )
+    columns = (tmp_path / "plain.mat").read_bytes()[128:]
+    (tmp_path / "compass.mat").write_bytes(HEAD + opaque("note", "string") + columns)
 
     (topic,) = open_log(tmp_path / "compass.mat").topics()
     assert (topic.name, topic.count, topic.problem) == ("/compass", 6, "")

@@ -81,11 +81,8 @@ def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
 
     records = read_whole(CsvLog(write_csv(tmp_path / "dive", dvl=text)), {"/dvl": ["time", "header.stamp"]})["/dvl"]
 
-    assert (records.received_ns[0], records.columns["header.stamp"][0], records.columns["time"][0]) == (
-        T0 + 5,
-        T0,
-        123.5,
-    )
+    stamp, time = records.columns["header.stamp"][0], records.columns["time"][0]
+    assert (records.received_ns[0], stamp, time) == (T0 + 5, T0, 123.5)
 
 
 def test_messages_without_header_are_timed_by_log_time(tmp_path: Path) -> None:
@@ -137,9 +134,8 @@ def test_a_broken_number_of_a_long_file_is_reported_with_its_line(tmp_path: Path
     findings = CsvLog(file)
     read_whole(findings, {"/dvl": ["forward_mps"]})
 
-    assert [finding.text.partition(": ")[2] for finding in findings.findings()] == [
-        '1 of 4 rows are left out: line 5: forward_mps is "fast", not a number'
-    ]
+    said = '1 of 4 rows are left out: line 5: forward_mps is "fast", not a number'
+    assert [finding.text.partition(": ")[2] for finding in findings.findings()] == [said]
 
 
 RECORDED: dict[str, tuple[str, str, str, tuple[float, ...]]] = {  # type: its columns, a row of them, what is made of it

@@ -67,19 +67,16 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> N
     np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, 1.0])
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [1.0, 2.0])
     lost = [finding for finding in log.findings if finding.lost_data]
-    assert [finding.text for finding in lost] == [
-        "/nav/compass: 1 of 4 rows have no time; left out",
-        "/nav/depth: 1 of 4 rows have no time; left out",
-    ]
+    said = [f"/nav/{sensor}: 1 of 4 rows have no time; left out" for sensor in ("compass", "depth")]
+    assert [finding.text for finding in lost] == said
 
 
 def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> None:
     times = pd.array([T0 + 1, None, T0 + 3], dtype="Int64")
     pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
 
-    records = read_whole(open_log(tmp_path / "compass.parquet"), {"/compass": ["header.stamp", "heading_deg"]})[
-        "/compass"
-    ]
+    wanted = {"/compass": ["header.stamp", "heading_deg"]}
+    records = read_whole(open_log(tmp_path / "compass.parquet"), wanted)["/compass"]
 
     assert records.received_ns.tolist() == records.columns["header.stamp"].tolist() == [T0 + 1, T0 + 3]
 
@@ -94,9 +91,8 @@ def test_members_of_structures_in_parquet_have_dots(tmp_path: Path) -> None:
 
 def test_units_of_netcdf_are_those_of_its_attributes(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "dive.nc", "w") as file:
-        file.create_dataset("time", data=T0 / SECOND + np.arange(COUNT)).attrs["units"] = (
-            "seconds since 1970-01-01 00:00"
-        )
+        time = file.create_dataset("time", data=T0 / SECOND + np.arange(COUNT))
+        time.attrs["units"] = "seconds since 1970-01-01 00:00"
         file.create_dataset("heading", data=np.full(COUNT, 0.5)).attrs["units"] = b"rad"
         file.create_dataset("velocity", data=np.tile([1500.0, 250.0], (COUNT, 1))).attrs["units"] = "mm/s"
         file.create_dataset("depth", data=np.arange(5.0)).attrs["units"] = "m"  # of a sound speed profile
@@ -136,10 +132,8 @@ def test_a_whole_number_without_a_value_leaves_the_others_exact(tmp_path: Path) 
         file["compass/time_ns"].attrs["_FillValue"] = -1
         file["compass/heading_deg"] = np.arange(3.0)
 
-    assert read_whole(open_log(tmp_path / "dive.h5"), {"/compass": []})["/compass"].received_ns.tolist() == [
-        T0 + 1,
-        T0 + 3,
-    ]
+    read = read_whole(open_log(tmp_path / "dive.h5"), {"/compass": []})["/compass"]
+    assert read.received_ns.tolist() == [T0 + 1, T0 + 3]
 
 
 def test_what_is_in_other_files_or_has_too_many_dimensions_is_named(tmp_path: Path) -> None:
@@ -228,9 +222,8 @@ def test_without_its_library_the_sentence_names_the_extra(
 def parquet_in_groups(folder: Path, columns: Mapping[str, Any], damaged: str) -> tuple[Path, int]:
     """Write groups of ten rows; return the file, and the last byte of a column's second group."""
     file = folder / "compass.parquet"
-    parquet.write_table(
-        pa.table(dict(columns)), file, row_group_size=10, write_page_checksum=True, use_dictionary=False
-    )
+    how: dict[str, Any] = {"row_group_size": 10, "write_page_checksum": True, "use_dictionary": False}
+    parquet.write_table(pa.table(dict(columns)), file, **how)
     column = parquet.ParquetFile(file).metadata.row_group(1).column(list(columns).index(damaged))
     return file, column.data_page_offset + column.total_compressed_size - 1
 
