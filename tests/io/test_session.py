@@ -1,4 +1,4 @@
-"""A session in Python gives the numbers of the command line, to the last bit."""
+"""A session in Python gives the numbers and the files of the command line, to the last bit."""
 
 import dataclasses
 import json
@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
 import usbldr
 from checkout import SAMPLES
+from commands import output_of
+from usbldr.io.reports.locate import read_smoothed_run
+from usbldr.io.reports.run import ScoredTrack
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.main import cli
@@ -148,3 +152,34 @@ def test_a_simulated_log_is_checked_as_a_recorded_one_is(tmp_path: Path) -> None
 
     assert "SPIKES" in [finding.code for finding in log.findings]
     assert log.tables["dvl"]["forward_mps"].abs().max() < 2.0
+
+
+def test_tables_and_run_directories_are_those_of_the_command_line(tmp_path: Path) -> None:
+    sample = SAMPLES / "paper.mcap"
+    log = usbldr.open_log(sample)
+    timeline = usbldr.timeline(log)
+    found = usbldr.resolve(log, timeline, "ekf")
+    scored = usbldr.score(log, timeline, "ekf", identification=found)
+    output_of("replay", sample, "-f", "ekf", "--plots", "none", "-q", "-o", tmp_path / "there")
+
+    here = usbldr.write_run(tmp_path / "here", log, timeline, scored, identification=found)
+
+    for name in ("track_5hz.csv", "errors_1hz.csv", "fixes.csv", "track.tum"):
+        assert (here / name).read_bytes() == (tmp_path / "there" / name).read_bytes(), name
+    track = usbldr.to_frame(scored.trajectory, log)
+    pd.testing.assert_frame_equal(track, pd.read_csv(here / "track_5hz.csv"), atol=1e-4, check_dtype=False)
+    assert scored.report is not None
+    assert len(usbldr.to_frame(scored.report)) == scored.report.coverage.matched
+    assert len(usbldr.to_frame(scored.trajectory, timeline=timeline)) == len(timeline.fix_time_s)
+    assert "ekf" in output_of("compare", here, tmp_path / "there")
+    with pytest.raises(usbldr.UsageError):
+        usbldr.write_run(here, log, timeline, scored)
+    with pytest.raises(usbldr.UsageError, match="is not smoothed"):
+        read_smoothed_run(here)
+    smoothed = usbldr.replay(log, timeline, "ekf", usbldr.RunSettings(smooth=True), found)
+    run = read_smoothed_run(usbldr.write_run(tmp_path / "smoothed", log, timeline, ScoredTrack(smoothed, None)))
+    assert run.start_ns == log.start_ns
+
+
+def test_the_names_of_the_package_are_shown() -> None:
+    assert set(usbldr.__all__) == set(dir(usbldr))
