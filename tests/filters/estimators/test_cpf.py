@@ -170,15 +170,14 @@ def test_without_moves_there_is_no_acceptance() -> None:
     assert math.isnan(belief.acceptance)
 
 
-def test_on_a_linear_model_it_tends_to_the_kalman_filter_as_one_over_root_n() -> None:
+def test_on_a_linear_model_a_bootstrap_filter_tends_to_the_kalman_filter_as_one_over_root_n() -> None:
     z = np.cumsum(np.random.default_rng(0).normal(1.0, 1.0, size=15))
     noise = Gaussian().modes(np.array([[0.8]]))
     want = end(KalmanFilter(MOTION, linearised, moment_matched), position_steps(z, noise))
     errors = {}
     for count, seeds in ((100, 60), (10_000, 10)):
-        ends = [
-            end(BootstrapParticleFilter(MOTION, count, start_seed=s), position_steps(z, noise), s) for s in range(seeds)
-        ]
+        filters = [BootstrapParticleFilter(MOTION, count, start_seed=seed) for seed in range(seeds)]
+        ends = [end(one, position_steps(z, noise), seed) for seed, one in enumerate(filters)]
         errors[count] = math.sqrt(np.mean([np.sum((e.mean - want.mean) ** 2) for e in ends]))
     np.testing.assert_allclose(np.mean([e.mean for e in ends], axis=0), want.mean, atol=0.02)
     np.testing.assert_allclose(np.mean([e.cov for e in ends], axis=0), want.cov, rtol=0.05, atol=0.005)
