@@ -285,7 +285,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
     if '"' in line:
-        line = line.replace('="', '"')  # of Excel: ="1.2" is a text
+        line = re.sub(rf'(^|{re.escape(separator)})="', r'\1"', line)  # of Excel: ="1.2" is a text
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     cells = line.rstrip("\r\n").split(separator)
     return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells
