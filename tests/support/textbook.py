@@ -71,6 +71,33 @@ def end(estimator: Any, steps: Iterable[Step], seed: int | None = 0, prior: Prio
     return estimates(estimator, steps, prior, seed)[-1]
 
 
+def exact_mixture(z: np.ndarray, noise: Noise, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance of p(x_T | z): every one of the J^T mode histories through its own Kalman filter."""
+    F = np.array([[1.0, 1.0], [0.0, 1.0]])
+    H = np.array([[1.0, 0.0]])
+    branches = [(0.0, PRIOR.mean, PRIOR.cov)]
+    for k, value in enumerate(z):
+        grown = []
+        for log_w, m, P in branches:
+            if k:
+                m, P = F @ m, F @ P @ F.T + np.diag(q)
+            for share, R in zip(noise.probabilities, noise.cov, strict=True):
+                S = H @ P @ H.T + R
+                e = value - H @ m
+                K = P @ H.T / S
+                log_l = np.log(share) - 0.5 * float(e @ e / S[0, 0]) - 0.5 * np.log(2 * np.pi * S[0, 0])
+                grown.append((log_w + log_l, m + K @ e, P - K @ S @ K.T))
+        branches = grown
+    log_w = np.array([b[0] for b in branches])
+    w = np.exp(log_w - log_w.max())
+    w /= w.sum()
+    means = np.array([b[1] for b in branches])
+    mean = w @ means
+    spread = means - mean
+    cov = np.einsum("i,ijk->jk", w, np.array([b[2] for b in branches])) + np.einsum("i,ij,ik->jk", w, spread, spread)
+    return mean, cov
+
+
 def grid_posterior(m: float, P: float, z: float, noise: Noise) -> tuple[float, float, float]:
     """Brute force on a line: mean and variance of p(x | z) and p(z)."""
     x = np.linspace(m - 14 * math.sqrt(P), m + 14 * math.sqrt(P), 400_001)
