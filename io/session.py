@@ -76,7 +76,8 @@ def open_log(log: str | Path, request: Request = DEFAULT_REQUEST, seed: int = 0)
     Raises LogError if it cannot be read, UsageError if request, configuration and log do not fit together.
     """
     if not is_simulated(log):
-        return read(open_configured(Path(log), request), request, RAW_FIELDS)
+        path = Path(log) if Path(log).name else Path(log).absolute()  # a title shows its name, and "." has none
+        return read(open_configured(path, request), request, RAW_FIELDS)
     if not Path(log).exists() and str(log) not in scenario_names():
         names = scenario_names()
         hint = did_you_mean(Path(log).name, [*_beside(Path(log)), *names])

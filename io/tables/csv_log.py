@@ -1,7 +1,8 @@
 """CSV logs: a folder with one text file for each topic, or one file; its stem is the topic ("dvl.csv" is "/dvl").
 
-A "__" in a stem is a "/" of the topic. One long file may hold several sensors: its column ``sensor`` names each row's
-sensor, which is the topic. csv_sheets lists the columns that are understood.
+A "__" in a stem is a "/" of the topic. A file in a folder of its own has that folder's name. One long file may hold
+several sensors: its column ``sensor`` names each row's sensor, which is the topic. csv_sheets lists the columns that
+are understood.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -76,10 +77,10 @@ class CsvLog:
         file, header = source.file, source.header
         if source.sensor is None:
             first_row = self._row(file)
-            return TableHead(file, file.stem, header, sheet_of(file.stem, header), first_row)
+            return TableHead(file, stem := self._stem(file), header, sheet_of(stem, header), first_row)
         names = self._table(file).columns
         filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
-        return TableHead(file, file.stem, header, sheet_of(source.sensor.replace("/", "__"), filled))
+        return TableHead(file, self._stem(file), header, sheet_of(source.sensor.replace("/", "__"), filled))
 
     @property
     def _formats(self) -> Mapping[str, str]:
@@ -116,10 +117,18 @@ class CsvLog:
                 found[topic] = source
         return found
 
+    def _stem(self, file: Path) -> str:
+        """Return the name of a file, if it lies in a folder within this one the name of that, alone or before it."""
+        folder = file.parent
+        if folder.parent != self.path:
+            return file.stem
+        alone = [other.parent for other in self._given].count(folder) == 1
+        return folder.name if alone else f"{folder.name}__{file.stem}"
+
     def _topics_of(self, file: Path) -> Mapping[str, CsvSource]:
         header = tuple(self._begin(file)[0])
         if "sensor" not in map(plain, header):
-            return {"/" + name_of(file.stem.replace("__", "/")): CsvSource(file, header)}
+            return {"/" + name_of(self._stem(file).replace("__", "/")): CsvSource(file, header)}
         sensors = dict.fromkeys(self._table(file).columns["sensor"])
         return {"/" + name_of(sensor.lstrip("/")): CsvSource(file, header, sensor) for sensor in sensors if sensor}
 

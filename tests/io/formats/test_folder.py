@@ -15,6 +15,7 @@ from commands import run
 from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.filters.errors import LogError
+from usbldr.io import session
 from usbldr.io.formats.detect import open_log
 from usbldr.io.messages.roles import choose_roles
 from usbldr.io.reading.opening import Request, open_configured
@@ -258,6 +259,28 @@ def test_folders_within_a_folder_are_named_and_a_loss_if_a_file_is_named_like_a_
         open_log(tmp_path / "a")
     found = open_log(dive(tmp_path / "a")).findings()
     assert [(one.text[:5], one.lost_data) for one in found] == [("dive1", True), ("dive2", True)]
+
+
+def test_a_folder_for_each_sensor_is_one_log(tmp_path: Path) -> None:
+    for file in sorted(dive(tmp_path / "a").glob("*.csv")):
+        (file.parent / file.stem).mkdir()
+        file.rename(file.parent / file.stem / "data.csv")
+
+    assert {topic.name for topic in open_log(tmp_path / "a").topics()} == {"/compass", "/dvl", "/gps"}
+    (tmp_path / "a" / "gps" / "data.csv").rename(tmp_path / "a" / "gps" / "first.csv")
+    for name in ("gps/second.csv", "dvl/dvl.bin"):
+        (tmp_path / "a" / name).write_bytes(GPS.encode() if name.startswith("gps") else b"\x01\x02" * 500)
+    found = open_log(tmp_path / "a")
+    assert {topic.name for topic in found.topics()} == {"/compass", "/dvl", "/gps/first", "/gps/second"}
+    (unread,) = found.findings()
+    assert unread.lost_data
+    assert "dvl.bin is not read" in unread.text
+
+
+def test_the_current_folder_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(dive(tmp_path / "dive_7"))
+
+    assert session.open_log(".").path.name == "dive_7"
 
 
 @pytest.mark.parametrize("writer", [as_csv, as_parquet], ids=["CSV", "Parquet"])
