@@ -28,7 +28,6 @@ from usbldr.filters.identification.linearisation import (
     PASS_STATES,
     RANGE,
     REPORTED,
-    STEPS,
     linearised,
     prior_sds,
 )
@@ -61,10 +60,14 @@ class Choice(NamedTuple):
 
 
 def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice: Choice) -> Identification:
-    """Return the choice as parameters of a run: what is far is settled, what is left of it has the usual prior."""
-    (parameters, present, about), row, found = choice.member, choice.row, choice.found
-    far_states = {state for key in choice.far & present for state in KEYS[key]}
-    settled = {state: value for state, value in zip(STEPS, about, strict=True) if state in far_states}
+    """Return the choice as parameters of a run: what is far or late is settled, what is left of it has the usual prior.
+
+    Fixes that are early by no more than is usual are not moved: perhaps DVL and compass are late, as a warning says.
+    """
+    parameters, present, row, found = choice.member.parameters, choice.member.present, choice.row, choice.found
+    late = {"latency"} if found.mean["usbl_latency"][row] > 0 else set[str]()
+    constant = present & {*choice.far, *late, COMPASS_CLOCK, HEAD, RANGE}
+    settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
     usual = {FAR_KEYS[key]: getattr(stated.errors, FAR_KEYS[key]) for key in choice.far}
     parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **usual))
     if LEVER in present:
@@ -74,10 +77,8 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     if DVL_CLOCK in present:
         parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
     of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
-    constant = of_head + [name for name in KEYS[COMPASS_CLOCK] if COMPASS_CLOCK in present]
     parameters = replace(
         parameters,
-        settled={**parameters.settled, **{name: float(found.mean[name][row]) for name in constant}},
         settled_sd={name: float(found.sd[name][row]) for name in of_head},
     )
     separate = choice.named - (LEVER_OR_LATENCY if _shared_by_priors(choice) else frozenset())

@@ -51,23 +51,30 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
         raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
     readers, used = _together(path, open_file, apart)
     others = [file for file in files if file not in used]
-    if not readers:
-        parts, unread = _alone(path, others, open_file)
-        folders = [file for file in others if file.is_dir()]
-        if not parts and folders and all(suggested_sensors(folder.name) for folder in folders):
-            readers, others = _of_sensor_folders(path, folders)
-    if not readers:
-        if not parts and folders:
-            names = ", ".join(folder.name for folder in folders[:SHOWN])
-            raise LogError(f"holds folders with files like those of a log ({names}); name one of them", path=path)
-        if not parts and (lost := next((finding for finding in unread if finding.lost_data), None)):
-            raise LogError(f"holds nothing that can be read: {lost.text}", path=path)
-        return JoinedLog(path, _formats(parts), parts, tuple(unread)) if parts else None
-    findings = _not_read(others, open_file)
+    if readers:
+        return _one_log(path, readers, _not_read(others, open_file))
+    parts, unread = _alone(path, others, open_file)
+    if parts:
+        return JoinedLog(path, _formats(parts), parts, tuple(unread))
+    folders = [file for file in others if file.is_dir()]
+    if folders and all(suggested_sensors(folder.name) for folder in folders):
+        texts = [file for folder in folders for file in text_files(folder)]
+        others = [file for folder in folders for file in _inner(folder) if file not in texts]
+        if texts:
+            return _one_log(path, [CsvLog(path, files=texts)], _not_read(others, open_file))
+    if folders:
+        names = ", ".join(folder.name for folder in folders[:SHOWN])
+        raise LogError(f"holds folders with files like those of a log ({names}); name one of them", path=path)
+    if lost := next((finding for finding in unread if finding.lost_data), None):
+        raise LogError(f"holds nothing that can be read: {lost.text}", path=path)
+    return None
+
+
+def _one_log(path: Path, readers: Sequence[Reader], findings: Sequence[Finding]) -> Reader:
     if len(readers) == 1 and not findings:
         return readers[0]
-    parts = [LogPart(reader) for reader in readers]
-    return JoinedLog(path, _formats(parts), tuple(parts), tuple(findings))
+    parts = tuple(LogPart(reader) for reader in readers)
+    return JoinedLog(path, _formats(parts), parts, tuple(findings))
 
 
 def _is_hidden(file: Path) -> bool:
@@ -128,13 +135,6 @@ def _together(
     ]
     more, unread = _readable(damaged, open_file)
     return [*readers, *more], {*texts, *packed, *tables, *parted, *copied, *(set(damaged) - unread)}
-
-
-def _of_sensor_folders(path: Path, folders: Sequence[Path]) -> tuple[list[Reader], list[Path]]:
-    """Return the reader of the tables of folders that are named like sensors, and the other files in them."""
-    texts = [file for folder in folders for file in text_files(folder)]
-    others = [file for folder in folders for file in _inner(folder) if file not in texts]
-    return [CsvLog(path, files=texts)] if texts else [], others
 
 
 def _readable(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> tuple[list[Reader], set[Path]]:

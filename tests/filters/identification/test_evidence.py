@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from timelines import HZ
 from usbldr.filters.identification.conclusions import Choice, explanations
 from usbldr.filters.identification.evidence import _present, identify, subsets_of
 from usbldr.filters.identification.identification import (
@@ -130,6 +131,23 @@ def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
 
     assert existing(found) == {key}
     assert found.estimates[name].value == pytest.approx(1.0, abs=0.25)
+
+
+def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -> None:
+    """The whole log knows the latency, which the first fixes do not show."""
+    assumed = replace(ASSUMED, start=None)
+    clean = run("adf", weaving_dive(Faults()), ASSUMED).position_m
+    late, early = (weaving_dive(Faults(usbl_latency_s=seconds)) for seconds in (1.5, -1.5))
+
+    found, of_early = identify(late, assumed).parameters, identify(early, assumed).parameters
+
+    assert found.settled == {"usbl_latency": pytest.approx(1.5, abs=0.1)}
+    assert of_early.settled == {}
+    apart_m, as_state_m = (
+        np.hypot(*(run("adf", late, one).position_m - clean)[: 30 * HZ].T).mean()
+        for one in (found, replace(found, settled={}))
+    )
+    assert apart_m < 2 / 3 * as_state_m
 
 
 def test_a_late_compass_is_believed_only_if_every_usual_explanation_is_clearly_worse() -> None:
