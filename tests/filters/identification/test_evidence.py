@@ -131,6 +131,8 @@ def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
 
     assert existing(found) == {key}
     assert found.estimates[name].value == pytest.approx(1.0, abs=0.25)
+    used_s = found.parameters.settled.get("compass_clock", found.parameters.dvl_clock_s)
+    assert used_s == found.estimates[name].value
 
 
 def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -> None:
@@ -157,6 +159,7 @@ def test_a_late_compass_is_believed_only_if_every_usual_explanation_is_clearly_w
     assert _present(score, SUBSETS)[0] == {"latency"}
     score[SUBSETS.index(frozenset(["latency"]))] = -3.1  # log 20 is 2.996
     assert _present(score, SUBSETS)[0] == {COMPASS_CLOCK}
+    assert not any(subset >= {COMPASS_CLOCK, other} for subset in SUBSETS for other in (DVL_CLOCK, "latency"))
 
 
 def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None:
