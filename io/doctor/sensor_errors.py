@@ -204,17 +204,17 @@ def _lever(log: Log, found: Identification) -> list[Finding]:
     return [_finding("DVL-LEVER", log, found, LEVER, "dvl", length_m, advice)]
 
 
-def _dvl_clock(log: Log, found: Identification) -> list[Finding]:
-    clock = found.estimates.get("dvl_clock_s")
+def _clock(log: Log, found: Identification, key: str, sensor: str, stated_s: float) -> list[Finding]:
+    clock = found.estimates.get(f"{sensor}_clock_s")
     if clock is None:
         return []
-    advice = f"state latency_s = {log.settings.dvl.latency_s + clock.value:.2f} under [dvl]"
-    return [_finding("DVL-CLOCK", log, found, DVL_CLOCK, "dvl", clock.value, advice)]
+    advice = f"state latency_s = {stated_s + clock.value:.2f} under [{sensor}]"
+    return [_finding(key.upper(), log, found, key, sensor, clock.value, advice)]
+
+
+def _dvl_clock(log: Log, found: Identification) -> list[Finding]:
+    return _clock(log, found, DVL_CLOCK, "dvl", log.settings.dvl.latency_s)
 
 
 def _compass_clock(log: Log, found: Identification) -> list[Finding]:
-    clock = found.estimates.get("compass_clock_s")
-    if clock is None:
-        return []
-    advice = f"state latency_s = {log.settings.compass.latency_s + clock.value:.2f} under [compass]"
-    return [_finding("COMPASS-CLOCK", log, found, COMPASS_CLOCK, "compass", clock.value, advice)]
+    return _clock(log, found, COMPASS_CLOCK, "compass", log.settings.compass.latency_s)

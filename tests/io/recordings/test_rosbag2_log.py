@@ -12,24 +12,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from logs import refusal
-from recordings import (
-    FLOAT64,
-    ROS2,
-    SECOND,
-    T0,
-    TWIST,
-    Row,
-    execute,
-    message,
-    short_dive,
-    twist,
-    write_payloads,
-    write_rosbag2,
-)
+from recordings import ROS2, SECOND, T0, TWIST, Row, execute, message, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
-from usbldr.io.limits import VARIABLE
 from usbldr.io.reader import Reader
 from usbldr.io.reading.read import read_log, require
 
@@ -249,19 +235,6 @@ def test_a_compressed_part_that_is_missing_or_cut_is_reported(tmp_path: Path) ->
         "dive_2.db3.zstd cannot be read: is damaged: no zstd data could be decompressed at byte 8 of 8"
     ]
     assert log.topics() == open_log(folder / "dive_0.db3.zstd").topics()
-
-
-def test_messages_of_an_mcap_file_that_decompress_to_too_much_are_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    data = zstandard.compress(bytes(2_000_000))
-    file = write_payloads(tmp_path / "a.mcap", "/speed", "cdr", FLOAT64, [data, data])
-    monkeypatch.setenv(VARIABLE, "0.01")
-    log = open_log(file)
-
-    assert len(read_whole(log, {"/speed": ["data"]})["/speed"].received_ns) == 0
-    (finding, _) = log.findings()
-    assert finding.text.startswith("messages decompress to more than 1.34 MB each and are left out (--limits 10")
 
 
 def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: Path) -> None:

@@ -217,17 +217,15 @@ def test_every_corner_of_an_ellipse_is_as_many_sigmas_from_its_centre() -> None:
         assert np.ptp(np.arctan2(*away.T)) > 5.0  # all the way round
 
 
-def run_with_wrong_truth_rows() -> Run:
-    """Return a run whose truth begins 5 km away."""
-    run = a_curved_run("ekf")
+def judged(run: Run, row: int, off_m: float) -> Run:
+    """Return the run beside its truth with one row off, whose largest error this is."""
     truth = run.log.truth
     assert truth is not None
-    far_m = truth.position_m.copy()
-    far_m[1] += 5000.0
-    wrong = dataclasses.replace(truth, position_m=far_m)
-    times_s = run.timeline.time_s[run.timeline.slow]
-    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, wrong, times_s=times_s))
-    return dataclasses.replace(run, log=dataclasses.replace(run.log, truth=wrong), scored=scored)
+    moved_m = truth.position_m.copy()
+    moved_m[row] += off_m
+    moved, times_s = dataclasses.replace(truth, position_m=moved_m), run.timeline.time_s[run.timeline.slow]
+    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, moved, times_s=times_s))
+    return dataclasses.replace(run, log=dataclasses.replace(run.log, truth=moved), scored=scored)
 
 
 @pytest.mark.parametrize(("form", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
@@ -244,7 +242,7 @@ def test_vector_graphics_have_the_same_bytes_each_time(tmp_path: Path, form: str
 
 
 def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() -> None:
-    run = run_with_wrong_truth_rows()
+    run = judged(a_curved_run("ekf"), 1, 5000.0)  # m
 
     figure, beside = figure_of(track_figure, run), figure_of(consistency_figure, run)
 
@@ -257,22 +255,17 @@ def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() ->
 
 
 def test_the_close_up_is_not_of_a_truth_that_is_found_to_jump() -> None:
-    run = a_curved_run("ekf")
-    truth = run.log.truth
+    run = judged(a_curved_run("ekf"), 50, 40.0)
+    truth, report = run.log.truth, run.scored.report
     assert truth is not None
-    jumping_m = truth.position_m.copy()
-    jumping_m[50] += 40.0
-    jumping = dataclasses.replace(truth, position_m=jumping_m)
-    (finding,) = truth_jump_findings(jumping)
-    times_s = run.timeline.time_s[run.timeline.slow]
-    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, jumping, times_s=times_s))
-    assert scored.report is not None
-    assert scored.report.time_s[np.argmax(scored.report.horizontal_m)] == pytest.approx(truth.time_s[50])
+    assert report is not None
+    assert report.time_s[np.argmax(report.horizontal_m)] == pytest.approx(truth.time_s[50])
+    (finding,) = truth_jump_findings(truth)
 
     titles = []
     for findings in ((), (finding,)):
-        log = dataclasses.replace(run.log, truth=jumping, findings=findings)
-        close = figure_of(track_figure, dataclasses.replace(run, log=log, scored=scored)).axes[1]
+        log = dataclasses.replace(run.log, findings=findings)
+        close = figure_of(track_figure, dataclasses.replace(run, log=log)).axes[1]
         titles.append(close.get_title(loc="left"))
 
     assert f"at {truth.time_s[50]:.0f} s" in titles[0]
