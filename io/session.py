@@ -38,7 +38,6 @@ from usbldr.io.conventions.examined import examined
 from usbldr.io.doctor.message_evidence import RAW_FIELDS
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Log
-from usbldr.io.reading.epochs import with_dvl_clock
 from usbldr.io.reading.opening import DEFAULT_REQUEST, Request, open_configured
 from usbldr.io.reading.read import read, require
 from usbldr.io.reading.remote import is_url
@@ -166,8 +165,6 @@ def replay(
         alone = "" if "usbl" in log.tables else "; without fixes this is dead reckoning: --filter dr needs no start"
         raise LogError(f"{log.path}: {NO_START_TEXT}{alone}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
-    if used.dvl_clock_s:
-        timeline = with_dvl_clock(log, timeline, used.dvl_clock_s)
     with stage(f"run {method}"):
         track = run(method, timeline, used, settings, progress, anchor)
     warnings = tuple(f"{method}: {text}" for text in found.warnings) if able.is_filter else ()

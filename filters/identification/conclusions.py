@@ -66,7 +66,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     """
     parameters, present, row, found = choice.member.parameters, choice.member.present, choice.row, choice.found
     late = {"latency"} if found.mean["usbl_latency"][row] > 0 else set[str]()
-    constant = present & {*choice.far, *late, COMPASS_CLOCK, HEAD, RANGE}
+    constant = present & {*choice.far, *late, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
     usual = {FAR_KEYS[key]: getattr(stated.errors, FAR_KEYS[key]) for key in choice.far}
     parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **usual))
@@ -74,8 +74,6 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
-    if DVL_CLOCK in present:
-        parameters = replace(parameters, dvl_clock_s=given.dvl_clock_s + float(found.mean["dvl_clock"][row]))
     of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
     parameters = replace(
         parameters,

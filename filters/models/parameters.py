@@ -182,7 +182,6 @@ class Parameters:
     gps_lever_m: LeverArm = (0.0, 0.0, 0.0)  # the antenna
     water_track: bool = False  # the DVL measures the velocity through the water: identification adds the current
     aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and not truth
-    dvl_clock_s: float = 0.0  # stamps of the DVL minus the times at which they were true
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false

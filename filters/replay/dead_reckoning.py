@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,11 @@ from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.types import Array, Timeline, Trajectory, Vector
 
+CLOCKS: Mapping[str, tuple[str, str, str, str]] = {
+    "dvl_clock": ("dvl_mps", "dr_mps", "dvl_count", "dvl_sd_mps"),
+    "compass_clock": ("yaw_rad", "dr_yaw_rad", "yaw_count", "yaw_sd_rad"),
+}
+"""Errors of clocks, and the columns of a timeline that they move: records, dead reckoning, how many, and sigmas."""
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
 
 
@@ -127,10 +132,7 @@ def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
 
 
 def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
-    """Return the timeline with dead reckoning, compass, DVL and fixes freed of errors, state -> value.
-
-    The clock of the DVL is taken off dead reckoning alone: its records have other epochs then.
-    """
+    """Return the timeline with dead reckoning, compass, DVL and fixes freed of errors, state -> value."""
     line = replace(timeline, fix_time_s=timeline.fix_time_s - error.get("usbl_latency", 0.0))
     if line.fix_away_m is not None:
         scale, level_m2 = 1 + error.get("usbl_range", 0.0), np.sum(line.fix_away_m**2, axis=1)
@@ -140,10 +142,9 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
             shorter = np.sqrt(np.maximum(left_m2, 0.0) / np.maximum(level_m2, 1e-12))
         away_m = rotated(-error.get("usbl_heading", 0.0), line.fix_away_m) * shorter[:, None]
         line = replace(line, fix_m=line.fix_m + away_m - line.fix_away_m, fix_away_m=away_m)
-    if clock_s := error.get("dvl_clock", 0.0):
-        line = replace(line, dr_mps=interpolate(line, line.dr_mps, line.time_s + clock_s))
-    if clock_s := error.get("compass_clock", 0.0):
-        line = _with_earlier_headings(line, clock_s)
+    for state, columns in CLOCKS.items():
+        if clock_s := error.get(state, 0.0):
+            line = _with_earlier_records(line, clock_s, *columns)
     names = ("heading_bias", "deviation_sin", "deviation_cos", "dvl_scale")
     constant, of_sin, of_cos, scale = (error.get(name, 0.0) for name in names)
     yaws: list[Vector] = []
@@ -156,18 +157,21 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
     return replace(line, yaw_rad=yaws[0], dr_yaw_rad=yaws[1], **mps)
 
 
-def _with_earlier_headings(timeline: Timeline, clock_s: float) -> Timeline:
-    """Return the timeline with headings that are true earlier by ``clock_s``; those of whole epochs stay together."""
-    t, reckoned = timeline.time_s, np.interp(timeline.time_s + clock_s, timeline.time_s, timeline.dr_yaw_rad)
+def _with_earlier_records(
+    timeline: Timeline, clock_s: float, measured: str, reckoned: str, count: str, sd: str
+) -> Timeline:
+    """Return the timeline with records that are true earlier by ``clock_s``; those of an epoch stay together."""
+    t, at_epochs = timeline.time_s, getattr(timeline, reckoned)
+    earlier = interpolate(timeline, at_epochs.reshape(len(t), -1), t + clock_s).reshape(at_epochs.shape)
     rows = np.arange(len(t)) + round(clock_s / float(t[1] - t[0]))
     inside, rows = (rows >= 0) & (rows < len(t)), np.clip(rows, 0, len(t) - 1)
-    return replace(
-        timeline,
-        yaw_rad=timeline.yaw_rad[rows] + reckoned - timeline.dr_yaw_rad[rows],
-        yaw_count=np.where(inside, timeline.yaw_count[rows], 0),
-        yaw_sd_rad=timeline.yaw_sd_rad[rows],
-        dr_yaw_rad=reckoned,
-    )
+    columns: dict[str, Any] = {
+        measured: getattr(timeline, measured)[rows] + earlier - at_epochs[rows],
+        reckoned: earlier,
+        count: np.where(inside, getattr(timeline, count)[rows], 0),
+        sd: getattr(timeline, sd)[rows],
+    }
+    return replace(timeline, **columns)
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:

@@ -26,7 +26,7 @@ from usbldr.filters.usbl_survey.verdict import SETTLED_SHARE, UNCHANGED, Paramet
 from usbldr.filters.usbl_survey.vertical import VerticalFit
 from usbldr.io.doctor.fix_vertical import depth_below_head_m, vertical_of
 from usbldr.io.log import Log
-from usbldr.io.reading.epochs import timeline, with_dvl_clock
+from usbldr.io.reading.epochs import timeline
 
 METHOD = "adf"  # robust against false fixes, and without random numbers
 (HEADING,), (SCALE,) = KEYS[HEAD], KEYS[RANGE]  # fixed: the states
@@ -104,8 +104,6 @@ def _with_head_of(found: Identification, other: Identification) -> Identificatio
 
 def _tracked(log: Log, line: Timeline, found: Identification) -> Trajectory:
     """Return the smoothed track of the fixes of a timeline."""
-    if found.parameters.dvl_clock_s:
-        line = with_dvl_clock(log, line, found.parameters.dvl_clock_s)
     return run(METHOD, line, found.parameters, FilterSettings(smooth=True))
 
 

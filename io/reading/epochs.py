@@ -10,7 +10,6 @@ A USBL fix keeps its own time.
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -107,21 +106,6 @@ def _epochs_per_slow(fast_hz: float, slow_hz: float) -> int:
     if every < 1 or not math.isclose(every * slow_hz, fast_hz, rel_tol=1e-9):
         raise UsageError(f"the fast rate must be a multiple of the slow one (fast {fast_hz:g} Hz, slow {slow_hz:g} Hz)")
     return every
-
-
-def with_dvl_clock(log: Log, timeline: Timeline, clock_s: float) -> Timeline:
-    """Return the timeline with the DVL's records earlier by ``clock_s``, by which their stamps are late."""
-    fast_hz = 1 / (timeline.time_s[1] - timeline.time_s[0])
-    t, dvl, sd = _dvl(log)
-    t, count = t - clock_s, len(timeline.time_s)
-    dvl_count, mean = _epoch_averages(t, (*dvl.T, sd), fast_hz, count)
-    return replace(
-        timeline,
-        dvl_mps=mean[:, :2],
-        dvl_count=dvl_count,
-        dvl_sd_mps=_filled(np.sqrt(mean[:, 2])),
-        dr_mps=_reckoned_mps(timeline.time_s, t, dvl, log.parameters.process.velocity_mps),
-    )
 
 
 def _dvl(log: Log) -> tuple[Vector, Array, Vector]:

@@ -130,7 +130,7 @@ def test_a_run_takes_the_dvls_records_earlier_by_the_clock_of_its_parameters() -
         usbldr.replay(one, usbldr.timeline(one), "adf", identification=usbldr.Identification(parameters)).position_m
         for one, parameters in (
             (log, log.parameters),
-            (late, dataclasses.replace(log.parameters, dvl_clock_s=2.0)),
+            (late, dataclasses.replace(log.parameters, settled={"dvl_clock": 2.0})),
             (late, log.parameters),
         )
     )

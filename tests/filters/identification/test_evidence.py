@@ -131,8 +131,7 @@ def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
 
     assert existing(found) == {key}
     assert found.estimates[name].value == pytest.approx(1.0, abs=0.25)
-    used_s = found.parameters.settled.get("compass_clock", found.parameters.dvl_clock_s)
-    assert used_s == found.estimates[name].value
+    assert found.parameters.settled == {name.removesuffix("_s"): found.estimates[name].value}
 
 
 def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -> None:

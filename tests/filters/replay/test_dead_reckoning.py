@@ -10,7 +10,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.simulation.scenario import Leg, Scenario
 from usbldr.filters.simulation.simulate import simulate
-from usbldr.filters.types import Timeline, Vector
+from usbldr.filters.types import Array, Timeline, Vector
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
@@ -171,18 +171,23 @@ def test_nudging_without_fixes_is_one_sentence() -> None:
 
 
 @pytest.mark.parametrize("late_s", [1.3, -0.7])
-def test_headings_whose_stamps_are_late_are_those_of_the_epochs_at_which_they_were_true(late_s: float) -> None:
-    """The heading at t is a tenth of t, in radians, and has a record in every other epoch."""
+@pytest.mark.parametrize("clock", dead_reckoning.CLOCKS)
+def test_records_with_late_stamps_are_those_of_the_epochs_at_which_they_were_true(clock: str, late_s: float) -> None:
+    """A sensor has a record in every other epoch, and reads a tenth of the time."""
+
+    def read(time_s: Vector) -> Array:
+        return 0.1 * (np.column_stack([time_s, -time_s]) if clock == "dvl_clock" else time_s)
+
     line = timeline(simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=20.0), 0))
-    stamped = 0.1 * (line.time_s - late_s)
-    count, marked = np.arange(len(stamped)) % 2, line.time_s * 1e-3
-    late = dataclasses.replace(line, yaw_rad=stamped, dr_yaw_rad=stamped, yaw_count=count, yaw_sd_rad=marked)
+    t, (measured, reckoned, count, sd) = line.time_s, dead_reckoning.CLOCKS[clock]
+    stamped, records = read(t - late_s), np.arange(len(t)) % 2
+    late = dataclasses.replace(line, **{measured: stamped, reckoned: stamped, count: records, sd: t})
 
-    right = dead_reckoning.freed(late, {"compass_clock": late_s})
+    right = dead_reckoning.freed(late, {clock: late_s})
 
-    inside = (line.time_s + late_s > 0.1) & (line.time_s + late_s < line.time_s[-1] - 0.1)
-    for yaw in (right.yaw_rad, right.dr_yaw_rad):
-        np.testing.assert_allclose(yaw[inside], 0.1 * line.time_s[inside], atol=1e-9)
-    of_s = right.yaw_sd_rad * 1e3  # when each record was stamped
-    np.testing.assert_allclose(of_s[inside], (line.time_s + late_s)[inside], atol=0.1 + 1e-9)
-    np.testing.assert_array_equal(right.yaw_count[inside], np.round(of_s * 5)[inside] % 2)
+    inside = (t + late_s > 0.1) & (t + late_s < t[-1] - 0.1)
+    for name in (measured, reckoned):
+        np.testing.assert_allclose(getattr(right, name)[inside], read(t)[inside], atol=1e-9)
+    stamped_s = getattr(right, sd)[inside]
+    np.testing.assert_allclose(stamped_s, (t + late_s)[inside], atol=0.1 + 1e-9)
+    np.testing.assert_array_equal(getattr(right, count)[inside], np.round(stamped_s * 5) % 2)

@@ -13,7 +13,7 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Outage
 from usbldr.io.log import Log
 from usbldr.io.messages import layouts
-from usbldr.io.reading.epochs import timeline, with_dvl_clock
+from usbldr.io.reading.epochs import timeline
 
 NAN = float("nan")
 
@@ -299,19 +299,6 @@ def test_a_log_without_any_sensor_or_truth_has_no_epochs() -> None:
 def test_a_sensor_without_a_valid_record_is_an_error() -> None:
     with pytest.raises(LogError, match=r"none of the 2 dvl records is valid"):
         timeline(log(dvl=dvl_table([0.0, 1.0], valid=False), compass=compass_table([0.0])))
-
-
-def test_records_of_a_dvl_whose_stamps_are_late_go_to_the_epochs_at_which_they_were_true() -> None:
-    """The forward velocity is the true time of the record, which is stamped 1.2 s late."""
-    true_s = grid(10.0)
-    late = log(dvl=dvl_table(true_s + 1.2, forward=true_s), compass=compass_table(grid(12.0)))
-
-    line = with_dvl_clock(late, timeline(late), 1.2)
-
-    measured = line.dvl_count > 0
-    assert line.dvl_mps[measured, 1] == pytest.approx(line.time_s[measured])
-    assert line.dr_mps[:51, 1] == pytest.approx(line.time_s[:51])
-    assert np.array_equal(line.time_s, timeline(late).time_s)
 
 
 def test_a_wrong_stamp_does_not_fill_the_memory() -> None:
