@@ -36,6 +36,8 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
 WORD_LINE = re.compile(r"(?<![\w.,:+-])([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$")
 """A line that begins with a word in place of an address, as instruments send it: "USBLLONG,1600000000.5,2,"."""
+LOST = "\0" * 8  # zeros as of a lost sector of a disk; binary data between the sentences have fewer
+CHECKSUM = re.compile(r"\*.?[0-9A-Fa-f]")  # more of them than sentences: the beginning of one was lost
 SUBTYPE = re.compile(r"[A-Z_]{2,}")
 """First field of a vendor's sentence that is its type: $PIXSE,ATITUD."""
 TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
@@ -164,7 +166,8 @@ def find_sentences(
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     topic = "" if received_ns is None else source  # a file is none
-    findings = _counted(source, topic, rows, wrong + len(found) - len(rows), without)
+    wrong += [row.line for row in found if not row.checked and row.name in checked]
+    findings = _counted(source, topic, rows, wrong, without)
     if not rows:
         return SentenceSet({}, tuple(findings))
     rows, joined = _of_one_receiver(source, topic, rows)
@@ -207,12 +210,13 @@ def _of_one_receiver(
 
 def _scan_lines(
     lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str]
-) -> tuple[list[_FoundSentence], int, int]:
-    """Return the sentences, how many have a wrong checksum or are cut, and how many lines hold no sentence."""
+) -> tuple[list[_FoundSentence], list[int], int]:
+    """Return the sentences, the lines of those with a wrong checksum or cut, and how many lines hold no sentence."""
     found: list[_FoundSentence] = []
-    wrong, without, last = 0, 0, NO_TIME
+    wrong: list[int] = []
+    without, last = 0, NO_TIME
     for number, line in enumerate(lines):
-        begin = 0
+        begin, count, cut = 0, len(found) + len(wrong), received_ns is None and not line.endswith("\n")
         for match in form.finditer(line):
             name, body, checksum = match.groups()
             content = f"{name},{body}"
@@ -223,14 +227,17 @@ def _scan_lines(
             begin = match.end()
             kind = name if form is WORD_LINE else kind_of(name)
             sentence_time = _sentence_time(kind, body.split(","))
-            if sentence_time is None or (checksum and not _is_checksum(int(checksum, 16), content.encode())):
-                wrong += 1
+            if sentence_time is None or not (_is_checksum(checksum, content.encode()) if checksum else not cut):
+                wrong.append(number)
             else:
                 full, *_ = sentence_time
                 name = name.removesuffix(kind) + full
                 times = last, clock, *sentence_time[1:]
                 found.append(_FoundSentence(name, full, content, bool(checksum), number, *times))
-        without += begin == 0 and bool(line.strip())
+        torn = received_ns is None and (line.startswith("\0") or LOST in line or (cut and begin == 0))
+        torn |= received_ns is None and len(CHECKSUM.findall(line)) > len(found) + len(wrong) - count
+        wrong += [number] * torn
+        without += begin == 0 and not torn and bool(line.strip())
     return found, wrong, without
 
 
@@ -256,8 +263,9 @@ def _receiver_times(rows: Sequence[_FoundSentence]) -> tuple[Nanoseconds, Nanose
     return np.where(known, time, NO_TIME) if np.any(time[known] != NO_TIME) else time, midnight
 
 
-def _is_checksum(stated: int, content: bytes) -> bool:
+def _is_checksum(digits: str, content: bytes) -> bool:
     """Return whether a checksum is that of NMEA 0183, or CRC-8."""
+    stated = int(digits, 16)
     if stated == reduce(int.__xor__, content, 0):
         return True
     crc = 0
@@ -307,11 +315,14 @@ def _received(
     return received, findings
 
 
-def _counted(source: str, topic: str, rows: Sequence[_FoundSentence], wrong: int, without: int) -> list[Finding]:
-    total, unchecked = len(rows) + wrong, sum(not row.checked for row in rows)
+def _counted(
+    source: str, topic: str, rows: Sequence[_FoundSentence], wrong: Sequence[int], without: int
+) -> list[Finding]:
+    total, unchecked = len(rows) + len(wrong), sum(not row.checked for row in rows)
     findings: list[Finding] = []
     if wrong:
-        text = f"{source}: {wrong} of {total} sentences are cut or have a wrong checksum; left out"
+        text = f"{source}: {len(wrong)} of {total} sentences are cut or have a wrong checksum"
+        text += f", the first in {'message' if topic else 'line'} {min(wrong) + 1}; left out"
         findings.append(Finding("NMEA-CHECKSUM", text, topic, lost_data=True))
     if unchecked:
         findings.append(

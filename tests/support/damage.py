@@ -10,8 +10,9 @@ import sys
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,6 +61,25 @@ def count(log: Reader, form: str) -> list[int]:
     present = {one.name for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
     found = read_whole(log, {topic: paths for topic, paths in wanted.items() if topic in present})
     return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
+
+
+@contextmanager
+def recorded(form: str) -> Iterator[tuple[Path, Path, bytes, list[int]]]:
+    """Write a recording; give its file, what is opened, the bytes, and how many records are read of each topic."""
+    with tempfile.TemporaryDirectory() as name:
+        file = FORMATS[form].write(Path(name))
+        path = file.parent if FORMATS[form].folder else file
+        yield file, path, file.read_bytes(), count(open_log(path), form)
+
+
+def attempt(path: Path, form: str) -> tuple[list[int], bool]:
+    """Return how many records are read, and whether a loss is said, or why nothing can be read."""
+    try:
+        log = open_log(path)
+        found = count(log, form)
+        return found, any(finding.lost_data for finding in log.findings()) or any(one.problem for one in log.topics())
+    except UsbldrError:
+        return [0] * len(FORMATS[form].wanted), True
 
 
 def cut(whole: bytes, rng: random.Random) -> bytes:

@@ -2,7 +2,7 @@
 
 import gzip
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
@@ -14,6 +14,7 @@ import pyarrow as pa
 import zstandard
 from mcap.writer import CompressionType, Writer
 from pyarrow import parquet
+from rosbags.rosbag2 import StoragePlugin
 
 import autopilot_recordings as autopilots
 import dvl_recordings as dvls
@@ -28,6 +29,7 @@ from recordings import (
     Row,
     message,
     point,
+    sentence,
     twist,
     write_bag,
     write_csv,
@@ -50,6 +52,7 @@ TABLES: Wanted = {
     "/compass": ["header.stamp", "heading_deg"],
     "/gps": ["header.stamp", "lat_deg", "lon_deg"],
 }
+NMEA: Wanted = {"/HEHDT": ["heading_deg"], "/GPGGA": ["lat_deg", "lon_deg"]}
 TLOG: Wanted = {
     "mavlink/255/0/VISION_POSITION_DELTA": ["message.time_usec", "message.position_delta.0"],
     "mavlink/1/1/ATTITUDE": ["message.time_boot_ms", "message.yaw"],
@@ -117,6 +120,32 @@ def bag(folder: Path, compression: str) -> Path:
 
 def rosbag2(folder: Path) -> Path:
     return write_rosbag2(folder / "a", dive()) / "a.db3"
+
+
+def rosbag2_mcap(folder: Path) -> Path:
+    return write_rosbag2(folder / "a", dive(), StoragePlugin.MCAP) / "a.mcap"
+
+
+def text(file: Path, bodies: Iterable[str], address: str = "$") -> Path:
+    """Write lines with checksums, each behind the time at which it was logged."""
+    lines = (f"{T0 // SECOND + k}.25 {address}{sentence(body)[1:]}\r\n" for k, body in enumerate(bodies))
+    file.write_bytes("".join(lines).encode())
+    return file
+
+
+def nmea(folder: Path) -> Path:
+    """Write headings and fixes, in turn."""
+    clocks = (f"12{26 + k // 30:02d}{k % 30 * 2:02d}.00" for k in range(COUNT))
+    fixes = [f"GPGGA,{at},4500.{k:03d},N,00700.{k:03d},E,1,10,0.8,1.0,M,48.0,M,," for k, at in enumerate(clocks)]
+    return text(folder / "a.nmea", (body for k, fix in enumerate(fixes) for body in (f"HEHDT,{k}.5,T", fix)))
+
+
+def serial_lines(folder: Path) -> Path:
+    """Write lines of Water Linked's serial protocol, which begin with a word."""
+    bodies = (
+        f"wrz,{1 + k / 64},0.25,-0.01,y,1.30,1.855,1e-07;0;1.4;0;1.2;0;0.2;0;1e+09,,,123.00,1" for k in range(COUNT)
+    )
+    return text(folder / "a.log", bodies, "")
 
 
 def blueos(folder: Path) -> Path:
@@ -210,6 +239,7 @@ FORMATS: Mapping[str, Format] = {
     "bag bz2": Format(partial(bag, compression="bz2"), shows="all"),
     "bag lz4": Format(partial(bag, compression="lz4"), shows="loss"),
     "rosbag2 (SQLite)": Format(rosbag2, folder=True),
+    "rosbag2 (MCAP)": Format(rosbag2_mcap, shows="loss", folder=True),
     "CSV": Format(csv, CSV, ends=line_ends),
     ".tlog": Format(
         lambda d: autopilots.write_tlog(d / "a.tlog"),
@@ -226,12 +256,15 @@ FORMATS: Mapping[str, Format] = {
     "JSON lines": Format(lambda d: dvls.write_json(d / "a.jsonl"), REPORTS, ends=object_ends),
     ".alog": Format(lambda d: moos.write_alog(d / "a.alog"), MOOS, ends=line_ends),
     ".lsf": Format(lsf, IMC, shows="all", ends=messages_of_imc),
+    "NMEA": Format(nmea, NMEA, shows="all", times_checked=False, ends=object_ends),
+    "lines of a DVL": Format(serial_lines, {"/wrz": ["1", "2"]}, shows="all", times_checked=False, ends=object_ends),
     "Parquet": Format(partial(parquet_file, checksums=False), {"/gps": TABLES["/gps"]}),
     "Parquet with checksums of pages": Format(partial(parquet_file, checksums=True), {"/gps": TABLES["/gps"]}),
     "HDF5": Format(partial(hdf5, chunks=None), TABLES),
     "HDF5 records": Format(partial(of_tables, form="HDF5 records"), TABLES),
     "HDF5 gzip": Format(partial(hdf5, chunks=ROWS // 10, compression="gzip"), TABLES),
     "HDF5 with checksums": Format(partial(hdf5, chunks=ROWS // 10, fletcher32=True), TABLES, shows="all"),
+    "netCDF-4": Format(lambda d: tables.as_netcdf(d, tables.dive(ROWS)), TABLES),
     ".mat 5 to 7, compressed": Format(partial(of_tables, form="MATLAB"), TABLES, shows="all"),
     ".mat 7.3": Format(partial(of_tables, form="MATLAB 7.3"), TABLES),
     "MCAP.zst": Format(partial(packed, zstd, partial(mcap, compression=CompressionType.NONE)), shows="all"),

@@ -78,6 +78,17 @@ def as_mat_7_3(folder: Path, tables: Tables) -> Path:
     return folder / "dive.mat"
 
 
+def as_netcdf(folder: Path, tables: Tables) -> Path:
+    """Write a group of variables for each table, whose times are seconds since a date."""
+    with h5py.File(folder / "dive.nc", "w") as file:
+        for name, columns in tables.items():
+            seconds = (np.asarray(columns["time_ns"]) - T0) / SECOND
+            file.create_dataset(f"{name}/time", data=seconds).attrs["units"] = "seconds since 2020-09-13 12:26:40"
+            for label in columns.keys() - {"time_ns"}:
+                file.create_dataset(f"{name}/{label}", data=columns[label])
+    return folder / "dive.nc"
+
+
 WRITERS: Mapping[str, Callable[[Path, Tables], Path]] = {
     "Parquet": as_parquet,
     "HDF5": as_hdf5,

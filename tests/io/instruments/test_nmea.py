@@ -176,7 +176,7 @@ NO_FIX = sentence("GPGGA,075618.34,,,,,0,00,,,M,,M,,")
     ("sentences", "sensor", "code", "said"),
     [
         ([RECORDED_GGA, RECORDED_GGA.replace("7002", "7003")], "gps", "NMEA-CHECKSUM",
-         "ship.nmea: 1 of 2 sentences are cut or have a wrong checksum; left out"),
+         "ship.nmea: 1 of 2 sentences are cut or have a wrong checksum, the first in line 2; left out"),
         ([sentence("HEHDT,12.5,T"), sentence("HEHDT,north,T")], "compass", "UNDECODED",
          "/HEHDT: 1 sentences do not have the fields of their type; left out"),
         ([RECORDED_GGA.partition("*")[0]], "gps", "NMEA-UNCHECKED",
