@@ -29,7 +29,7 @@ from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 MARK = b"\xa3\x95"  # fixed by the format: how each message begins; its type follows
 HEAD_BYTES = 3  # fixed by the format
 LONGEST = 255  # fixed: bytes of a message
-FMT, FMT_BYTES = 128, 89  # fixed: the type that defines the others
+FMT = 128  # fixed: the type that defines the others
 LONGEST_US = 10**14  # [us] three years from power-on: a later time is a damaged one
 FIX = 3  # fixed: the least Status of a GPS message with a fix in three dimensions
 
@@ -42,10 +42,9 @@ class Source(NamedTuple):
 
 
 def looks_like_dataflash(head: bytes) -> bool:
-    """Return whether a file begins with the layout of a message type, or has two behind bytes of another."""
+    """Return whether a file begins with the layout of a message type, or has two behind other bytes."""
     begin = MARK + bytes([FMT])
-    at = head.find(begin)
-    return at == 0 or (at > 0 and head[at + FMT_BYTES :].startswith(begin))
+    return head.startswith(begin) or head.count(begin) > 1
 
 
 class DataflashLog:

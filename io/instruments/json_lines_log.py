@@ -31,6 +31,7 @@ SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
 REMAINS = re.compile(r"[\"}]")  # behind an object: of one that was damaged
+KEY = re.compile(r"\"\s*:")  # before an object: of the one around it, whose beginning was lost
 DECODER = json.JSONDecoder()
 LATEST_S = 4e9  # [s] the year 2096
 EARLIEST_S = 1e9  # [s] the year 2001: an earlier time counts from power-on
@@ -159,7 +160,7 @@ def _objects(lines: Iterable[str]) -> Iterator[tuple[int, str, str, Mapping[str,
     A line may hold several objects, as an array on one line does, and a remark behind them.
     """
     for number, line in _joined(lines):
-        end, place = 0, line.find("{")
+        end, place = 0, line.find("{") if not KEY.search(line.partition("{")[0]) else -1
         while place >= 0:
             try:
                 value, behind = DECODER.raw_decode(line, place)

@@ -23,19 +23,21 @@ SENTENCE_TOPIC_WORDS = re.compile(
 """Words in the name of a plain text topic that suggest sentences."""
 
 
+REST = re.compile(r"(?:^|\*)[0-9A-Fa-f]{1,2}\s*$")  # of a line whose beginning was lost
 NUMBER = re.compile(r"(?:^|,)\s*[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?\s*(?:,|$)")
 
 
 def form_of(head: bytes) -> re.Pattern[str] | None:
     """Return which sentences most of the lines hold that a file begins with; None if they hold none.
 
-    Lines that begin with a word hold a number beside it; a header holds words alone.
+    Lines that begin with a word hold a number beside it; a header holds words alone. The first may be cut.
     """
     lines = [line for line in head_lines(head) if line.strip()]
     if sum(SENTENCE.search(line) is not None for line in lines) > len(lines) / 2:
         return SENTENCE
-    words = ((found := WORD_LINE.search(line)) and NUMBER.search(found[2]) for line in lines)
-    return WORD_LINE if next(words, None) and 1 + sum(map(bool, words)) > len(lines) / 2 else None
+    words = [(found := WORD_LINE.search(line)) and NUMBER.search(found[2]) for line in lines]
+    begins = words and (words[0] or NUMBER.search(lines[0]) or REST.search(lines[0]))
+    return WORD_LINE if begins and sum(map(bool, words)) > len(lines) / 2 else None
 
 
 class SentenceLog:

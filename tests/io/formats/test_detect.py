@@ -4,10 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from damage import recorded
+from damaged_formats import FORMATS as RECORDINGS
 from logs import refusal
-from recordings import short_dive, write_csv, write_mcap
+from recordings import write_csv
 from usbldr.filters.errors import LogError
-from usbldr.io.formats.detect import open_log
+from usbldr.io.decoding.definitions import SHIPPED
+from usbldr.io.formats.detect import BEGIN_BYTES, open_log
+from usbldr.io.formats.detect import FORMATS as FORMATS_READ
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 FORMATS = (
@@ -18,10 +22,25 @@ FORMATS = (
 )
 
 
-def test_an_mcap_file_is_one_whatever_its_name(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", short_dive()).rename(tmp_path / "dive.csv")
+@pytest.mark.parametrize("form", RECORDINGS)
+@pytest.mark.parametrize("name", ["dive", "dive.csv", "dive.mcap"])
+def test_a_file_is_what_it_holds_whatever_its_name(form: str, name: str) -> None:
+    with recorded(form) as (file, _, _, _):
+        log = open_log(file)
+        kind, topics = log.format, len(log.topics())
+        renamed = open_log(file.rename(file.with_name(name)))
 
-    assert open_log(file).format == "MCAP"
+        assert (renamed.format, len(renamed.topics())) == (kind, topics)
+
+
+def test_every_format_has_a_recording() -> None:
+    """So that tests over all recordings are tests over all formats."""
+    found: set[str] = set()
+    for form in RECORDINGS:
+        with recorded(form) as (file, _, whole, _):
+            found |= {name for name, reader in FORMATS_READ.items() if reader(file, whole[:BEGIN_BYTES], SHIPPED)}
+
+    assert found == set(FORMATS_READ)
 
 
 def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
