@@ -17,6 +17,8 @@ SECOND = 1_000_000_000  # fixed: nanoseconds
 DAY = 86_400 * SECOND  # fixed
 NO_TIME = int(np.iinfo(np.int64).min)  # fixed: a sentence holds no time
 CENTURY = 946_684_800 * SECOND  # fixed: the year 2000
+LONGEST_GAP_NS = 30 * DAY  # a longer one within a log is no silence of the receiver: its clock was set
+SILENCE = 10  # times the usual gap: a longer one says nothing of how far sentences are apart
 LATEST = 230 * 366 * DAY  # [ns] digits beyond 2200, or before 1970, are not a date
 
 ISO = re.compile(
@@ -111,8 +113,8 @@ def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tup
 
     A sentence with a time of day uses it, on the date of the nearest sentence that holds one; from there on, midnight
     passes if the time of day jumps back by more than half a day. So dates that go back are those of the log. The other
-    sentences are spaced evenly between; before the first and after the last, as far apart as the mean. ``midnight``
-    (n,) is NO_TIME if a sentence holds no date. Raises ValueError if no sentence holds a time.
+    sentences are spaced evenly between; before the first, after the last and up to a step of the clock, as far apart as
+    the mean. ``midnight`` (n,) is NO_TIME if a sentence holds no date. Raises ValueError if no sentence holds a time.
     """
     timed = np.flatnonzero(time_of_day != NO_TIME)
     if not len(timed):
@@ -121,16 +123,23 @@ def times_from_sentences(time_of_day: Nanoseconds, midnight: Nanoseconds) -> tup
     jumps = np.diff(day)
     days = np.concatenate([[0], np.cumsum(np.where(jumps < -DAY // 2, 1, np.where(jumps > DAY // 2, -1, 0)))])
     running = day + days * DAY
-    mean_ns = max(0, int(running[-1] - running[0])) / max(1, timed[-1] - timed[0])
     dated = np.flatnonzero(midnight[timed] != NO_TIME)
     if len(dated):
         nearest = _nearest(running, dated)
         running = running + midnight[timed][nearest] - days[nearest] * DAY
     first = int(running[0])
     since = (running - first).astype(np.float64)
+    gaps = np.diff(since)
+    steps = np.flatnonzero((gaps < 0) | (gaps > LONGEST_GAP_NS))
+    usual_ns = np.median(gaps[gaps > 0]) if np.any(gaps > 0) else 0
+    steady = (gaps >= 0) & (gaps <= SILENCE * usual_ns)
+    mean_ns = np.sum(gaps[steady]) / max(1, np.sum(np.diff(timed)[steady]))
+    ends = timed[steps + 1] - 0.5  # of what comes before a step
+    before_step = since[steps] + (ends - timed[steps]) * mean_ns
     lines = np.arange(len(time_of_day))
     outside = np.minimum(lines - timed[0], 0) + np.maximum(lines - timed[-1], 0)
-    received = np.rint(np.interp(lines, timed, since) + outside * mean_ns).astype(np.int64)
+    known = np.insert(timed.astype(np.float64), steps + 1, ends), np.insert(since, steps + 1, before_step)
+    received = np.rint(np.interp(lines, *known) + outside * mean_ns).astype(np.int64)
     received[timed] = running - first  # these exactly
     return received + first, bool(len(dated))
 

@@ -1,9 +1,12 @@
 """Clocks that go back, put into every container: nothing is swapped, and each record keeps its place in the dive."""
 
+import gzip
+import json
 import math
 import struct
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,13 +20,13 @@ from rosbags.rosbag2 import StoragePlugin
 from autopilot_recordings import DEFINITIONS, fmt, row, write_bin
 from blueos_recordings import write_blueos
 from commands import run
-from dvl_recordings import ensemble
+from dvl_recordings import ensemble, velocity
 from imc_recordings import sent, write_messages
 from logs import codes
 from moos_recordings import HEAD, line
 from pd45_recordings import pd45_ensemble
 from recordings import SECOND, T0, Row, point, sentence, twist, write_bag, write_mcap, write_rosbag2, yaw
-from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
+from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_mat_7_3, as_netcdf, as_parquet, as_records
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.clock_parts import PartsError
 from usbldr.io.conventions.clock_steps import examined
@@ -121,6 +124,34 @@ def as_pd5(folder: Path, times: Times) -> Path:
     return folder / "a.pd5"
 
 
+def as_pd4(folder: Path, times: Times) -> Path:
+    made = [pd45_ensemble(4, t // 10**7 % 8_640_000, x=0, y=1000 + 10 * k, z=10) for k, t in enumerate(times.tolist())]
+    (folder / "a.pd4").write_bytes(b"".join(made))
+    return folder / "a.pd4"
+
+
+def as_lines(folder: Path, times: Times) -> Path:
+    """Write lines that begin with a word, behind their log times."""
+    lines = (
+        f"{t // SECOND}.{t % SECOND:09d} wrz,{1 + k / 100},0.25,-0.01,y,1.30,1.855,0,,,123.0,1"
+        for k, t in enumerate(times.tolist())
+    )
+    (folder / "a.log").write_text("\n".join(lines) + "\n", encoding="ascii")
+    return folder / "a.log"
+
+
+def as_reports(folder: Path, times: Times) -> Path:
+    lines: list[str] = []
+    for k, t in enumerate(times.tolist()):
+        lines += [
+            json.dumps(
+                velocity(0) | {"vx": 1 + k / 100, "time_of_validity": t // 1000, "time_of_transmission": t // 1000}
+            )
+        ]
+    (folder / "a.jsonl").write_text("\n".join(lines) + "\n", encoding="ascii")
+    return folder / "a.jsonl"
+
+
 def as_pd6(folder: Path, times: Times) -> Path:
     lines: list[str] = []
     for k, t in enumerate(times.tolist()):
@@ -129,6 +160,32 @@ def as_pd6(folder: Path, times: Times) -> Path:
         lines += [f":BI,  +{100 + k},  -420, +2000,    +0,A"]
     (folder / "a.pd6").write_text("\r\n".join(lines) + "\r\n", encoding="ascii", newline="")
     return folder / "a.pd6"
+
+
+def as_sentences(folder: Path, times: Times) -> Path:
+    """Write headings without times between fixes that have the only ones, and no place."""
+    lines: list[str] = []
+    for k, t in enumerate(times.tolist()):
+        moment, hundredths = datetime.fromtimestamp(t // SECOND, UTC), t % SECOND // 10**7
+        lines += [sentence(f"GPRMC,{moment:%H%M%S}.{hundredths:02d},A,,,,,1.0,90.0,{moment:%d%m%y},,,A")]
+        lines += [sentence(f"HEHDT,{90 - k / 10:.1f},T")]
+    (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="ascii")
+    return folder / "a.nmea"
+
+
+def as_carried(folder: Path, times: Times) -> Path:
+    """Write sentences as texts of a topic."""
+    texts = (sentence(f"HEHDT,{90 - k / 10:.1f},T") for k in range(len(times)))
+    rows = [
+        (t, "/gyro/nmea", "std_msgs/msg/String", {"data": text}) for t, text in zip(times.tolist(), texts, strict=True)
+    ]
+    return write_bag(folder / "a.bag", rows)
+
+
+def packed(writer: Callable[[Path, Times], Path], folder: Path, times: Times) -> Path:
+    file = writer(folder, times)
+    file.with_name(file.name + ".gz").write_bytes(gzip.compress(file.read_bytes()))
+    return file.with_name(file.name + ".gz")
 
 
 CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
@@ -141,7 +198,14 @@ CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "parquet": lambda folder, times: as_parquet(folder, tables_of(times)),
     "hdf5": lambda folder, times: as_hdf5(folder, tables_of(times)),
     "mat": lambda folder, times: as_mat(folder, tables_of(times)),
+    "hdf5 records": lambda folder, times: as_records(folder, tables_of(times)),
+    "mat 7.3": lambda folder, times: as_mat_7_3(folder, tables_of(times)),
+    "netCDF": lambda folder, times: as_netcdf(folder, tables_of(times)),
     "nmea": as_nmea,
+    "sentences that hold the time": as_sentences,
+    "sentences in a topic": as_carried,
+    "lines of a DVL": as_lines,
+    "reports of a DVL": as_reports,
     "tlog": as_tlog,
     "alog": as_alog,
     "json lines": as_json_lines,
@@ -149,16 +213,21 @@ CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "MCAP of BlueOS": as_blueos,
     "BIN": as_onboard,
     "PD0": as_pd0,
+    "PD0.gz": partial(packed, as_pd0),
+    "MCAP.gz": partial(packed, as_blueos),
+    "PD4": as_pd4,
     "PD5": as_pd5,
     "PD6": as_pd6,
 }
 
 
-UNDATED, HOUR = ("PD5",), 3600 * SECOND  # times of the day, as PD4: a step of half a day and more is a midnight
+UNDATED, HOUR = ("PD4", "PD5"), 3600 * SECOND  # times of the day, as PD4: a step of half a day and more is a midnight
 
 
 def headings(log: Log) -> list[int]:
-    """Return the numbers of the records in the order in which they are used."""
+    """Return the numbers of the records in the order in which they are used; without a compass those of the DVL."""
+    if "compass" not in log.tables:
+        return np.rint((log.tables["dvl"]["forward_mps"].to_numpy() - 1) * 100).astype(int).tolist()
     return np.rint((90 - log.tables["compass"]["heading_deg"].to_numpy()) * 10).astype(int).tolist()
 
 
@@ -182,7 +251,8 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
     assert [finding.code for finding in found.findings].count("CLOCK-BACK") == 1
     np.testing.assert_allclose(max(spans), np.ptp(times), atol=SECOND)  # PD0 has slower topics, too
     assert [headings(part) for part in parts] == [[*range(cut)], [*range(cut, COUNT)], [*range(COUNT)]]
-    np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=2e-5)  # of .alog's digits
+    times_s = parts[2].tables["compass" if "compass" in parts[2].tables else "dvl"]["time_s"]
+    np.testing.assert_allclose(np.diff(times_s), 0.2, atol=2e-5)  # of .alog's digits
 
 
 @pytest.mark.parametrize("container", ["mcap", "bag", "csv", "hdf5", "lsf"])
