@@ -35,7 +35,8 @@ NO_RECORDS = frozenset(
     for ending in endings.split()
 )
 """Endings of files that cannot hold records, although they may be named like a sensor, as a picture of it."""
-OF_COMPUTERS = ("._", "Thumbs.db")  # with which the names of files begin that no user knows of
+OF_COMPUTERS = ("._", "Thumbs.db", "_SUCCESS", "_metadata", "_common_metadata")
+"""With which the names of files begin that no user knows of."""
 RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
 """Formats of which a file is a log by itself: several in a folder are several dives, unless the user joins them."""
 
@@ -115,12 +116,12 @@ def _together(
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
     if is_parted(path):
-        return [*parted_table(path)], set(path.iterdir())
+        return [*parted_table(path)], {*parquet_files(path)}
     texts = [file for file in text_files(path) if real_path(file) not in apart]
     packed = {file: kind for file, kind in compressed_texts(path).items() if real_path(file) not in apart}
     tables = [file for file in parquet_files(path) if real_path(file) not in apart]
     parted = [folder for folder in sorted(path.iterdir()) if real_path(folder) not in apart and is_parted(folder)]
-    readers: list[Reader] = [part for folder in parted for part in parted_table(folder)]
+    readers = [open_file(folder) for folder in parted]
     if packed:
         readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
     elif texts:

@@ -12,6 +12,8 @@ from pyarrow import parquet
 
 import table_recordings
 from commands import run
+from damage import recorded
+from damaged_formats import FORMATS
 from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.filters.errors import LogError
@@ -21,6 +23,7 @@ from usbldr.io.messages.roles import choose_roles
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.read import read_log
 
+OF_ITS_OWN = "it is a log of its own (CSV file)"
 COUNT = 300  # [rows]
 TIMES = [T0 + k * SECOND for k in range(COUNT)]
 GPS = "time_ns,lat_deg,lon_deg\n" + "".join(f"{t},{45 + k / 1e5:.7f},{7 + k / 1e5:.7f}\n" for k, t in enumerate(TIMES))
@@ -130,6 +133,23 @@ def test_tables_of_several_kinds_are_one_log(tmp_path: Path, before: bytes) -> N
     assert any(finding.lost_data for finding in log.findings) == bool(before.strip(b"\0"))
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_recording_of_any_format_beside_a_dive_is_read_or_named(tmp_path: Path, form: str) -> None:
+    folder = dive(tmp_path / "dive")
+    with recorded(form) as (file, _, whole, _):
+        (folder / f"usbl_2{file.suffix}").write_bytes(whole)
+        for definitions in file.parent.glob("IMC.xml"):
+            (folder / definitions.name).write_bytes(definitions.read_bytes())
+
+    log = open_log(folder)
+
+    read = {topic.name: topic.count for topic in log.topics()}
+    named = " ".join(finding.text for finding in log.findings() if finding.lost_data)
+    own = {f"/{stem}": f"{stem}.csv is not read" in named for stem in ("dvl", "compass", "gps")}
+    assert all(unread or read.get(topic) == COUNT for topic, unread in own.items())
+    assert f"usbl_2{file.suffix} is not read" in named or any(read[topic] for topic in read.keys() - own.keys())
+
+
 @pytest.mark.parametrize(
     ("name", "why"),
     [
@@ -186,6 +206,12 @@ def test_a_folder_named_parquet_is_one_table_in_parts(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 45 + np.arange(COUNT) / 1e5, atol=1e-9)
     assert log.findings == ()
     assert [(topic.name, topic.count) for topic in alone.topics()] == [("/gps", COUNT)]
+    write_csv(folder / "gps.parquet", dvl=GPS)
+    for path in (folder, folder / "gps.parquet"):
+        (lost,) = open_log(path).findings()
+        assert lost.lost_data
+        assert lost.text.endswith(f"dvl.csv is not read: {OF_ITS_OWN}; --with dvl.csv adds it")
+    (folder / "gps.parquet" / "dvl.csv").unlink()
     (folder / "gps.parquet" / "year=2027").mkdir()
     dive(folder / "gps.parquet" / "year=2027")
     (lost,) = open_log(folder).findings()
@@ -242,7 +268,7 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
 
     (lost,) = (finding for finding in open_log(folder).findings() if finding.lost_data)
 
-    assert lost.text == "gps.csv is not read: it is a log of its own (CSV file); --with gps.csv adds it"
+    assert lost.text == f"gps.csv is not read: {OF_ITS_OWN}; --with gps.csv adds it"
     assert run("info", folder).return_value == 3
     added = run("info", folder, "--with", folder / "gps.csv")
     assert added.return_value == 0
