@@ -13,7 +13,7 @@ from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, 
 from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Records, TopicInfo
+from usbldr.io.reader import Records, TopicInfo, utc
 
 TopicType: TypeAlias = tuple[str, str]  # topic and type
 BATCH_MESSAGES = 1 << 14  # [messages] decoded at once: enough for the speed of NumPy
@@ -163,7 +163,7 @@ class _Batch:
     def __init__(self, decoder: Decoder, paths: Sequence[str]) -> None:
         self._decoder, self._paths = decoder, tuple(dict.fromkeys(paths))
         self._times, self._payloads, self._size = list[int](), list[bytes](), 0
-        self.unfit = 0  # number of messages that do not match their definition
+        self.unfit = list[int]()  # times of messages that do not match their definition
         self.unfit_heads: set[int] = set()  # the second bytes of those
 
     def add(self, time_ns: int, data: bytes | memoryview) -> bool:
@@ -180,7 +180,7 @@ class _Batch:
         read = concatenated(_pieces(self._decoder, payloads, self._paths), self._paths)
         if len(read.rows) < len(times):
             missing = np.delete(np.arange(len(times)), read.rows).tolist()
-            self.unfit += len(missing)
+            self.unfit += times[missing].tolist()
             self.unfit_heads |= {p[1] for p in map(payloads.__getitem__, missing) if len(p) > 1 and p[0] == 0}
         order = np.argsort(read.rows)
         return Records(times[read.rows[order]], {path: read.columns[path][order] for path in self._paths})
@@ -201,8 +201,9 @@ def _unfit(stream: Stream, batches: _Batch) -> Finding:
     heads = batches.unfit_heads & FOREIGN_CDR.keys() if stream.encoding == "cdr" else set[int]()
     foreign = sorted({FOREIGN_CDR[head] for head in heads})
     why = f": they are in {' and '.join(foreign)}, not plain CDR" if foreign else ""
-    text = f"{stream.topic}: {batches.unfit} messages do not match their definition in the file{why}"
-    return Finding("UNDECODED", text, stream.topic, lost_data=True)
+    first = utc(batches.unfit[0])
+    text = f"{stream.topic}: {len(batches.unfit)} messages, the first of {first}, do not match"
+    return Finding("UNDECODED", f"{text} their definition in the file{why}", stream.topic, lost_data=True)
 
 
 def _decoder(log: Path, stream: Stream) -> Decoder:

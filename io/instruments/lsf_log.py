@@ -235,9 +235,11 @@ class LsfLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
         found: list[Finding] = []
-        lost = self._good[2]
+        frames, _, lost = self._good
         if lost:
-            text = f"{lost} of {len(self._data)} bytes are no messages with right checksums; their messages are missing"
+            edges = zip([0, *frames[:, 1].tolist()], [*frames[:, 0].tolist(), len(self._data)], strict=True)
+            text = f"{lost} of {len(self._data)} bytes, from byte {next(end for end, at in edges if at > end)} on"
+            text += ", are no messages with right checksums; their messages are missing"
             found.append(Finding("DAMAGED", text, lost_data=True))
         if self._frames[2]:
             text = f"the file ends within a message, at byte {len(self._data)}; that message is missing"

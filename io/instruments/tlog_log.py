@@ -98,7 +98,7 @@ class TelemetryLog:
         """Return the packets by kind; record what was lost."""
         head, place = begin_of(self.path, HEAD_BYTES)
         begin, size = place + max(0, _first_packet(head)), self.path.stat().st_size
-        found, good = dict[Key, Packets](), 0
+        found, good, first_lost = dict[Key, Packets](), 0, 0 if begin else size
         counter, budget = DecoderSet(self.path), UnpackingBudget(self.path, size)
         self._library.set_dialect("ardupilotmega")
         log = self._library.mavlogfile(str(self.path))
@@ -107,6 +107,7 @@ class TelemetryLog:
             while (message := log.recv_msg()) is not None:
                 time_us = round(message._timestamp * 1e6)
                 if message.get_type() == "BAD_DATA" or not EARLIEST_US <= time_us < MAX_TIME_NS // 1000:
+                    first_lost = min(first_lost, good)
                     continue
                 budget.take_record()
                 packet = bytes(message.get_msgbuf())
@@ -121,8 +122,8 @@ class TelemetryLog:
         finally:
             log.close()
         if good < size:
-            text = f"{size - good} of {size} bytes are damaged or cut; their messages are missing"
-            self._findings.append(Finding("DAMAGED", text, lost_data=True))
+            text = f"{size - good} of {size} bytes, from byte {min(first_lost, good)} on, are damaged or cut"
+            self._findings.append(Finding("DAMAGED", f"{text}; their messages are missing", lost_data=True))
         return found
 
     def _row_bytes(self, key: Key) -> int:

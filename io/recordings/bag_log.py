@@ -84,7 +84,8 @@ class BagLog:
             text = f"the bag was never closed, its index is missing; {readable}{until} (rosbag reindex repairs it)"
             findings.append(Finding("UNINDEXED", text))
         if scan.lost_chunks:
-            text = f"{scan.lost_chunks} chunks are damaged{unread_text(scan.unknown, scan.oversized)}: {readable}"
+            text = f"{len(scan.lost_chunks)} chunks are damaged{unread_text(scan.unknown, scan.oversized)}"
+            text += f", the first at byte {scan.lost_chunks[0]}: {readable}"
             findings.append(Finding("DAMAGED", text, lost_data=True))
         elif scan.complete and scan.broken_at is not None:
             text = f"the bag is damaged at byte {scan.broken_at} of {scan.size}: {readable}"

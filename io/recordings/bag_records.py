@@ -47,7 +47,6 @@ class BagScan:
     in_index: Counter[int] = field(default_factory=Counter[int])  # the same according to the bag's index
     good_until: int = len(MAGIC)  # byte after the last complete record
     broken_at: int | None = None  # first byte of the first damaged record
-    unread_chunks: int = 0
     contradictions: int = 0  # connections that are defined again, as another topic or type
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     oversized: bool = False  # lost chunks are beyond the limit of a chunk
@@ -55,6 +54,7 @@ class BagScan:
     _chunk_count: int = 0  # number of chunks according to the bag's header
     _places: set[int] = field(default_factory=set[int])  # of chunks according to the bag's index
     _reached: set[int] = field(default_factory=set[int])  # places of chunks that were found
+    _unread: set[int] = field(default_factory=set[int])  # places of chunks that could not be read
     _connections: dict[int, Connection] = field(default_factory=dict[int, Connection])
     _budget: UnpackingBudget = field(init=False)
     _unpacker: Decompressor = field(init=False)
@@ -69,9 +69,9 @@ class BagScan:
         return self.in_chunks | self.in_index  # the larger of both
 
     @property
-    def lost_chunks(self) -> int:
-        """Return how many chunks were not found or could not be read."""
-        return self.unread_chunks + len(self._places - self._reached)
+    def lost_chunks(self) -> list[int]:
+        """Return the places of chunks that were not found or could not be read."""
+        return sorted(self._unread | (self._places - self._reached))
 
     @property
     def all_chunks_found(self) -> bool:
@@ -169,7 +169,7 @@ class BagScan:
             sound = False
         if not whole:
             raise CutError
-        self.unread_chunks += not sound
+        self._unread |= set[int]() if sound else {self.good_until}
 
     def _unpacked(self, fields: Fields, packed: bytes) -> memoryview:
         name = fields.get(b"compression", b"")

@@ -91,6 +91,6 @@ def test_a_sensor_without_one_readable_message_is_an_error_with_the_reason(tmp_p
         read_log(file)
 
     assert str(fault.value) == (
-        f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages do not match "
-        "their definition in the file: they are in XCDR2, not plain CDR"
+        f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages, the first of "
+        "2020-09-13T12:26:40.000Z, do not match their definition in the file: they are in XCDR2, not plain CDR"
     )

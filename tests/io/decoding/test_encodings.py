@@ -201,7 +201,10 @@ def test_bytes_that_do_not_fit_are_counted(tmp_path: Path, channel: Channel, enc
     log = read_log(write(tmp_path / "dive.mcap", channel, payloads))
 
     assert len(log.tables["gps"]) == 1
-    assert only(log, "UNDECODED") == "location: 3 messages do not match their definition in the file"
+    assert (
+        only(log, "UNDECODED")
+        == "location: 3 messages, the first of 2020-09-13T12:26:41.000Z, do not match their definition in the file"
+    )
 
 
 def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> None:

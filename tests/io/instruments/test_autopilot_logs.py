@@ -156,7 +156,7 @@ def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
 
 def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.tlog").write_bytes(packets()[0][:-1])
-    with pytest.raises(LogError, match=r"holds no messages \(63 of 63 bytes are damaged or cut"):
+    with pytest.raises(LogError, match=r"holds no messages \(63 of 63 bytes, from byte 0 on, are damaged or cut"):
         read_log(tmp_path / "a.tlog")
     (tmp_path / "a.BIN").write_bytes(onboard()[0])
     with pytest.raises(LogError, match="holds no messages"):

@@ -112,7 +112,8 @@ def test_a_chunk_that_decompresses_to_less_than_stated_is_lost_data(tmp_path: Pa
     np.testing.assert_array_equal(x, np.arange(len(x)))
     assert len(x) < 60
     (finding,) = log.findings()
-    assert finding.text == f"1 chunks are damaged: {len(x)} of 100 messages could be read"
+    first = whole.index(b"op=\5") - 8
+    assert finding.text == f"1 chunks are damaged, the first at byte {first}: {len(x)} of 100 messages could be read"
     assert finding.lost_data
 
 
@@ -243,8 +244,8 @@ def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
 
     assert sum(topic.count for topic in log.topics()) == 0
     (finding,) = log.findings()
-    said = "1 chunks are damaged or use an unknown compression (zzzz): 0 of 1000 messages could be read"
-    assert finding.text == said
+    why = "1 chunks are damaged or use an unknown compression (zzzz), the first at byte 4109"
+    assert finding.text == f"{why}: 0 of 1000 messages could be read"
 
 
 def test_behind_a_break_reading_goes_on_at_the_next_chunk(tmp_path: Path) -> None:

@@ -259,7 +259,10 @@ def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -
 
     np.testing.assert_array_equal(heading.columns["data"], [12.5, 12.5])
     (finding,) = log.findings()
-    assert finding.text == "/heading: 2 messages do not match their definition in the file"
+    assert (
+        finding.text
+        == "/heading: 2 messages, the first of 2020-09-13T12:26:41.000Z, do not match their definition in the file"
+    )
     assert finding.lost_data
 
 
