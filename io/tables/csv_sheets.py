@@ -16,7 +16,7 @@ from typing import NamedTuple
 from usbldr.filters.errors import UsageError
 from usbldr.io.gps_time import WEEK_S
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
-from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, sensors_by_name, words_of
+from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, named_column, sensors_by_name, words_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import NamedUnit, spellings
@@ -30,7 +30,8 @@ IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor
 NO_HEADER = "has no header: its first line holds values; insert a line with the names of its columns"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d(?::?\d\d)?)?")
 """A date and time."""
-TEXTS = ("target", "lat_side", "lon_side")  # keys of ``columns`` whose cells are no numbers
+OF_FIXES = "fix_status fix_type quality"  # columns that say whether there was a fix, and how it was made
+TEXTS = {"target", "lat_side", "lon_side", "valid", *OF_FIXES.split()}  # keys whose cells may be words
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
@@ -63,19 +64,19 @@ class OwnColumns(NamedTuple):
 
 
 def _kind(choices: Sequence[str], optional: str = "") -> OwnColumns:
-    return OwnColumns(tuple(frozenset(c.split()) for c in choices), frozenset(optional.split()))
+    return OwnColumns(tuple(frozenset(c.split()) for c in choices), frozenset(f"{optional} valid".split()))
 
 
 OWN_COLUMNS: Mapping[str, OwnColumns] = {
-    "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps valid altitude_m"),
+    "dvl": _kind(["starboard_mps forward_mps"], "up_mps sd_mps altitude_m"),
     "compass": _kind(["heading_deg"], "sd_deg roll_deg pitch_deg"),
     "usbl": _kind(
         ["east_m north_m", "lat_deg lon_deg", "slant_range_m bearing_deg"],
-        "elevation_deg depth_m sd_m cov_ee_m2 cov_en_m2 cov_nn_m2",
+        f"elevation_deg depth_m sd_m cov_ee_m2 cov_en_m2 cov_nn_m2 {OF_FIXES}",
     ),
-    "gps": _kind(["lat_deg lon_deg", "east_m north_m"], "sd_m lat_deg lon_deg"),
+    "gps": _kind(["lat_deg lon_deg", "east_m north_m"], f"sd_m lat_deg lon_deg {OF_FIXES}"),
     "depth": _kind(["depth_m"]),
-    "truth": _kind(["east_m north_m", "lat_deg lon_deg"], "sd_m lat_deg lon_deg"),
+    "truth": _kind(["east_m north_m", "lat_deg lon_deg"], f"sd_m lat_deg lon_deg {OF_FIXES}"),
 }
 """One line per sensor."""
 
@@ -155,7 +156,9 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
         return None
     kind = OWN_COLUMNS[sensor]
     known = kind.optional.union(*kind.choices)
-    columns = {name: name for name in header if name in known}
+    flags = [one for one in map(named_column, header) if one and one.rule.dimension is None]
+    columns = {one.rule.key: one.name for one in flags if one.rule.key in known}
+    columns |= {name: name for name in header if name in known}
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
     if missing:
         if holds_values(header):
@@ -163,7 +166,8 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
         problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"
-    return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"))
+    texts = frozenset(TEXTS & columns.keys() if sensor != "dvl" else ())
+    return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"), texts=texts)
 
 
 def holds_values(header: Sequence[str]) -> bool:
@@ -209,7 +213,7 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
             named[sensor] | sides[sensor] | {name: name for name in own[sensor]},
             arrived[0] if arrived else stamp,
             stamp,
-            texts=frozenset(sides[sensor]),
+            texts=frozenset(TEXTS & {*named[sensor], *sides[sensor], *own[sensor]}),
             scale={key: same[0].factor for key, same in columns.items()},
         )
         for sensor, columns in found.items()
@@ -330,7 +334,7 @@ def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str]
         arrivals = [TimeColumn(fields[key], unit_ns) for key, unit_ns in ARRIVALS.items() if key in fields]
         clocks.setdefault((arrivals[0] if arrivals else stamp, stamp), stated.sensor)
         columns |= {name: name for name in fields.values()}
-        texts |= {fields[key] for key in TEXTS if key in fields}
+        texts |= {fields[key] for key in TEXTS & fields.keys()}
     if len(clocks) > 1:
         which = " and ".join(f"[{sensor}]" for sensor in clocks.values())
         raise UsageError(f"{which} name different times of one file; name the same", path=file)

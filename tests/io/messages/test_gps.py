@@ -1,16 +1,42 @@
 """Every kind of GPS message and of depth message, by a record that its own driver could have written."""
 
 import math
-from collections.abc import Mapping
+import struct
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rosbags.rosbag2 import StoragePlugin
 
+from autopilot_recordings import DEFINITIONS, fmt, write_bin
+from autopilot_recordings import row as values_row
+from blueos_recordings import write_blueos
+from dvl_recordings import ensemble
+from imc_recordings import imcpy, sent, write_messages
 from logs import MAP, logged, only
-from recordings import HEADER, HEADING, ODOMETRY, POSE, POSE_COVARIANCE, SECOND, T0, define, fix, record, stamp
+from recordings import (
+    HEADER,
+    HEADING,
+    ODOMETRY,
+    POSE,
+    POSE_COVARIANCE,
+    SECOND,
+    T0,
+    Row,
+    define,
+    fix,
+    record,
+    sentence,
+    stamp,
+    write_bag,
+    write_mcap,
+    write_rosbag2,
+)
+from table_recordings import as_csv, as_hdf5, as_mat, as_mat_7_3, as_netcdf, as_parquet, as_records
 from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
@@ -98,6 +124,106 @@ def test_a_message_without_fix_is_counted_and_left_out(tmp_path: Path, kind: str
 
     assert len(log.tables["gps"]) == 1
     assert only(log, "GPS-INVALID") == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
+
+
+def fixes(**bad: Any) -> Iterator[Row]:
+    """Yield messages of ten fixes; those that are called invalid have these values."""
+    for k, good in enumerate(GOOD):
+        values = {**BERMUDA, "latitude": 32.25 + k * 1e-5, **({} if good else bad)}
+        yield row("sensor_msgs/msg/NavSatFix", values, k)
+
+
+def tables(name: str, good: object, bad: object) -> Mapping[str, Mapping[str, Any]]:
+    """Return a table of fixes with a column of words or numbers."""
+    k = np.arange(len(GOOD))
+    flags = np.where(GOOD, good, bad)
+    flags = flags.astype(object) if flags.dtype.kind == "U" else flags
+    return {"gps": {"time_ns": T0 + k * SECOND, "lat_deg": 32.25 + k * 1e-5, "lon_deg": -64.75 - k * 1e-5, name: flags}}
+
+
+def telemetry(folder: Path) -> Path:
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    parts: list[bytes] = []
+    for k, good in enumerate(GOOD):
+        fix_of = mavlink.MAVLink_gps_raw_int_message(k, 3 if good else 1, 322500000 + k, -647500000, 0, 1, 1, 0, 0, 9)
+        parts.append(struct.pack(">Q", (T0 + k * SECOND) // 1000) + bytes(fix_of.pack(sender)))
+    (folder / "a.tlog").write_bytes(b"".join(parts))
+    return folder / "a.tlog"
+
+
+def onboard(folder: Path) -> Path:
+    number, name, codes, columns, _ = DEFINITIONS[1]
+    parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"), fmt(number, name, codes, columns)]
+    for k, good in enumerate(GOOD):
+        week = 10**6 * (5 + k), 0, 3 if good else 1, 100_000 + 1000 * k, 2200
+        parts.append(values_row(number, codes, *week, 9, 80, 322500000 + k, -647500000, 0))
+    return write_bin(folder / "a.BIN", parts)
+
+
+def vehicle(folder: Path) -> Path:
+    valid = imcpy.GpsFix.ValidityBits
+    return write_messages(
+        folder,
+        [
+            sent("GpsFix", T0 / SECOND + k, 6, validity=valid(0xFFFF if good else 3), lat=0.56 + k * 1e-7, lon=-1.13)
+            for k, good in enumerate(GOOD)
+        ],
+    )
+
+
+def ensembles(folder: Path) -> Path:
+    """Write ensembles of PD0, in whose fixes the quality is the last byte but twenty of their block."""
+    parts = [bytearray(ensemble(k, 1, (250, -1500, 10, 0))) for k in range(len(GOOD))]
+    for part, good in zip(parts, GOOD, strict=True):
+        part[-23] = 2 if good else 0
+        part[-2:] = struct.pack("<H", sum(part[:-2]) & 0xFFFF)
+    (folder / "a.pd0").write_bytes(b"".join(parts))
+    return folder / "a.pd0"
+
+
+def receiver(folder: Path, body: str, good: str, bad: str) -> Path:
+    lines = [
+        f"{T0 // SECOND + k} {sentence(body.format(f'1226{40 + k}.00,3215.{k:03d},N,06445.0,W', good if ok else bad))}"
+        for k, ok in enumerate(GOOD)
+    ]
+    (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="ascii")
+    return folder / "a.nmea"
+
+
+GOOD = [k % 4 != 1 for k in range(10)]
+CALLED_INVALID: dict[str, Callable[[Path], Path]] = {
+    "MCAP": lambda d: write_mcap(d / "a.mcap", fixes(**{"status.status": -1})),
+    "ROS 1 bag": lambda d: write_bag(d / "a.bag", fixes(**{"status.status": -1})),
+    "rosbag2": lambda d: write_rosbag2(d / "a", fixes(position_covariance=np.full(9, -1.0))),
+    "rosbag2 MCAP": lambda d: write_rosbag2(d / "a", fixes(latitude=math.nan), StoragePlugin.MCAP),
+    "BlueOS": lambda d: write_blueos(d / "a.mcap", [
+        (T0 + k * SECOND, "GPS_RAW_INT", {"fix_type": {"type": f"GPS_FIX_TYPE_{'3D' if good else 'NO'}_FIX"},
+                                          "lat": 322500000 + k, "lon": -647500000}) for k, good in enumerate(GOOD)]),
+    "tlog": telemetry,
+    "BIN": onboard,
+    "LSF": vehicle,
+    "PD0": ensembles,
+    "GGA": lambda d: receiver(d, "GPGGA,{},{},10,0.8,1.0,M,48.0,M,,", "4", "0"),
+    "GNS": lambda d: receiver(d, "GPGNS,{},{},10,0.8,1.0,48.0,,", "AN", "NN"),
+    "CSV": lambda d: as_csv(d, tables("quality", 1, 6)),
+    "CSV of words": lambda d: as_csv(d, tables("valid", "A", "V")),
+    "CSV of another name": lambda d: as_csv(d, tables("GPS Fix Quality", 4, 0)),
+    "Parquet": lambda d: as_parquet(d, tables("fix_status", 0, -1)),
+    "Parquet of words": lambda d: as_parquet(d, tables("fix_type", "3D", "no")),
+    "HDF5": lambda d: as_hdf5(d, tables("valid", 1, 0)),
+    "HDF5 records": lambda d: as_records(d, tables("fix_type", 3, 1)),
+    "netCDF": lambda d: as_netcdf(d, tables("gps_quality", 1, 8)),
+    "mat": lambda d: as_mat(d, tables("gps_valid", 1, 0)),
+    "mat 7.3": lambda d: as_mat_7_3(d, tables("quality", 1, 0)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", CALLED_INVALID)
+def test_a_fix_that_its_log_calls_invalid_is_counted_and_left_out(tmp_path: Path, form: str) -> None:
+    log = read_log(CALLED_INVALID[form](tmp_path))
+
+    assert len(log.tables["gps"]) == sum(GOOD)
+    assert f"{GOOD.count(False)} of {len(GOOD)} records are invalid and left out" in only(log, "GPS-INVALID")
 
 
 SIGMA: dict[str, Mapping[str, Any]] = {  # 0.5 m for each axis
