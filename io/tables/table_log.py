@@ -185,7 +185,8 @@ class TableLog:
             raise LogError(f"/{table.topic}: the column {sheet.columns[path]} holds no numbers", path=table.file)
         if np.ma.isMaskedArray(values):
             values = np.ma.filled(values.astype(np.float64), np.nan)
-        return values * sheet.scale[path] if path in sheet.scale else values
+        with np.errstate(invalid="ignore"):  # damage may make any number
+            return values * sheet.scale[path] if path in sheet.scale else values
 
     def _times(self, table: Table, clock: TimeColumn) -> tuple[Nanoseconds, Mask]:
         """Return a column of times as nanoseconds since 1970, and which of them are times; integers stay exact."""
@@ -209,7 +210,8 @@ class TableLog:
             if len(values) != table.rows:
                 count = f"{len(values)} of {table.rows} values"
                 raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
-            self._columns[key] = values
+            long = values.dtype.kind == "f" and values.dtype.itemsize > np.float64().itemsize
+            self._columns[key] = values.astype(np.float64) if long else values
         return self._columns[key]
 
     def _reader_of(self, table: Table, name: str) -> Callable[[], Column]:

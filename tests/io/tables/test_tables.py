@@ -238,6 +238,15 @@ def hdf5_in_chunks(folder: Path, columns: Mapping[str, Any], damaged: str) -> tu
         return file, chunk.byte_offset + chunk.size - 1
 
 
+def test_numbers_of_more_than_eight_bytes_are_read(tmp_path: Path) -> None:
+    tables = {name: {key: np.asarray(cells) for key, cells in one.items()} for name, one in dive().items()}
+    tables["gps"]["lat_deg"] = tables["gps"]["lat_deg"].astype(np.longdouble)
+
+    log = read_log(WRITERS["HDF5"](tmp_path, tables))
+
+    np.testing.assert_array_equal(log.tables["gps"]["lat_deg"], dive()["gps"]["lat_deg"])
+
+
 @pytest.mark.parametrize("write", [parquet_in_groups, hdf5_in_chunks])
 def test_a_damaged_column_is_an_error_if_it_is_used(
     tmp_path: Path, write: Callable[[Path, Mapping[str, Any], str], tuple[Path, int]]
