@@ -97,6 +97,29 @@ def test_no_module_of_the_current_folder_is_executed(words: str, folder: Path, t
     assert done.returncode == (3 if words == "info dvl.mat" else 0), done.stderr  # a DVL alone cannot be replayed
 
 
+READ_ALL = """
+import sys
+sys.path.append(sys.argv[1])
+from damage import recorded
+from damaged_formats import FORMATS
+from commands import run
+for form in FORMATS:
+    with recorded(form) as (_, path, _, _):
+        for command in ("info", "doctor"):
+            run(command, path)
+"""
+
+
+def test_no_format_executes_one(folder: Path, tmp_path: Path) -> None:
+    """The script lies elsewhere, so that this folder is on the path no more than for the command itself."""
+    (tmp_path / "read_all.py").write_text(READ_ALL, encoding="utf-8")
+    command = [sys.executable, tmp_path / "read_all.py", ROOT / "tests" / "support"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+    assert executed(folder) == ""
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_executes_none(shell: str, folder: Path) -> None:
     said = ""

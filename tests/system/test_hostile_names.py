@@ -1,12 +1,16 @@
 """Names in a log that steer a terminal, or hold HTML, links or table breaks: they show as they are, and do nothing."""
 
+import re
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 from mcap.writer import Writer
 
 from commands import run
+from damage import recorded
+from damaged_formats import FORMATS
 from recordings import ROS2, SECOND, T0, message, short_dive
 from usbldr.filters.errors import MAX_SENTENCE, LogError
 from usbldr.io.decoding.collected import read_whole
@@ -64,6 +68,19 @@ def test_names_show_as_they_are_and_do_nothing(tmp_path: Path) -> None:
             assert line.replace(r"\|", "").count("|") == 7  # six cells
     for kml in (tmp_path / "run").rglob("*.kml"):
         ElementTree.parse(kml)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_no_text_of_any_format_reaches_the_terminal_as_it_is(form: str) -> None:
+    """Each of the names of topics and fields is overwritten, also where a checksum or a length no longer fits."""
+    with recorded(form) as (file, path, whole, _):
+        for topic, fields in FORMATS[form].wanted.items():
+            for name in {*re.split(r"[/.\[\]]", topic), *fields[-1].split(".")} - {""}:
+                file.write_bytes(whole.replace(name.encode(), (HOSTILE.encode() * 9)[: len(name)]))
+                for command in ("info", "doctor"):
+                    done = run(command, path)
+                    said = f"{done.stdout}{done.stderr}{done.exception or ''}"
+                    assert all(char.isprintable() or char == "\n" for char in said)
 
 
 def test_init_quotes_the_names_that_it_writes(tmp_path: Path) -> None:

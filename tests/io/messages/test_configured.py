@@ -5,22 +5,32 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from damage import recorded
+from damaged_formats import FORMATS
 from logs import codes, logged, logged_csv, refusal
 from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads, write_rosbag2
 from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.collected import read_whole
+from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
+from usbldr.io.reading.opening import ConfigurationFile
 from usbldr.io.reading.read import Request, read_log
+from usbldr.io.settings.sensor_sections import Configuration
 
+DEEPEST_M = 1000.0  # of a field to be read as a depth
 INS = "acme_msgs/msg/InsOutput"
 DEFINITION = """\
 std_msgs/Header header
@@ -101,6 +111,29 @@ def decoded_by_rosbags(log: Path) -> dict[str, np.ndarray]:
 
 def stamps_ns(log: Log, role: str) -> list[int]:
     return [log.start_ns + round(t * 1e9) for t in log.tables[role]["time_s"]]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@settings(max_examples=4)
+@given(data=st.data())
+def test_columns_name_every_field_that_a_topic_lists(form: str, data: st.DataObject) -> None:
+    """Its values as a depth are those that are read of it."""
+    with recorded(form) as (_, path, _, _):
+        log = open_log(path)
+        topic = data.draw(st.sampled_from([topic for topic in log.topics() if topic.count and not topic.problem]))
+        field, shown = data.draw(st.sampled_from([*zip(topic.fields, topic.shown_fields, strict=True)]))
+        field = f"{field}.0" if field in topic.arrays else field
+        values = read_whole(log, {topic.name: [field]})[topic.name].columns[field]
+        assert len(values) == topic.count
+
+        time = "time_s" if form == "netCDF-4" else "time_ns"
+        columns = {"depth_m": shown} | ({time: time.removesuffix("_s")} if topic.is_table else {})
+        sections = {"depth": {"topic": topic.name, "columns": columns}, "gps": {"topic": "none"}}
+        stated = ConfigurationFile(None, msgspec.convert(sections, Configuration))
+        if values.dtype.kind in "iuf" and field != "header.stamp" and np.all(np.abs(values) < DEEPEST_M):
+            read = read_log(path, Request(stated, topics=dict.fromkeys(("dvl", "compass", "usbl"), "none")))
+            assert read.provenance["depth"].messages == topic.count
+            assert np.isin(np.round(read.tables["depth"]["depth_m"], 6), np.round(values.astype(float), 6)).all()
 
 
 @pytest.mark.parametrize("kind", WRITERS)
