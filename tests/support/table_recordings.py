@@ -14,6 +14,7 @@ from pyarrow import parquet
 from recordings import SECOND, T0, write_csv
 
 COUNT = 50
+SINCE = "seconds since 2020-09-13 12:26:40"
 Columns = Mapping[str, Any]
 Tables = Mapping[str, Columns]
 
@@ -83,7 +84,7 @@ def as_netcdf(folder: Path, tables: Tables) -> Path:
     with h5py.File(folder / "dive.nc", "w") as file:
         for name, columns in tables.items():
             seconds = (np.asarray(columns["time_ns"]) - T0) / SECOND
-            file.create_dataset(f"{name}/time", data=seconds).attrs["units"] = "seconds since 2020-09-13 12:26:40"
+            file.create_dataset(f"{name}/time", data=seconds).attrs["units"] = np.bytes_(SINCE)
             for label in columns.keys() - {"time_ns"}:
                 file.create_dataset(f"{name}/{label}", data=columns[label])
     return folder / "dive.nc"
