@@ -1,5 +1,6 @@
 """Files of several recordings, among other bytes, or without their beginning: all is read, or named as lost data."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from usbldr.io.formats.detect import open_log
 CONTAINERS = [form for form in FORMATS if form.startswith(("MCAP ", "bag", "rosbag2", "Parquet", "HDF5", ".mat"))]
 SEARCHED = ("MCAP ", "bag", "rosbag2", "Parquet", "HDF5")  # known by a mark that is found behind other bytes
 RESUMED = ("MCAP ", "bag")  # walked from record to record: another is found behind one that is cut
+LONGEST = 400  # [bytes] of a record
 junk = st.binary(min_size=1, max_size=600).map(
     lambda data: b"\7" + bytes(byte | 128 for byte in data) + b"\7"  # no mark of a format, for all have a letter
 )
@@ -87,6 +89,20 @@ def test_a_capture_that_begins_within_a_record_is_read_from_the_next_one(form: s
             assert expected <= sum(topic.count for topic in log.topics()) <= total
         else:
             assert said or found == once
+
+
+@pytest.mark.parametrize("form", [".tlog", ".BIN", "PD0", "PD4", "PD5", ".lsf"])
+@settings(max_examples=8)
+@given(share=st.floats(0.1, 0.9))
+def test_the_first_byte_that_is_lost_is_named(form: str, share: float) -> None:
+    with recorded(form) as (file, path, whole, _):
+        at = round(share * len(whole))
+        file.write_bytes(whole[:at] + whole[at + 7 :])
+        log = open_log(path)
+        count(log, form)
+        (place,) = (found[1] for one in log.findings() if (found := re.search(r"from byte (\d+) on", one.text)))
+
+        assert abs(int(place) - at) <= LONGEST
 
 
 def test_recordings_of_several_formats_in_one_file_are_read(tmp_path: Path) -> None:

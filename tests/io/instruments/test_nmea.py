@@ -177,6 +177,8 @@ NO_FIX = sentence("GPGGA,075618.34,,,,,0,00,,,M,,M,,")
     [
         ([RECORDED_GGA, RECORDED_GGA.replace("7002", "7003")], "gps", "NMEA-CHECKSUM",
          "ship.nmea: 1 of 2 sentences are cut or have a wrong checksum, the first in line 2; left out"),
+        ([RECORDED_GGA, RECORDED_GGA[:3] + "\0" * 40 + sentence("HEHDT,12.5,T")], "compass", "NMEA-CHECKSUM",
+         "ship.nmea: 1 of 3 sentences are cut or have a wrong checksum, the first in line 2; left out"),
         ([sentence("HEHDT,12.5,T"), sentence("HEHDT,north,T")], "compass", "UNDECODED",
          "/HEHDT: 1 sentences do not have the fields of their type; left out"),
         ([RECORDED_GGA.partition("*")[0]], "gps", "NMEA-UNCHECKED",
