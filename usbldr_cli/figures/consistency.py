@@ -10,6 +10,7 @@ from usbldr.filters.evaluation.consistency import DOF, nees
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.io.reports.run import Run
 from usbldr_cli.figures.health import BINS, bin_means, mean_bounds
+from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses, usual_box
 from usbldr_cli.figures.style import (
     TRUTH_COLOUR,
@@ -20,7 +21,6 @@ from usbldr_cli.figures.style import (
     legend_below,
     logarithmic,
     longest_step_s,
-    one_a_dot,
     run_figure,
     shade_outages,
     time_axis,
@@ -96,10 +96,9 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     low, high = mean_bounds(independent, DOF)
     mean_s = edges[1] - edges[0]
     bottom, top = 0.01 * DOF, max(20.0 * DOF, 1.5 * float(np.nanmax(bins[:, 1])))
-    inside = np.clip(values, bottom, top)
-    shown = one_a_dot(t, np.log(inside))
-    axes.plot(t[shown], inside[shown], ls="", marker=".", ms=2, color=mine, alpha=0.3, label="NEES of an epoch")
-    style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
+    style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "alpha": 0.3, "label": "NEES of an epoch"}
+    plot_inside(axes, t, values, (bottom, top), color=mine, **style)
+    style = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
     axes.fill_between(
         edges, low, high, step="post", label=f"95 % bounds of {mean_s:.0f} s means if the covariance is right", **style
     )

@@ -7,6 +7,7 @@ import numpy as np
 from usbldr.filters.evaluation.relative_error import distance_m
 from usbldr.filters.types import Vector
 from usbldr.io.reports.run import Run
+from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.style import (
     EDGE,
     TRUTH_COLOUR,
@@ -40,14 +41,16 @@ def distance_figure(run: Run) -> Figure | None:
     top = 1.12 * usual_most(report.horizontal_m) or 1.0
     for other in reports:
         at_m = np.interp(other.time_s, report.time_s, way_m)
-        error_m = np.minimum(other.horizontal_m, EDGE * top)
         more = " (at the edge: larger)" if np.any(other.horizontal_m > EDGE * top) else ""
         style: dict[str, Any] = {"color": colour(other.method), "label": f"{other.label}{more}"}
         if raw_fixes(other.method):
-            left.plot(at_m, error_m, ls="", marker=".", ms=3.5, mew=0, alpha=0.55, **style)
+            error_m = other.horizontal_m
+            style |= {"ls": "", "marker": ".", "ms": 3.5, "mew": 0, "alpha": 0.55}
         else:
-            lines = broken_at_gaps(other.time_s, np.column_stack([at_m, error_m]), longest_step_s(other))[1]
-            left.plot(*lines.T, lw=1.5 if other is report else 1.0, **style)
+            columns = np.column_stack([at_m, other.horizontal_m])
+            at_m, error_m = broken_at_gaps(other.time_s, columns, longest_step_s(other))[1].T
+            style["lw"] = 1.5 if other is report else 1.0
+        plot_inside(left, at_m, error_m, (0.0, EDGE * top), **style)
     left.set_xlim(0, way_m[-1] or 1.0)
     left.set_ylim(0, top)
     left.set_xlabel("distance travelled by the truth [m]")

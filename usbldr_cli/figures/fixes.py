@@ -1,9 +1,12 @@
 """How far fixes lie from a track that leaves each of them out, against bearing, range and heading."""
 
+from typing import Any
+
 import numpy as np
 
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.run import Run, fix_outcomes
+from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.style import (
     EDGE,
     REJECTED_COLOUR,
@@ -42,9 +45,9 @@ def fix_figure(run: Run) -> Figure | None:
             for chosen, face, kind in ((good, colour("usbl"), "used"), (~good, REJECTED_COLOUR, NOT_USED)):
                 kept = chosen & np.isfinite(values) & np.isfinite(where)
                 if kept.any():
-                    height = np.clip(values[kept], -EDGE * half, EDGE * half)
                     once = f"{'' if row == column == 0 else '_'}{kind}"
-                    axes.plot(where[kept], height, ".", color=face, ms=5, mew=0, alpha=0.6, label=once)
+                    style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 5, "mew": 0, "alpha": 0.6, "label": once}
+                    plot_inside(axes, where[kept], values[kept], (-EDGE * half, EDGE * half), color=face, **style)
             _draw_means(axes, where, values, good, first=row == column == 0)
             axes.axhline(0, color="#444444", lw=0.8, zorder=1)
             axes.set_ylim(-half, half)

@@ -10,7 +10,9 @@ from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Vector
 from usbldr.filters.updates import Parts, UpdateTable
 from usbldr.io.reports.run import Run
+from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.style import (
+    EDGE,
     REJECTED_COLOUR,
     TRUTH_COLOUR,
     Axes,
@@ -19,7 +21,6 @@ from usbldr_cli.figures.style import (
     colour,
     legend_below,
     logarithmic,
-    one_a_dot,
     run_figure,
     shade_outages,
     time_axis,
@@ -120,9 +121,8 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     for outcome, style in styles.items():
         at = outcomes == outcome
         if at.any():
-            inside = np.clip(series.innovation[at], -0.97 * half, 0.97 * half)  # larger ones are drawn at the edge
-            shown = one_a_dot(series.time_s[at], inside)
-            axes.plot(series.time_s[at][shown], inside[shown], ls="", label=outcome, **style)
+            limits = -EDGE * half, EDGE * half
+            plot_inside(axes, series.time_s[at], series.innovation[at], limits, ls="", label=outcome, **style)
     axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
     axes.set_ylabel(channel.label)
@@ -150,9 +150,7 @@ def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
     bins = bin_means(t, nis, edges)
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
-    inside = np.clip(nis, low, high)
-    shown = one_a_dot(t, np.log(inside))
-    axes.plot(t[shown], inside[shown], ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
+    plot_inside(axes, t, nis, (low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
     bound = "95 % bounds of the mean NIS"
     style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage

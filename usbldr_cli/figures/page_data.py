@@ -37,6 +37,15 @@ def detail(artists: Any, rows: Mapping[str, Any] | None = None, **shown: Any) ->
     setattr(artists, DETAILS, {"rows": dict(rows or {}), **shown})
 
 
+def plot_inside(axes: Axes, x: Vector, y: Vector, limits: tuple[float, float], **style: Any) -> None:
+    """Plot a line or points; what lies beyond the limits is drawn at the edge, and the page tells its true height."""
+    inside = np.clip(y, *limits)
+    points = style.get("ls") == ""
+    shown = one_a_dot(x, np.log(inside) if limits[0] > 0 else inside) if points else np.arange(len(x))
+    (drawn,) = axes.plot(x[shown], inside[shown], **style)
+    detail(drawn, y=y[shown])
+
+
 class _Columns:
     """Columns of numbers, each stored once."""
 
@@ -161,7 +170,6 @@ def _line(axes: Axes, line: Any, columns: _Columns) -> dict[str, Any] | None:
         return {"kind": "rule", **style, **level, "dash": DASHES[line.get_linestyle()]}
     given: dict[str, Any] = getattr(line, DETAILS, {})
     rows: dict[str, Any] = given.get("rows", {})
-    x, y = given.get("x", x), given.get("y", y)
     if line.get_linestyle() != "None" and line.get_drawstyle() == "steps-post":
         x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
     marker = line.get_marker()
@@ -175,9 +183,10 @@ def _line(axes: Axes, line: Any, columns: _Columns) -> dict[str, Any] | None:
         found["kind"] = "points"
         height = np.log(y) if axes.get_yscale() == "log" else y
         kept = np.arange(len(x)) if rows else one_a_dot(x, height, DOTS)
-        found["beyond"] = [axis for axis in ("x", "y") if axis in given]
     else:
         kept = thinned(x, y)
+    found["beyond"] = [axis for axis in ("x", "y") if axis in given]
+    x, y = given.get("x", x), given.get("y", y)
     found |= {"x": columns.place(x[kept]), "y": columns.place(y[kept])}
     found["rows"] = [[name, columns.place(np.asarray(values)[kept])] for name, values in rows.items()]
     return found

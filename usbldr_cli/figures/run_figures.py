@@ -17,7 +17,7 @@ from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.fixes import fix_figure
 from usbldr_cli.figures.health import innovation_figure, particle_figure
-from usbldr_cli.figures.page_data import detail
+from usbldr_cli.figures.page_data import detail, plot_inside
 from usbldr_cli.figures.style import (
     AXES,
     EDGE,
@@ -30,7 +30,6 @@ from usbldr_cli.figures.style import (
     colour,
     legend_below,
     longest_step_s,
-    one_a_dot,
     other_tracks,
     raw_fixes,
     run_figure,
@@ -119,17 +118,16 @@ def _draw_raw(axes: Axes, raw: ErrorReport, k: int, half: float) -> None:
     more = f" ({outside} of {len(raw.error_m)} drawn at the edge)" if outside else ""
     style: dict[str, Any] = {"ls": "", "color": colour("usbl"), "marker": ".", "mew": 0, "alpha": 0.55, "zorder": 1.5}
     size = 4.5 if len(raw.error_m) < DENSE else 3.0
-    inside = np.clip(raw.error_m[:, k], -edge, edge)
-    shown = one_a_dot(raw.time_s, inside)
-    (marks,) = axes.plot(raw.time_s[shown], inside[shown], ms=size, label=f"raw USBL fix{more}", **style)
-    detail(marks, y=raw.error_m[shown, k])
+    label = f"raw USBL fix{more}"
+    plot_inside(axes, raw.time_s, raw.error_m[:, k], (-edge, edge), ms=size, label=label, **style)
 
 
 def _draw_dr(axes: Axes, dr: ErrorReport, k: int, half: float) -> None:
     """Draw the error of dead reckoning, along the edge where it is larger than the axes."""
-    t, e = broken_at_gaps(dr.time_s, np.clip(dr.error_m[:, k], -EDGE * half, EDGE * half), longest_step_s(dr))
+    t, e = broken_at_gaps(dr.time_s, dr.error_m[:, k], longest_step_s(dr))
     more = " (at the edge: larger)" if np.abs(dr.error_m).max() > EDGE * half else ""
-    axes.plot(t, e, color=colour("dr"), lw=1.0, alpha=0.8, label=f"dr{more}", zorder=1.6)
+    style: dict[str, Any] = {"color": colour("dr"), "lw": 1.0, "alpha": 0.8, "zorder": 1.6}
+    plot_inside(axes, t, e, (-EDGE * half, EDGE * half), label=f"dr{more}", **style)
 
 
 def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
@@ -137,9 +135,9 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
     t, e = broken_at_gaps(report.time_s, report.error_m[:, k], longest_s)
     beyond = np.abs(report.error_m[:, k]) > half
     for sign, marker in ((1, "^"), (-1, "v")):
-        at = report.time_s[beyond & (sign * report.error_m[:, k] > 0)]
-        edge = np.full(len(at), 0.96 * sign * half)
-        axes.plot(at, edge, ls="", marker=marker, ms=6, color=mine, label=f"_{report.label}", zorder=5)
+        at = beyond & (sign * report.error_m[:, k] > 0)
+        style: dict[str, Any] = {"ls": "", "marker": marker, "ms": 6, "label": f"_{report.label}", "zorder": 5}
+        plot_inside(axes, report.time_s[at], report.error_m[at, k], (-0.96 * half, 0.96 * half), color=mine, **style)
     if raw_fixes(report.method):
         axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label=report.label, zorder=3)
         return

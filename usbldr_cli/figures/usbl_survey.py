@@ -1,7 +1,7 @@
 """Figures of a survey: the transponder as each fix places it, and what fixes differ from the fitted installation by."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey, placed, resid
 from usbldr.filters.usbl_survey.verdict import SurveyVerdict
 from usbldr.io.reports.usbl_calibration import Calibration, summary
 from usbldr_cli.figures.drawing import Picture
+from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.plane import frame_square, plane_axes, usual_box
 from usbldr_cli.figures.style import REJECTED_COLOUR, Axes, Figure, legend_below, titled_figure
 
@@ -111,14 +112,14 @@ def residual_figure(found: FittedSurvey) -> Figure:
         for column, (label, values) in enumerate(against.items()):
             axes: Axes = panels[row, column]
             axes.axhspan(-sd, sd, color="#dddddd", lw=0, zorder=0)
-            shown = np.clip(differences[:, row], -edge, edge)
             for chosen, colour, kind in (
                 (fit.good, AFTER_COLOUR, "good fix"),
                 (~fit.good, REJECTED_COLOUR, "false fix"),
             ):
                 if chosen.any():
                     once = f"{'' if row == column == 0 else '_'}{kind}"
-                    axes.plot(values[chosen], shown[chosen], ".", color=colour, ms=2.5, label=once)
+                    style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": once}
+                    plot_inside(axes, values[chosen], differences[chosen, row], (-edge, edge), **style)
             axes.set_ylim(-edge * 1.05, edge * 1.05)
             if column == 0:
                 axes.set_ylabel(name)

@@ -199,7 +199,7 @@ class Panel {
     const parts = [];
     let pen = "M";
     for (let k = 0; k < x.length; k++) {
-      const [a, b] = [this.px(x[k]), this.py(y[k])];
+      const [a, b] = this.place(mark, x[k], y[k]);
       if (!Number.isFinite(a + b)) { pen = "M"; continue; }
       parts.push(`${pen}${a.toFixed(1)} ${b.toFixed(1)}`);
       pen = "L";
