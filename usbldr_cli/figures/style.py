@@ -188,12 +188,14 @@ def longest_step_s(report: ErrorReport) -> float:
 
 def one_a_dot(x: Vector, y: Vector, panel: tuple[int, int] = PANEL) -> NDArray[np.intp]:
     """Return which points are drawn: of many at the same dot of a panel, so many dots wide and high, the first."""
-    if len(x) < MANY_POINTS:
-        return np.arange(len(x))
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if len(known) < MANY_POINTS:
+        return known
     across, up = (
-        np.floor((v - v.min()) / max(float(np.ptp(v)), 1e-12) * dots) for v, dots in zip((x, y), panel, strict=True)
+        np.floor((v - v.min()) / max(float(np.ptp(v)), 1e-12) * dots)
+        for v, dots in zip((x[known], y[known]), panel, strict=True)
     )
-    return np.sort(np.unique(across * (panel[1] + 1) + up, return_index=True)[1])
+    return known[np.sort(np.unique(across * (panel[1] + 1) + up, return_index=True)[1])]
 
 
 def usual_most(lengths: Array) -> float:
