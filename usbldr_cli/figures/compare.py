@@ -99,7 +99,7 @@ def log_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     axes.grid(visible=False, axis="x")
     wide = max(every, default=1.0) > CROWDED * min(every, default=1.0)
     if wide:
-        logarithmic(axes)
+        logarithmic(axes, "y", (1, 2, 5))
     else:
         axes.set_ylim(0, 1.12 * max(every, default=1.0))
     axes.set_ylabel(f"mean horizontal error [m]{' (logarithmic)' if wide else ''}")

@@ -65,7 +65,7 @@ def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
     for place, (face, error_m) in enumerate(errors.values()):
         box_plot(axes, place, np.maximum(error_m, LEAST_M), face)
     if max(medians) > CROWDED * max(min(medians), LEAST_M):
-        logarithmic(axes)
+        logarithmic(axes, "y", (1, 2, 5))
     else:
         axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(errors)), list(errors))

@@ -6,6 +6,7 @@ from it here. A column of numbers is stored once for all series that share it, i
 
 import base64
 from collections.abc import Iterable, Mapping
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -114,18 +115,23 @@ def _panel(axes: Axes, columns: _Columns, height_in: float) -> dict[str, Any]:
         "equal": axes.get_aspect() == 1,
         "linked": min(axes.figure.figure.axes.index(one) for one in axes.get_shared_x_axes().get_siblings(axes)),
         "x": _scale(axes.xaxis, axes.get_xlim()),
-        "y": _scale(axes.yaxis, axes.get_ylim()),
+        "y": _scale(axes.yaxis, axes.get_ylim()) | {"label": _label_up(axes)},
         "marks": sorted(marks, key=lambda mark: mark["order"]),
     }
 
 
+def _label_up(axes: Axes) -> str:
+    """Return the label of the vertical axis, which panels beside each other may share."""
+    row = axes.get_subplotspec().rowspan
+    beside = axes.get_shared_y_axes().get_siblings(axes)
+    return next((one.get_ylabel() for one in beside if one.get_subplotspec().rowspan == row and one.get_ylabel()), "")
+
+
 def _scale(axis: Any, limits: tuple[float, float]) -> dict[str, Any]:
-    ticks: list[tuple[float, str]] = []
+    ticks: list[tuple[float, str]] | None = None  # the page finds round numbers
     if isinstance(axis.get_major_locator(), FixedLocator):
         texts = [one.get_text() for one in axis.get_ticklabels()]
-        places = [float(place) for place in axis.get_ticklocs()]
-        ticks = list(zip(places, texts or [f"{place:g}" for place in places], strict=True))
-        ticks = [(place, text or f"{place:g}") for place, text in ticks]
+        ticks = [(float(at), text or f"{at:g}") for at, text in zip_longest(axis.get_ticklocs(), texts)]
     return {
         "label": axis.get_label_text(),
         "limits": [float(limit) for limit in limits],
@@ -151,7 +157,7 @@ def _mark(axes: Axes, artist: Any, columns: _Columns) -> dict[str, Any] | None:
     if found is None:
         return None
     label, alpha = str(artist.get_label()), artist.get_alpha()
-    named = "" if label.startswith("_child") else label.removeprefix("_")
+    named = "" if label.startswith(("_child", "_nolegend_")) else label.removeprefix("_")
     found["key"] = getattr(artist, DETAILS, {}).get("key") or named
     if label in {text.get_text() for legend in axes.figure.figure.legends for text in legend.get_texts()}:
         found["label"] = label
@@ -165,7 +171,7 @@ def _line(axes: Axes, line: Any, columns: _Columns) -> dict[str, Any] | None:
     if not len(x):
         return None
     style = {"colour": _colour(line.get_color()), "width": line.get_linewidth()}
-    if line.get_transform() != axes.transData:  # from one side of the axes to the other
+    if line.get_transform() is not axes.transData:  # from one side of the axes to the other
         level = {"down": float(x[0])} if x[0] == x[-1] and (y[0], y[-1]) == (0, 1) else {"across": float(y[0])}
         return {"kind": "rule", **style, **level, "dash": DASHES[line.get_linestyle()]}
     given: dict[str, Any] = getattr(line, DETAILS, {})
@@ -262,8 +268,10 @@ def _band(band: PolyCollection, columns: _Columns) -> dict[str, Any]:
 def _patch(axes: Axes, patch: Any, columns: _Columns) -> dict[str, Any] | None:
     corners = patch.get_patch_transform().transform_path(patch.get_path()).vertices
     colour = _colour(patch.get_facecolor())
-    if patch.get_data_transform() != axes.transData:  # from the bottom of the axes to the top
-        return {"kind": "shade", "colour": colour, "from": corners[:, 0].min(), "to": corners[:, 0].max()}
+    if patch.get_data_transform() is not axes.transData:  # from one side of the axes to the other
+        axis = int(patch.get_data_transform() is axes.get_yaxis_transform())
+        ends = corners[:, axis]
+        return {"kind": "shade", "colour": colour, "axis": "xy"[axis], "from": ends.min(), "to": ends.max()}
     x, y = columns.place(corners[:, 0]), columns.place(corners[:, 1])
     return {"kind": "area", "colour": colour, "x": x, "y": y}
 

@@ -135,7 +135,7 @@ def polar_figure(found: FittedSurvey) -> Figure:
     sigmas = residuals(survey, fit.values) / [fit.range_sd_m, fit.angle_sd_rad, fit.angle_sd_rad]
     detail = "Outside the full circle: more than fitted; dashed: one sigma. Around another circle: a constant error."
     figure = titled_figure(f"Residuals by bearing: {found.report.path.name}", detail, 12, 4.9)
-    panels = figure.subplots(1, 3)
+    panels = figure.subplots(1, 3, sharey=True)
     around, widest = np.radians(np.linspace(0, 360, 181)), 2.1 * SHOWN_SIGMAS
     for axes, name, off in zip(panels, RESIDUALS, sigmas.T, strict=True):
         for radius, style in ((SHOWN_SIGMAS, "-"), (SHOWN_SIGMAS - 1, "--"), (SHOWN_SIGMAS + 1, "--")):

@@ -28,8 +28,9 @@ function decoded(text) {
 function roundNumbers([low, high], count, log) {
   const found = [];
   if (log) {
-    const steps = Math.log10(high / low) > 3 ? [1] : [1, 2, 5];
-    for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
+    const decades = Math.log10(high / low);
+    const [steps, each] = [decades > 3 ? [1] : [1, 2, 5], Math.max(Math.ceil(decades / count), 1)];
+    for (let power = each * Math.floor(Math.log10(low) / each); power <= Math.log10(high); power += each) {
       for (const step of steps) found.push(step * 10 ** power);
     }
     return found.filter((value) => value >= low && value <= high);
@@ -43,13 +44,13 @@ function roundNumbers([low, high], count, log) {
 
 /** A number with as many digits as a span of the axis shows. */
 function shortNumber(value, span) {
-  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(span) + 0.01)));
+  const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(span) - 0.01)));
   return Math.abs(span) < 1e-6 ? value.toPrecision(3) : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
 }
 
 /** "error [m]" and a number: "error: 1.23 m". */
 function said(label, number) {
-  const [, name, unit] = /^(.*?)(?: \[(.*)\])?$/.exec(label.replace(/ \(largest.*\)$/, ""));
+  const [, name, unit] = /^(.*?)(?: \[(.*)\])?$/.exec(label.replace(/ \((largest|logarithmic).*\)$/, ""));
   return `${name || "value"}: ${number}${unit ? ` ${unit}` : ""}`;
 }
 
@@ -59,13 +60,20 @@ function outline(marker, h) {
   const shapes = {
     x: `m${-h} ${-h}l${two} ${two}m0 ${-two}l${-two} ${two}`, s: `m${-h} ${-h}h${two}v${two}h${-two}z`,
     D: `m0 ${-h}l${h} ${h}l${-h} ${h}l${-h} ${-h}z`, "^": `m0 ${-h}l${h} ${two}h${-two}z`,
-    v: `m0 ${h}l${h} ${-two}h${-two}z`, _: `m${-h} 0h${two}`, "|": `m0 ${-h}v${two}`,
+    v: `m0 ${h}l${h} ${-two}h${-two}z`, "+": `m${-h} 0h${two}m${-h} ${-h}v${two}`,
+    _: `m${-h} 0h${two}`, "|": `m0 ${-h}v${two}`,
   };
   return shapes[marker] || `m${-h} 0a${h} ${h} 0 1 0 ${two} 0a${h} ${h} 0 1 0 ${-two} 0`;
 }
 
+/** Whether a mark is a dot of one colour. */
+function isDot(mark) {
+  return (mark.marker === "." || mark.marker === "o") && mark.face === mark.edge;
+}
+
 function halfOf(mark) {
-  return Math.max((mark.size * POINT_PX) / (mark.marker === "." ? 4 : 2), 1);
+  const size = mark.size * (mark.marker === "." ? 0.5 : 1) + (isDot(mark) ? mark.line : 0);
+  return Math.max((size * POINT_PX) / 2, 1);
 }
 
 /** One panel: axes, what is drawn in them, and what the pointer does. */
@@ -83,12 +91,13 @@ class Panel {
   /** Draw for the width of the column. */
   draw(width, last) {
     const { data } = this;
-    const names = data.y.ticks.map(([, text]) => text.length);
+    const names = (data.y.ticks || []).map(([, text]) => text.length);
     const letters = names.length ? Math.max(...names) : 6;
     this.left = Math.min(Math.max(letters * LETTER_PX, 40) + 26, width * 0.42);
     const wide = width - this.left - MARGIN.right;
-    const slanted = data.x.ticks.reduce((sum, [, text]) => sum + (text.length + 2) * LETTER_PX, 0) > wide;
-    const under = slanted ? Math.max(...data.x.ticks.map(([, text]) => text.length)) * LETTER_PX * 0.6 : 0;
+    const below = (data.x.ticks || []).map(([, text]) => text.length);
+    const slanted = below.reduce((sum, length) => sum + (length + 2) * LETTER_PX, 0) > wide;
+    const under = slanted ? Math.max(...below) * LETTER_PX * 0.6 : 0;
     const foot = last ? MARGIN.bottom + under + (data.x.label ? 18 : 0) : 8;
     const high = data.equal ? Math.min(wide, data.height) : data.height;
     Object.assign(this, { wide, high, width, slanted, height: high + MARGIN.top + foot });
@@ -134,24 +143,25 @@ class Panel {
   ticks(axis, count) {
     const { ticks, log } = this.data[axis];
     const [low, high] = this.view[axis];
-    if (ticks.length) return ticks.filter(([at]) => at >= Math.min(low, high) && at <= Math.max(low, high));
+    if (ticks) return ticks.filter(([at]) => at >= Math.min(low, high) && at <= Math.max(low, high));
     const found = roundNumbers([low, high], count, log);
     const step = found.length > 1 ? found[1] - found[0] : high - low;
-    return found.map((at) => [at, log ? String(+at.toPrecision(3)) : shortNumber(at, step)]);
+    const power = (at) => (at < 1e6 ? String(+at.toPrecision(3)) : at.toExponential(0));
+    return found.map((at) => [at, log ? power(at) : shortNumber(at, step)]);
   }
 
   drawAxes(last) {
     const { left, wide, high, data } = this;
     const bottom = MARGIN.top + high;
     const text = (attributes, words) => element("text", attributes, this.svg, words);
-    for (const [at, words] of this.ticks("y", high / 45)) {
+    for (const [at, words] of this.ticks("y", high / 30)) {
       const y = this.py(at);
       element("line", { x1: left, x2: left + wide, y1: y, y2: y, class: "grid" }, this.svg);
       const most = Math.floor((left - 24) / LETTER_PX);
-      const shown = words.length > most ? `${words.slice(0, most - 1)}…` : words;
+      const shown = words.length > most ? `…${words.slice(1 - most)}` : words;
       text({ x: left - 6, y: y + 4, "text-anchor": "end" }, shown);
     }
-    for (const [at, words] of this.ticks("x", wide / 90)) {
+    for (const [at, words] of this.ticks("x", wide / 55)) {
       const x = this.px(at);
       element("line", { x1: x, x2: x, y1: MARGIN.top, y2: bottom, class: "grid" }, this.svg);
       const turned = this.slanted ? { transform: `rotate(-35 ${x} ${bottom + 12})`, "text-anchor": "end" } : {};
@@ -171,9 +181,11 @@ class Panel {
     };
     const fill = { fill: paint(mark.colour), opacity: mark.alpha };
     if (mark.kind === "shade") {
-      const [from, to] = [this.px(mark.from), this.px(mark.to)];
-      const box = { x: Math.min(from, to), width: Math.max(Math.abs(to - from), 1), y: top, height: this.high };
-      element("rect", { ...box, fill: paint(mark.colour), class: "shade" }, parent);
+      const [from, to] = [mark.from, mark.to].map((at) => (mark.axis === "x" ? this.px(at) : this.py(at)));
+      const [first, width] = [Math.min(from, to), Math.max(Math.abs(to - from), 1)];
+      const box = mark.axis === "x" ? { x: first, width, y: top, height: this.high }
+        : { x: this.left, width: this.wide, y: first, height: width };
+      element("rect", { ...box, fill: paint(mark.colour) }, parent);
     } else if (mark.kind === "rule") {
       const d = "down" in mark ? `M${this.px(mark.down)} ${top}V${bottom}`
         : `M${this.left} ${this.py(mark.across)}H${this.left + this.wide}`;
@@ -252,7 +264,7 @@ class Panel {
   drawPoints(mark, parent) {
     const [x, y] = this.figure.xy(mark);
     const half = halfOf(mark);
-    const filled = (mark.marker === "." || mark.marker === "o") && mark.face !== "none";
+    const filled = isDot(mark);
     const shape = filled ? "h0" : outline(mark.marker, half);
     const parts = [];
     for (let k = 0; k < x.length; k++) {
@@ -262,7 +274,7 @@ class Panel {
     }
     const stroke = filled ? { stroke: paint(mark.face), "stroke-width": 2 * half, "stroke-linecap": "round" }
       : { stroke: paint(mark.edge), "stroke-width": Math.max(mark.line, 0.8) * POINT_PX };
-    const face = filled || mark.face === "none" || "x_|".includes(mark.marker) ? "none" : paint(mark.face);
+    const face = filled || mark.face === "none" || "x_|+".includes(mark.marker) ? "none" : paint(mark.face);
     element("path", { d: parts.join(""), fill: face, opacity: mark.alpha, ...stroke }, parent);
   }
 
@@ -281,7 +293,7 @@ class Panel {
       for (let k = 0; k < x.length; k++) {
         const [p, q] = this.place(mark, x[k], y[k]);
         const away = Math.hypot(p - a, q - b);
-        if (away < (best ? best.away : NEAR_PX)) best = { mark, k, away, at: [p, q], x: x[k], y: y[k] };
+        if (away <= (best ? best.away : NEAR_PX)) best = { mark, k, away, at: [p, q], x: x[k], y: y[k] };
       }
     }
     return best;
@@ -433,8 +445,11 @@ class Figure {
   tell(panel, found, event) {
     const { data, view } = panel;
     const across = this.panels.find((one) => one.data.linked === data.linked && one.data.x.label) || panel;
-    const lines = [said(across.data.x.label, shortNumber(found.x, Math.abs(view.x[1] - view.x[0]) / 500)),
-      said(data.y.label, shortNumber(found.y, Math.abs(view.y[1] - view.y[0]) / 500))];
+    const lines = [["x", across.data.x.label], ["y", data.y.label]].map(([axis, label]) => {
+      const [value, span] = [found[axis], Math.abs(view[axis][1] - view[axis][0])];
+      const name = (data[axis].ticks || []).find(([at, text]) => Math.abs(at - value) < 0.5 && Number.isNaN(+text));
+      return name ? name[1] : said(label, shortNumber(value, span / 500));
+    });
     for (const [label, place] of found.mark.rows) {
       const value = this.numbers[place][found.k];
       if (Number.isNaN(value)) continue;
@@ -467,8 +482,8 @@ function sample(mark) {
     element("path", { d: "M0 6H24", stroke: colour, "stroke-width": width, "stroke-dasharray": dash }, svg);
   }
   if (mark.marker) {
-    const face = mark.face === "none" || mark.marker === "x" ? "none" : paint(mark.face);
-    const d = `M12 6${outline(mark.marker, Math.min(Math.max(halfOf(mark), 2.5), 5))}`;
+    const face = "x+".includes(mark.marker) ? "none" : paint(mark.face);
+    const d = `M12 6${outline(mark.marker, Math.min(Math.max(halfOf(mark), mark.kind === "points" ? 2.5 : 1), 5))}`;
     element("path", { d, fill: face, stroke: paint(mark.edge), "stroke-width": 1 }, svg);
   }
   return svg;

@@ -4,11 +4,12 @@ import base64
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usbldr_cli.figures.page_data import detail, page_data, text_of, thinned
-from usbldr_cli.figures.style import in_style, legend_below, titled_figure
+from usbldr_cli.figures.page_data import detail, page_data, plot_inside, text_of, thinned
+from usbldr_cli.figures.style import MANY_POINTS, in_style, legend_below, one_a_dot, titled_figure
 
 
 def drawn() -> tuple[Any, Any]:
@@ -49,7 +50,7 @@ def test_lines_marks_bands_shades_and_levels_have_the_numbers_that_were_drawn() 
     assert (numbers(data, mark["y"]), mark["beyond"], mark["key"]) == ([50], ["y"], "mark")
     assert numbers(data, band["low"])[1:-1] == [-1, -2, -3]
     assert numbers(data, band["high"])[1:-1] == [1, 2, 3]
-    assert (shade["from"], shade["to"], level["across"]) == (0.5, 1.5, 2.5)
+    assert (shade["axis"], shade["from"], shade["to"], level["across"]) == ("x", 0.5, 1.5, 2.5)
     assert upper["linked"] == lower["linked"]
     assert lower["y"]["log"]
     assert numbers(data, lower["marks"][0]["x"]) == [0, 1, 1]
@@ -61,6 +62,57 @@ def test_the_words_of_a_figure_name_its_panels_and_what_is_drawn() -> None:
         figure, _ = drawn()
 
     assert text_of(figure) == "upper. time [s]. Drawn: line, mark (at the edge), band, outage."
+
+
+def test_a_shade_across_the_axes_is_one_of_the_vertical_axis() -> None:
+    figure = titled_figure("title", "detail", 8, 6)
+    figure.subplots().axhspan(-1, 2)
+
+    (shade,) = page_data(figure)["columns"][0]["panels"][0]["marks"]
+
+    assert (shade["axis"], shade["from"], shade["to"]) == ("y", -1, 2)
+
+
+def test_panels_beside_each_other_share_the_label_of_their_row_and_an_axis_may_have_no_ticks() -> None:
+    figure = titled_figure("title", "detail", 8, 6)
+    grid = figure.subplots(2, 2, sharey=True)
+    for row, label in zip(grid, ("upper", "lower"), strict=True):
+        row[0].set_ylabel(label)
+    grid[1, 1].set_xticks([])
+
+    columns = page_data(figure)["columns"]
+
+    assert [[panel["y"]["label"] for panel in column["panels"]] for column in columns] == [["upper", "lower"]] * 2
+    assert [column["panels"][1]["x"]["ticks"] for column in columns] == [None, []]
+
+
+@pytest.mark.parametrize("line", ["", "-"])
+def test_what_is_drawn_at_the_edge_has_its_true_height_on_the_page(line: str) -> None:
+    figure = titled_figure("title", "detail", 8, 6)
+    axes = figure.subplots()
+    plot_inside(axes, np.arange(3.0), np.array([1.0, 50.0, np.nan]), (-2.0, 2.0), ls=line, marker=".")
+
+    data = page_data(figure)
+
+    (mark,) = data["columns"][0]["panels"][0]["marks"]
+    assert axes.lines[0].get_ydata()[1] == 2
+    assert (numbers(data, mark["y"])[:2], mark["beyond"]) == ([1, 50], ["y"])
+
+
+def test_a_box_plot_has_no_name_on_the_page() -> None:
+    figure = titled_figure("title", "detail", 8, 6)
+    figure.subplots().boxplot([[1.0, 2.0, 3.0]], showfliers=False)
+
+    (panel,) = page_data(figure)["columns"][0]["panels"]
+
+    assert {mark["key"] for mark in panel["marks"]} == {""}
+
+
+def test_a_few_known_values_among_many_unknown_ones_are_drawn() -> None:
+    y = np.full(2 * MANY_POINTS, np.nan)
+    y[[7, 800]] = 1.0
+
+    assert one_a_dot(np.arange(float(len(y))), y).tolist() == [7, 800]
 
 
 @settings(max_examples=20)
