@@ -80,10 +80,11 @@ function halfOf(mark) {
 class Panel {
   constructor(data, figure, column) {
     Object.assign(this, { data, figure, view: { x: data.x.limits, y: data.y.limits } });
-    if (data.title) this.title = element("p", { html: 1, class: "panel-title" }, column, data.title);
-    this.svg = element("svg", { role: "img", "aria-label": `${data.title} ${data.y.label}; ${data.x.label}` }, column);
+    this.title = element("p", { html: 1, class: "panel-title" }, column, data.title);
+    const label = `${data.title} ${data.y.label}; ${data.x.label}`;
+    this.svg = element("svg", { role: "img", tabindex: 0, "aria-label": label }, column);
     for (const [name, call] of [["pointermove", this.move], ["pointerdown", this.down], ["pointerup", this.up],
-      ["pointerleave", this.leave], ["dblclick", () => figure.reset()]]) {
+      ["pointerleave", this.leave], ["focus", () => { figure.active = this; }], ["dblclick", () => figure.reset()]]) {
       this.svg.addEventListener(name, call.bind(this));
     }
   }
@@ -307,7 +308,7 @@ class Panel {
     if (this.start) {
       const [c, d] = this.start;
       const box = { x: Math.min(a, c), y: Math.min(b, d), width: Math.abs(a - c), height: Math.abs(b - d) };
-      if (!event.shiftKey) element("rect", { ...box, class: "box" }, this.over);
+      if (!this.pans) element("rect", { ...box, class: "box" }, this.over);
       return;
     }
     const found = this.nearest(a, b);
@@ -317,8 +318,10 @@ class Panel {
   }
 
   down(event) {
-    if (event.pointerType === "touch" || event.button) return;
-    this.start = this.at(event);
+    const touch = event.pointerType === "touch";
+    if (touch) this.move(event);
+    if (event.button || (touch && !this.figure.zoomed)) return;
+    Object.assign(this, { start: this.at(event), pans: touch || event.shiftKey });
     this.svg.setPointerCapture(event.pointerId);
   }
 
@@ -328,7 +331,7 @@ class Panel {
     if (!start || Math.hypot(end[0] - start[0], end[1] - start[1]) < DRAG_PX) return;
     const shares = [start, end].map(([a, b]) => [(a - this.left) / this.wide, 1 - (b - MARGIN.top) / this.high]);
     const spans = ["x", "y"].map((axis, k) => [shares[0][k], shares[1][k]]);
-    if (event.shiftKey) {
+    if (this.pans) {
       this.show(...spans.map(([from, to]) => [from - to, 1 + from - to]));
     } else {
       const flat = Math.abs(end[1] - start[1]) < FLAT_PX && !this.data.equal;
@@ -343,10 +346,13 @@ class Panel {
     for (const panel of this.figure.panels) {
       if (panel.data.linked === this.data.linked) panel.view = { x, y: panel === this ? y : panel.view.y };
     }
+    this.figure.zoomed = true;
     this.figure.draw();
   }
 
-  leave() {
+  leave(event) {
+    this.start = null;
+    if (event.pointerType === "touch") return; // what a finger pointed at stays when it is lifted
     if (this.over) this.over.replaceChildren();
     this.figure.tip.hidden = true;
   }
@@ -359,7 +365,7 @@ class Figure {
     box.replaceChildren();
     const tools = element("div", { html: 1, class: "tools" }, box);
     for (const [text, label, call] of [["+", "zoom in", () => this.zoom(0.25)], ["−", "zoom out", () => this.zoom(-0.5)],
-      ["reset", "show all", () => this.reset()]]) {
+      ["reset", "show all; drag to zoom, drag with Shift or press arrow keys to move", () => this.reset()]]) {
       const button = element("button", { html: 1, type: "button", "aria-label": label, title: label }, tools, text);
       button.addEventListener("click", call);
     }
@@ -369,6 +375,12 @@ class Figure {
       const made = panels.map((panel) => new Panel(panel, this, column));
       this.panels.push(...made);
       return { column, panels: made };
+    });
+    box.addEventListener("keydown", (event) => {
+      const ways = { ArrowLeft: [-0.2, 0], ArrowRight: [0.2, 0], ArrowUp: [0, 0.2], ArrowDown: [0, -0.2] };
+      if (!ways[event.key]) return;
+      event.preventDefault();
+      (this.active || this.panels[0]).show(...ways[event.key].map((part) => [part, 1 + part]));
     });
     this.legend = element("div", { html: 1, class: "legend" }, box);
     this.tip = element("div", { html: 1, class: "tip", role: "status" }, box);
@@ -413,6 +425,7 @@ class Figure {
 
   reset() {
     for (const panel of this.panels) panel.view = { x: panel.data.x.limits, y: panel.data.y.limits };
+    this.zoomed = false;
     this.draw();
   }
 
