@@ -5,6 +5,8 @@ const NEAR_PX = 28; // from the pointer to a point that is named
 const DRAG_PX = 8; // a shorter way of the pointer is a click
 const FLAT_PX = 24; // a lower box zooms along the horizontal axis alone
 const LETTER_PX = 6.6; // of an axis, on average
+const PRINTED_WIDTH = "700px"; // of a sheet of A4 between its margins
+const PRINTED_HEIGHT = 0.65; // of the height on a screen
 const MARGIN = { top: 6, right: 16, bottom: 20 }; // pixels around a panel
 const NAMED = { ink: "var(--ink)", soft: "var(--soft)", bad: "var(--bad)", paper: "var(--paper)", none: "none" };
 
@@ -100,7 +102,8 @@ class Panel {
     const slanted = below.reduce((sum, length) => sum + (length + 2) * LETTER_PX, 0) > wide;
     const under = slanted ? Math.max(...below) * LETTER_PX * 0.6 : 0;
     const foot = last ? MARGIN.bottom + under + (data.x.label ? 18 : 0) : 8;
-    const high = data.equal ? Math.min(wide, data.height) : data.height;
+    const most = data.height * this.figure.scale;
+    const high = data.equal ? Math.min(wide, most) : most;
     Object.assign(this, { wide, high, width, slanted, height: high + MARGIN.top + foot });
     this.view = this.fitted(this.view);
     this.svg.setAttribute("viewBox", `0 0 ${width} ${this.height}`);
@@ -361,7 +364,7 @@ class Panel {
 /** A figure: columns of panels, buttons, legend, and the words at the pointer. */
 class Figure {
   constructor(box, name, data) {
-    Object.assign(this, { box, name, hidden: new Set(), numbers: data.numbers.map(decoded), panels: [] });
+    Object.assign(this, { box, name, scale: 1, hidden: new Set(), numbers: data.numbers.map(decoded), panels: [] });
     box.replaceChildren();
     const tools = element("div", { html: 1, class: "tools" }, box);
     for (const [text, label, call] of [["+", "zoom in", () => this.zoom(0.25)], ["−", "zoom out", () => this.zoom(-0.5)],
@@ -502,7 +505,13 @@ function sample(mark) {
   return svg;
 }
 
-for (const [name, data] of Object.entries(JSON.parse(document.getElementById("plot-data").textContent))) {
-  new Figure(document.getElementById(`plot-${name}`), name, data);
+const plots = Object.entries(JSON.parse(document.getElementById("plot-data").textContent));
+const figures = plots.map(([name, data]) => new Figure(document.getElementById(`plot-${name}`), name, data));
+for (const [event, width, scale] of [["beforeprint", PRINTED_WIDTH, PRINTED_HEIGHT], ["afterprint", "", 1]]) {
+  addEventListener(event, () => figures.forEach((one) => {
+    one.box.style.width = width;
+    one.scale = scale;
+    one.draw();
+  }));
 }
 document.documentElement.dataset.ready = "yes";
