@@ -489,7 +489,7 @@ function sample(mark) {
   const colour = paint(mark.colour);
   if (["shade", "area"].includes(mark.kind) || (mark.kind === "band" && !mark.outlined)) {
     const opacity = mark.kind === "shade" ? 1 : Math.max(mark.alpha, 0.2);
-    element("rect", { width: 24, height: 12, fill: colour, opacity, class: mark.kind }, svg);
+    element("rect", { width: 24, height: 12, fill: colour, opacity }, svg);
     return svg;
   }
   if (mark.kind !== "points") {
