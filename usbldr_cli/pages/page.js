@@ -412,8 +412,9 @@ class Figure {
   /** Give the titles of panels beside each other the height of the highest. */
   alignTitles() {
     const beside = new Set(this.columns.map(({ column }) => column.offsetTop)).size === 1;
-    for (let k = 0; k < Math.max(...this.columns.map(({ panels }) => panels.length)); k++) {
-      const titles = this.columns.map(({ panels }) => panels[k] && panels[k].title).filter(Boolean);
+    const rows = new Set(this.columns.map(({ panels }) => panels.length));
+    for (let k = 0; k < (rows.size === 1 ? Math.max(...rows) : 1); k++) {
+      const titles = this.columns.map(({ panels }) => panels[k].title);
       for (const title of titles) title.style.minHeight = "";
       const high = Math.max(0, ...titles.map((title) => title.offsetHeight));
       if (beside) for (const title of titles) title.style.minHeight = `${high}px`;
