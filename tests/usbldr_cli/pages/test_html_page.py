@@ -5,6 +5,7 @@ import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
@@ -13,8 +14,10 @@ import pytest
 from checkout import SAMPLES
 from commands import run
 from html_pages import HtmlPage, chromium, in_chromium
-from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Section
+from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Plot, Section
 from usbldr.io.reports.report_text import Table
+from usbldr_cli.figures.page_data import page_data
+from usbldr_cli.figures.style import titled_figure
 from usbldr_cli.pages.html_page import html
 
 HOSTILE = "</script><img src=http://example.com/x onerror=alert(1)>{{ 7 * 7 }}"
@@ -189,3 +192,68 @@ def test_a_browser_draws_the_figures_zooms_says_numbers_and_hides_series(
     assert re.search(
         r"<b>ekf</b><div>time since the log's start: [\d.]+ s</div><div>east error: -?[\d.]+ m</div>", shown
     )
+
+
+TOUCH = """<script>
+const [left, right] = document.querySelectorAll(".plot svg[role=img]");
+Element.prototype.setPointerCapture = () => {};
+const touch = (name, across, up) => {
+  const box = left.getBoundingClientRect();
+  const at = { clientX: box.left + across, clientY: box.top + up };
+  left.dispatchEvent(new PointerEvent(name, { ...at, pointerType: "touch", pointerId: 1 }));
+};
+const words = (svg) => Array.from(svg.querySelectorAll(":scope > text"), (one) => one.textContent).join(" ");
+const stroke = (k) => left.querySelectorAll(".data > path")[k].getAttribute("stroke");
+const shade = left.querySelector(".data > rect").getBBox();
+const cross = left.querySelectorAll(".data > path")[1].getAttribute("d");
+const marks = { ring: stroke(0), cross, flat: shade.width > shade.height };
+const ring = left.querySelector(".data > path").getBoundingClientRect();
+const box = left.getBoundingClientRect();
+touch("pointerdown", ring.left - box.left + ring.width / 2, ring.top - box.top + ring.height / 2);
+touch("pointerleave", 0, 0);
+const told = document.querySelector(".tip").hidden ? "" : document.querySelector(".tip").textContent;
+document.querySelector(".tools button").click();
+const zoomed = words(left);
+touch("pointerdown", 200, 50); touch("pointermove", 120, 50); touch("pointerup", 120, 50);
+const moved = words(left);
+left.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowUp", bubbles: true }));
+const raised = words(left);
+document.querySelectorAll(".tools button")[2].click();
+const [all, height] = [words(left), left.viewBox.baseVal.height];
+dispatchEvent(new Event("beforeprint"));
+const printed = left.viewBox.baseVal.height;
+dispatchEvent(new Event("afterprint"));
+const again = left.viewBox.baseVal.height;
+const found = { marks, told, zoomed, moved, raised, all, right: words(right), heights: [height, printed, again] };
+document.body.dataset.found = btoa(encodeURIComponent(JSON.stringify(found)));
+</script></body>"""
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_a_page_shows_the_marks_of_the_picture_and_is_used_by_finger_keys_and_printer(tmp_path: Path) -> None:
+    figure = titled_figure("title", "detail", 8, 4)
+    left, right = figure.subplots(1, 2)
+    left.plot([1], [5], ls="", marker="o", mfc="white", color="#0072b2", ms=8)
+    left.plot([1.5], [2], ls="", marker="+", color="#cc79a7")
+    left.axhspan(0.5, 1)
+    left.set(xlim=(0, 4), ylim=(0, 8))
+    left.set_xticks([0, 1, 2], ["", "ekf", "cpf"])
+    left.set_ylabel("error [m] (logarithmic)")
+    right.plot([1, 2], [1, 1e13])
+    right.set(yscale="log", xticks=[], ylim=(1, 1e13))
+    page = html(Page("", "", (Section("", (Plot("a", "", ""),)),)), {"a": page_data(figure)})
+    (tmp_path / "page.html").write_text(page.replace("</body>", TOUCH), encoding="utf-8")
+
+    shown, console = in_chromium(tmp_path / "page.html", tmp_path / "profile")
+
+    assert console == []
+    found = json.loads(unquote(base64.b64decode(re.findall(r'data-found="([^"]*)"', shown)[0]).decode()))
+    assert found["marks"]["ring"] == "#0072b2"
+    assert found["marks"]["cross"].count("M") + found["marks"]["cross"].count("m") == 3
+    assert found["marks"]["flat"]
+    assert found["told"] == "ekferror: 5.00 m"
+    assert len({found[name] for name in ("zoomed", "moved", "raised", "all")}) == 4
+    assert found["all"].startswith("0 1 2 3")
+    assert "1e+12" in found["right"]
+    height, printed, again = found["heights"]
+    assert printed < height == again
