@@ -44,6 +44,7 @@ compass mounted any way round, stamps of a slow export. Each needs strong eviden
 FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
+AGAIN = 2.0  # [-] on the sigma of a settled error: the fixes that showed it come again, and are hardly counted twice
 OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
 
 
@@ -60,7 +61,7 @@ class Choice(NamedTuple):
 
 
 def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice: Choice) -> Identification:
-    """Return the choice as parameters of a run: what is far or late is settled, what is left of it has the usual prior.
+    """Return the choice as parameters of a run: what is far or late is settled, and states estimate what is left of it.
 
     Fixes that are early by no more than is usual are not moved: perhaps DVL and compass are late, as a warning says.
     """
@@ -68,8 +69,9 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     late = {"latency"} if found.mean["usbl_latency"][row] > 0 else set[str]()
     constant = present & {*choice.far, *late, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
-    usual = {FAR_KEYS[key]: getattr(stated.errors, FAR_KEYS[key]) for key in choice.far}
-    parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **usual))
+    states = [(FAR_KEYS[key], state) for key in choice.far | late for state in KEYS[key]]
+    left = {field: min(getattr(stated.errors, field), AGAIN * float(found.sd[state][row])) for field, state in states}
+    parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **left))
     if LEVER in present:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m
