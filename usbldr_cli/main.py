@@ -10,6 +10,7 @@ import click
 
 from usbldr.filters.errors import StorageError, UsageError, UsbldrError, did_you_mean
 from usbldr.io.writing import STORAGE, write_fault
+from usbldr_cli.options.blas_threads import use_one_thread
 from usbldr_cli.options.command_line import given_command, keep_command
 from usbldr_cli.options.completion import register
 
@@ -146,6 +147,7 @@ def one_line(fault: click.ClickException) -> str:
 
 def main() -> None:
     """Run the command; an error of log or options is one line on stderr."""
+    use_one_thread()
     if "_USBLDR_COMPLETE" in os.environ:
         register()
     try:

@@ -17,15 +17,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from usbldr.filters.errors import UsageError, UsbldrError
+from usbldr_cli.options.blas_threads import ONE_THREAD
 from usbldr_cli.options.worker_options import WorkerChoices
 from usbldr_cli.runs.workers import KEPT, Executor, Result, Shared, Task
 
 MAX_DEATHS = 3  # of processes in succession, with no run finished between them: then the command ends
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-ENVIRONMENT = {
-    **dict.fromkeys(THREADS, "1"),  # read by the BLAS of a process
-    "PYTHONSAFEPATH": "1",  # read by Python: nothing is imported from the current folder
-}
+ENVIRONMENT = {**ONE_THREAD, "PYTHONSAFEPATH": "1"}  # nothing is imported from the current folder
 
 
 @contextmanager
