@@ -133,7 +133,7 @@ def fixes(**bad: Any) -> Iterator[Row]:
         yield row("sensor_msgs/msg/NavSatFix", values, k)
 
 
-def tables(name: str, good: object, bad: object) -> Mapping[str, Mapping[str, Any]]:
+def tables(name: str, good: int | str, bad: int | str) -> Mapping[str, Mapping[str, Any]]:
     """Return a table of fixes with a column of words or numbers."""
     k = np.arange(len(GOOD))
     flags = np.where(GOOD, good, bad)
