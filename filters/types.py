@@ -26,7 +26,7 @@ class Outage:
     end_s: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
     """DVL and compass on the fast grid (5 Hz), USBL fixes at their own times, the slow grid (1 Hz) of the errors.
 

@@ -104,7 +104,7 @@ def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
 
 def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
     """Return which fixes lie where their neighbours do, (F,): without outliers, noise is Gaussian."""
-    off_m = linearised(timeline, given, len(timeline.fix_time_s), NO_ERROR).residual_m
+    off_m = linearised(timeline, given.usbl_from_dvl_m, len(timeline.fix_time_s), NO_ERROR).residual_m
     around_m = np.pad(off_m, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
     off_m = np.abs(off_m - np.median(sliding_window_view(around_m, 2 * NEIGHBOURS + 1, axis=0), axis=2))
     return np.all(off_m <= OUTLIER_SIGMAS * TO_SD * np.median(off_m, axis=0), axis=1)
@@ -152,7 +152,7 @@ def _found(blocks: _Blocks) -> _Found:
 
 def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -> _Blocks:
     time_s, count = timeline.fix_time_s, len(timeline.fix_time_s)
-    log = linearised(timeline, given, count, about)
+    log = linearised(timeline, given.usbl_from_dvl_m, count, about)
     size = max(BLOCK, math.ceil(count / MAX_BLOCKS))
     first = np.arange(0, count - size + 1, size)
     rows = first[:, None] + np.arange(size)

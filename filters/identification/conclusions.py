@@ -146,7 +146,7 @@ def _estimates(keys: Sequence[str], found: FixLikelihoods, row: int) -> tuple[Er
 
 def _effect_m(timeline: Timeline, choice: Choice, key: str) -> float:
     """Return how far an error moves the fixes against dead reckoning, RMS about the mean."""
-    log = linearised(timeline, choice.member.parameters, MAX_FIXES, choice.member.about)
+    log = linearised(timeline, choice.member.parameters.usbl_from_dvl_m, MAX_FIXES, choice.member.about)
     columns = [PASS_STATES.index(name) for name in KEYS[key]]
     moved_m = log.measurement_matrix[:, :, columns] @ [choice.found.mean[name][choice.row] for name in KEYS[key]]
     return math.sqrt(moved_m.var(axis=0).sum())

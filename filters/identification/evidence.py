@@ -51,7 +51,7 @@ from usbldr.filters.identification.linearisation import (
     prior_sds,
 )
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
-from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods
+from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
 from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.replay.dead_reckoning import without_changes
 from usbldr.filters.replay.position_fixes import with_gps_fixes
@@ -98,6 +98,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     found = concluded(kept, given, stated, choice)
     rows = tuple(np.flatnonzero(false).tolist())
     starts = false_starts(best.timeline, choice.member) if false[0] else ()
+    kept_linearised.cache_clear()
     parameters = replace(found.parameters, false_fixes=rows, false_starts=starts, changes=best.changes)
     return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
 

@@ -91,7 +91,7 @@ def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:
     That the start is false is taken as soon as it is likelier, another number of fixes with strong evidence.
     """
     if member.parameters.start is None:  # that it lies in the spread of all fixes is not known yet
-        residual_m = linearised(timeline, member.parameters, 1, member.about).residual_m[0]
+        residual_m = linearised(timeline, member.parameters.usbl_from_dvl_m, 1, member.about).residual_m[0]
         start = Start(*residual_m.tolist(), sd_m=UNKNOWN_START_M)
         member = member._replace(parameters=replace(member.parameters, start=start))
     received_s = np.maximum.accumulate(timeline.fix_received_s[:MAX_FIXES])
@@ -110,7 +110,7 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
     A run may begin gradually if it ends: if the fixes leave the track slowly and for ever, dead reckoning is at fault.
     """
     time_s, errors = timeline.fix_time_s[:MAX_FIXES], member.parameters.errors
-    log = linearised(timeline, member.parameters, MAX_FIXES, member.about)
+    log = linearised(timeline, member.parameters.usbl_from_dvl_m, MAX_FIXES, member.about)
     modes = member.parameters.usbl.modes(timeline.fix_cov_m2[:MAX_FIXES] * member.parameters.usbl_sd_scale**2)
     dt_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 0.0)
     fade = np.exp(-dt_s / errors.usbl_bias_s)
@@ -163,7 +163,7 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
 
 def _sd_scale(timeline: Timeline, member: Member) -> float:
     """Return the factor on the stated sigmas by which neighbouring fixes differ; a median ignores where runs begin."""
-    residual_m = linearised(timeline, member.parameters, MAX_FIXES, member.about).residual_m
+    residual_m = linearised(timeline, member.parameters.usbl_from_dvl_m, MAX_FIXES, member.about).residual_m
     sigma_m = np.linalg.cholesky(timeline.fix_cov_m2[1:MAX_FIXES])
     steps: Vector = np.linalg.solve(sigma_m, np.diff(residual_m, axis=0)[..., None]).ravel().astype(np.float64)
     found = robust_sd(steps)

@@ -105,8 +105,11 @@ def near(value: Mapping[str, float]) -> Point:
     return tuple(round(value.get(state, 0.0) / step) * step for state, step in STEPS.items())
 
 
-def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Point) -> Linearised:
-    """Return the first fixes minus dead reckoning, linear in PASS_STATES about the point."""
+def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, point: Point) -> Linearised:
+    """Return the first fixes minus dead reckoning, linear in PASS_STATES about the point.
+
+    ``lever_m`` is that of the transponder from the DVL, starboard and forward.
+    """
     states = PASS_STATES
     about = dict(zip(STEPS, point, strict=True))
     line, latency_s = freed(timeline, about), about["usbl_latency"]
@@ -122,8 +125,6 @@ def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Po
     H = interpolate(line, columns, valid_s).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
     V_at = interpolate(line, velocity_mps(line), valid_s)
     yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
-    # the position is that of the DVL: what the stated lever arms add to it
-    lever_m = np.array(parameters.usbl_lever_m[:2]) - np.array(parameters.dvl_lever_m[:2])
     reckoned_m = (
         interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * np.where(gps, 0.0, latency_s)[:, None]
     )
@@ -133,7 +134,7 @@ def linearised(timeline: Timeline, parameters: Parameters, fixes: int, point: Po
     H[:, :, states.index("usbl_latency")] = -V_at
     for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
         H[:, :, states.index(name)] = -rotated(yaw, unit)
-    residual_m = timeline.fix_m[:fixes] - reckoned_m - rotated(yaw, lever_m)
+    residual_m = timeline.fix_m[:fixes] - reckoned_m - rotated(yaw, np.array(lever_m))
     if timeline.fix_away_m is not None:
         # from the head to dead reckoning and not to the fix: an outlier would explain itself by its own length
         away_m = timeline.fix_away_m[:fixes] - residual_m + np.median(residual_m, axis=0)

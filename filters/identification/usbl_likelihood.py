@@ -10,6 +10,7 @@ How an error moves a fix is linear about a point of each member (linearisation.p
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,7 @@ from usbldr.filters.replay.prior import starting_fixes
 from usbldr.filters.types import Array, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
+kept_linearised = lru_cache(maxsize=32)(linearised)  # members in turn share points; each takes 1.5 MB at most
 HEAD_ROWS = [PASS_STATES.index(name) for key in (HEAD, RANGE) for name in KEYS[key]]
 
 
@@ -67,7 +69,7 @@ class FixLikelihoods(NamedTuple):
 def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelihoods:
     """Run adf over the first MAX_FIXES fixes for each member."""
     about = sorted({member.about for member in members})
-    logs = [linearised(timeline, members[0].parameters, MAX_FIXES, point) for point in about]
+    logs = [kept_linearised(timeline, members[0].parameters.usbl_from_dvl_m, MAX_FIXES, point) for point in about]
     mean, cov = _start(timeline, members, logs[0])
     rows = np.flatnonzero(np.einsum("iim->im", cov).any(axis=1) | np.isin(PASS_STATES, OFFSET_STATES))
     used = [PASS_STATES[row] for row in rows]

@@ -191,3 +191,9 @@ class Parameters:
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
     settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])
     """1-sigma of those of them that no state estimates further: of the USBL head's heading and range."""
+
+    @property
+    def usbl_from_dvl_m(self) -> tuple[float, float]:
+        """The lever arm of the transponder from the DVL, starboard and forward."""
+        (starboard_m, forward_m, _), dvl_m = self.usbl_lever_m, self.dvl_lever_m
+        return starboard_m - dvl_m[0], forward_m - dvl_m[1]

@@ -17,7 +17,7 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
-from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member
+from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, kept_linearised
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
 from usbldr.filters.replay.run import run
@@ -64,6 +64,30 @@ def test_one_fault_is_found_and_no_other(faults: Faults, key: str, value: tuple[
     assert one.key == key
     assert [estimate.value for estimate in one.estimates] == pytest.approx(value, abs=4 * one.estimates[0].sd)
     assert one.log_odds > 3
+
+
+@pytest.mark.parametrize(
+    ("faults", "key"),
+    [
+        (Faults(heading_bias_deg=40.0), "heading"),
+        (Faults(dvl_scale=0.3), "scale"),
+        (Faults(usbl_latency_s=0.7), "latency"),
+    ],
+)
+def test_what_is_left_of_a_settled_error_begins_at_twice_its_sigma(faults: Faults, key: str) -> None:
+    found = identify(weaving_dive(faults), ASSUMED)
+
+    (one,) = [one for one in found.evidence if one.exists]
+    errors = found.parameters.errors
+    left = {"heading": math.degrees(errors.heading_rad), "scale": errors.scale, "latency": errors.latency_s}
+    assert one.key == key
+    assert left[key] == pytest.approx(2 * one.estimates[0].sd)
+
+
+def test_nothing_is_kept_of_a_log_that_was_identified() -> None:
+    identify(weaving_dive(Faults()), ASSUMED)
+
+    assert kept_linearised.cache_info().currsize == 0
 
 
 @pytest.mark.parametrize("fault", [Faults(dvl_scale=0.03), Faults(heading_bias_deg=3.0)])
