@@ -92,6 +92,7 @@ class TelemetryLog:
         except ImportError as err:
             raise UsageError("telemetry logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
         self._findings: list[Finding] = []
+        self._first_unknown = path.stat().st_size  # [byte]
 
     @cached_property
     def _packets(self) -> Mapping[Key, Packets]:
@@ -115,6 +116,8 @@ class TelemetryLog:
                 key = _key(packet)
                 if key not in found:
                     counter.add_topic()
+                if key[2] not in self._types:
+                    self._first_unknown = min(self._first_unknown, good)
                 packets, longest = found.setdefault(key, Packets()), self._row_bytes(key)
                 packets.times_us.append(time_us)
                 packets.rows += packet[start : start + packet[1]].ljust(longest, b"\0")[:longest]
@@ -170,5 +173,7 @@ class TelemetryLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
         unknown = sum(len(packets.times_us) for key, packets in self._packets.items() if key[2] not in self._types)
-        text = f"{unknown} messages are not in the dialect ardupilotmega, or damaged; not read"
-        return (*self._findings, *([Finding("UNDECODED", text)] if unknown else []))
+        text = (
+            f"{unknown} messages, from byte {self._first_unknown} on, are not in the dialect ardupilotmega, or damaged"
+        )
+        return (*self._findings, *([Finding("UNDECODED", f"{text}; not read")] if unknown else []))

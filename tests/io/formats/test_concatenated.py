@@ -100,9 +100,9 @@ def test_the_first_byte_that_is_lost_is_named(form: str, share: float) -> None:
         file.write_bytes(whole[:at] + whole[at + 7 :])
         log = open_log(path)
         count(log, form)
-        (place,) = (found[1] for one in log.findings() if (found := re.search(r"from byte (\d+) on", one.text)))
+        places = [int(place) for one in log.findings() for place in re.findall(r"from byte (\d+) on", one.text)]
 
-        assert abs(int(place) - at) <= LONGEST
+        assert abs(min(places) - at) <= LONGEST
 
 
 def test_recordings_of_several_formats_in_one_file_are_read(tmp_path: Path) -> None:

@@ -92,7 +92,9 @@ def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Pa
     problems = {topic.name: topic.problem for topic in log.topics() if topic.problem}
     assert problems == {"mavlink/1/1/UNKNOWN_8388607": "its message 8388607 is not in the dialect ardupilotmega"}
     (finding,) = log.findings()
-    assert finding.text == "1 messages are not in the dialect ardupilotmega, or damaged; not read"
+    assert finding.text == (
+        f"1 messages, from byte {len(parts[0])} on, are not in the dialect ardupilotmega, or damaged; not read"
+    )
 
 
 def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:
