@@ -124,7 +124,8 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
         start_m, sd[:2] = np.array([start.east_m, start.north_m]), start.sd_m
     used = np.flatnonzero(sd > 0)
     H = np.pad(log.measurement_matrix[:, :, used], ((0, 0), (0, 0), (0, 4)))  # a run's states enter if there is one
-    bias = [int(np.flatnonzero(used == PASS_STATES.index(name))[0]) for name in BIAS_STATES]
+    east, north = (int(np.flatnonzero(used == PASS_STATES.index(name))[0]) for name in BIAS_STATES)
+    bias = slice(east, north + 1)
     pairs = len(DURATIONS_S)
     mean = np.zeros((pairs, H.shape[2]))
     mean[:, :2] = start_m
@@ -170,20 +171,18 @@ def _sd_scale(timeline: Timeline, member: Member) -> float:
     return found if np.isfinite(found) and found > 0 else 1.0
 
 
-def _predicted(
-    now: _Histories, bias: list[int], fade: float, bias_m: float, drift_m2: float, dt_s: float
-) -> _Histories:
+def _predicted(now: _Histories, bias: slice, fade: float, bias_m: float, drift_m2: float, dt_s: float) -> _Histories:
     mean, cov = now.mean.copy(), now.cov.copy()
     mean[:, bias] *= fade
     cov[:, bias] *= fade
     cov[:, :, bias] *= fade
-    added = np.zeros(mean.shape[1])
-    added[:2], added[bias] = drift_m2, (1 - fade**2) * bias_m**2
-    cov += np.diag(added)
+    variance = np.einsum("nii->ni", cov)  # a view
+    variance[:, :2] += drift_m2
+    variance[:, bias] += (1 - fade**2) * bias_m**2
     mean[:, OFFSET] += dt_s * mean[:, RATE]
     cov[:, OFFSET] += dt_s * cov[:, RATE]
     cov[:, :, OFFSET] += dt_s * cov[:, :, RATE]
-    cov[:, OFFSET, OFFSET] += np.where(now.in_run, OFFSET_WALK_M**2 * dt_s, 0.0)[:, None, None] * np.eye(2)
+    variance[now.in_run, OFFSET] += OFFSET_WALK_M**2 * dt_s
     return now._replace(mean=mean, cov=cov)
 
 
@@ -219,7 +218,7 @@ def _updated(
     recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
     in_run = decision != CORRECT
     short = now.in_run[parent] & ~in_run & (now.recent[parent] != 2**RECENT - 1)
-    octave = np.select([decision == BEGINS, ~short], [(f + 1).bit_length(), now.octave[parent]], 0)
+    octave = np.where(decision == BEGINS, (f + 1).bit_length(), np.where(short, 0, now.octave[parent]))
     first = now.first[parent] + (in_run & (now.first[parent] == f))
     kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave, np.where(in_run, 0, first), in_run)
     decision, parent, cross = decision[kept], parent[kept], cross[kept]
@@ -234,7 +233,7 @@ def _updated(
     g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
     mean += (cross @ g[:, :, None])[:, :, 0]
     cov += cross @ G @ cross.transpose(0, 2, 1)
-    slowly = np.select([decision == BEGINS, decision == CONTINUES], [near[parent], now.gradual[parent]], False)
+    slowly = np.where(decision == BEGINS, near[parent], (decision == CONTINUES) & now.gradual[parent])
     after = _Histories(
         log_weight, mean, cov, in_run[kept], slowly, now.pair[parent], recent[kept], first[kept], octave[kept]
     )
@@ -269,24 +268,19 @@ def _chosen(
     top = log_weight[order[first]]
     total = top + np.log(np.bincount(group, np.exp(log_weight[order] - top[group])))
     kept = order[first]
-    rows: list[Indices] = [np.flatnonzero(long[first])]
-    for p in range(len(DURATIONS_S)):
-        mine = np.flatnonzero((pair[kept] == p) & ~long[first])
-        rows.append(mine[np.argsort(-total[mine])[:HISTORIES]])
-    for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):  # octaves
-        for one in set(ended[ended > 0].tolist()):
-            mine = np.flatnonzero(ended == one)
-            rows.append(mine[[np.argmax(total[mine])]])
+    likeliest = np.argsort(-total, kind="stable")
+    its_pair = np.where(long[first], -1, pair[kept])[likeliest]
+    rows = [np.flatnonzero(long[first]), *(likeliest[its_pair == p][:HISTORIES] for p in range(len(DURATIONS_S)))]
+    for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):
+        octaves, best = np.unique(ended[likeliest], return_index=True)
+        rows.append(likeliest[best[octaves > 0]])
     each = np.unique(np.concatenate(rows))
     return kept[each], total[each]
 
 
 def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array, Array]:
     """Return the log of each mode's part of the likelihood, (J, N), (S + R)^-1, (J, N, 2, 2), and its product by e."""
-    total = S + noise.cov[:, None]
-    a, b, c = total[..., 0, 0], total[..., 0, 1], total[..., 1, 1]
-    det = a * c - b * b
-    inverse = np.stack([c, -b, -b, a], axis=-1).reshape(total.shape) / det[..., None, None]
+    inverse, det = _inverse(S + noise.cov[:, None])
     weighted = (inverse @ e[:, :, None])[..., 0]
     log_l = -0.5 * ((weighted * e).sum(axis=-1) + np.log(det)) - np.log(2 * np.pi)
     return log_l + np.log(noise.probabilities)[:, None], inverse, weighted
@@ -294,8 +288,15 @@ def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array, Array]:
 
 def _chi_square(e: Array, S: Array) -> Vector:
     """Return how far innovations (N, 2) are from zero by their covariances (N, 2, 2)."""
-    chi_square: Vector = np.einsum("na,nab,nb->n", e, np.linalg.inv(S), e)
-    return chi_square
+    inverse, _ = _inverse(S)
+    return ((inverse @ e[:, :, None])[..., 0] * e).sum(axis=-1)
+
+
+def _inverse(S: Array) -> tuple[Array, Array]:
+    """Return the inverses and the determinants of symmetric matrices (..., 2, 2)."""
+    a, b, c = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
+    det = a * c - b * b
+    return np.stack([c, -b, -b, a], axis=-1).reshape(S.shape) / det[..., None, None], det
 
 
 def _correction(p: Array, inverse: Array, weighted: Array) -> tuple[Array, Array]:
