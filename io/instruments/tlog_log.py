@@ -173,7 +173,6 @@ class TelemetryLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
         unknown = sum(len(packets.times_us) for key, packets in self._packets.items() if key[2] not in self._types)
-        text = (
-            f"{unknown} messages, from byte {self._first_unknown} on, are not in the dialect ardupilotmega, or damaged"
-        )
-        return (*self._findings, *([Finding("UNDECODED", f"{text}; not read")] if unknown else []))
+        counted = f"{unknown} messages, from byte {self._first_unknown} on,"
+        text = f"{counted} are not in the dialect ardupilotmega, or damaged; not read"
+        return (*self._findings, *([Finding("UNDECODED", text)] if unknown else []))
