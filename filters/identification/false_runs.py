@@ -271,7 +271,7 @@ def _chosen(
     likeliest = np.argsort(-total, kind="stable")
     its_pair = np.where(long[first], -1, pair[kept])[likeliest]
     rows = [np.flatnonzero(long[first]), *(likeliest[its_pair == p][:HISTORIES] for p in range(len(DURATIONS_S)))]
-    for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):
+    for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):  # octaves
         octaves, best = np.unique(ended[likeliest], return_index=True)
         rows.append(likeliest[best[octaves > 0]])
     each = np.unique(np.concatenate(rows))

@@ -211,7 +211,7 @@ const ring = left.querySelector(".data > path").getBoundingClientRect();
 const box = left.getBoundingClientRect();
 touch("pointerdown", ring.left - box.left + ring.width / 2, ring.top - box.top + ring.height / 2);
 touch("pointerleave", 0, 0);
-const told = document.querySelector(".tip").hidden ? "" : document.querySelector(".tip").textContent;
+const tip = document.querySelector(".tip").hidden ? "" : document.querySelector(".tip").textContent;
 document.querySelector(".tools button").click();
 const zoomed = words(left);
 touch("pointerdown", 200, 50); touch("pointermove", 120, 50); touch("pointerup", 120, 50);
@@ -224,7 +224,7 @@ dispatchEvent(new Event("beforeprint"));
 const printed = left.viewBox.baseVal.height;
 dispatchEvent(new Event("afterprint"));
 const again = left.viewBox.baseVal.height;
-const found = { marks, told, zoomed, moved, raised, all, right: words(right), heights: [height, printed, again] };
+const found = { marks, tip, zoomed, moved, raised, all, right: words(right), heights: [height, printed, again] };
 document.body.dataset.found = btoa(encodeURIComponent(JSON.stringify(found)));
 </script></body>"""
 
@@ -251,7 +251,7 @@ def test_a_page_shows_the_marks_of_the_picture_and_is_used_by_finger_keys_and_pr
     assert found["marks"]["ring"] == "#0072b2"
     assert found["marks"]["cross"].count("M") + found["marks"]["cross"].count("m") == 3
     assert found["marks"]["flat"]
-    assert found["told"] == "ekferror: 5.00 m"
+    assert found["tip"] == "ekferror: 5.00 m"
     assert len({found[name] for name in ("zoomed", "moved", "raised", "all")}) == 4
     assert found["all"].startswith("0 1 2 3")
     assert "1e+12" in found["right"]
