@@ -1,10 +1,13 @@
 """Tables in HDF5 files, also netCDF-4 and MATLAB 7.3: the arrays of a group, or an array of records.
 
 Source of the attributes ``units``, and ``_FillValue``, ``missing_value``, ``scale_factor`` and ``add_offset`` of packed
-values: CF conventions (cfconventions.org).
+values: CF conventions (cfconventions.org). Of the heaps of texts: HDF5 File Format Specification 3.0, section III.E.
 """
 
+import re
+import struct
 import zlib
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -15,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from usbldr.io.file_access.decompression import deflated
+from usbldr.io.file_access.open_file import mapped
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.cf_times import Clock, clock_of
@@ -25,6 +29,9 @@ from usbldr.io.units import named_unit
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 NAME = "HDF5"
+HEAP = re.compile(rb"GCOL\x01\0\0\0(.{8})", re.DOTALL)  # the head of a heap of texts, and its size in bytes
+TEXT = struct.Struct("<H6xQ")  # the head of a text: whether it is used, and its size in bytes
+REFERENCE = np.dtype([("bytes", "<u4"), ("heap", "<u8"), ("text", "<u4")])  # of an array to a text
 
 
 def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
@@ -41,7 +48,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
     def read(path: str, part: Any, clock: Clock | None = None) -> Column:
         with h5py.File(file, "r") as content:
             item = content[path]
-            _take_chunks(item, budget)
+            _take(item, budget)
             if item.dtype.kind not in "biuf":
                 return np.ravel((item.asstr() if h5py.check_string_dtype(item.dtype) else item)[part])
             values = _unpacked(item[part], item.attrs)
@@ -76,6 +83,8 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             dated.setdefault(group, set()).update([label] if clock else [])
             groups.setdefault(group, []).append((label, item.shape, partial(read, path, clock=clock)))
 
+    with reading(file, kind):
+        _check_heaps(file)
     with reading(file, kind), h5py.File(file, "r") as content:
         visit("", content)
         content.visititems(visit)
@@ -90,6 +99,19 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
         refuse_objects(file, [f"{path} ({why})" for path, why in left_out.items()])
     return [replace(one, left_out=left_out) for one in tables]
+
+
+def _check_heaps(file: Path) -> None:
+    """Raise ValueError if a text of a heap has an impossible size: libhdf5 2.0 would search the heap for ever."""
+    with mapped(file) as data:
+        for heap in HEAP.finditer(data):
+            place, end = heap.end(), min(heap.start() + int.from_bytes(heap[1], "little"), len(data))
+            while place + TEXT.size <= end:
+                used, size = TEXT.unpack_from(data, place)
+                length = TEXT.size + -(-size // 8) * 8 if used else size  # each begins at a multiple of 8 bytes
+                if not TEXT.size <= length <= end - place:
+                    raise ValueError("a text that has no end")
+                place += length
 
 
 def _astray(link: Any, group: Any) -> str:
@@ -119,16 +141,23 @@ def _text(attribute: object) -> str:
     return text if isinstance(text, str) else ""
 
 
-def _take_chunks(array: Any, budget: UnpackingBudget) -> None:
-    """Take the chunks of an array from a budget: one may be larger than the array, and decompress to even more."""
-    if array.chunks is None:
-        return
-    budget.take_bytes(prod(array.chunks) * array.dtype.itemsize)
-    for k in range(array.id.get_num_chunks() if array.compression == "gzip" else 0):
-        _, packed = array.id.read_direct_chunk(array.id.get_chunk_info(k).chunk_offset)
+def _take(array: Any, budget: UnpackingBudget) -> None:
+    """Take what the library needs to read an array from a budget, as stated or decompressed.
+
+    A chunk may be larger than the array, and decompress to even more. Memory for a text is cleared before it is found.
+    """
+    texts, packed = array.dtype.kind == "O", array.compression == "gzip"
+    parts: Iterator[bytes] = iter(())
+    if array.chunks is not None:
+        budget.take_bytes(prod(array.chunks) * array.dtype.itemsize)
+        places = (array.id.get_chunk_info(k).chunk_offset for k in range(array.id.get_num_chunks()))
+        parts = (array.id.read_direct_chunk(place)[1] for place in places if texts or packed)
+    elif texts and (begin := array.id.get_offset()):  # else it lies within its description
+        parts = iter([mapped(Path(array.file.filename))[begin : begin + array.id.get_storage_size()]])
+    for part in parts:
         with suppress(zlib.error, EOFError):  # what is damaged the library reports
-            for _ in deflated(packed, budget):
-                pass
+            whole = b"".join(piece if texts else b"" for piece in (deflated(part, budget) if packed else [part]))
+            budget.take_bytes(int(np.frombuffer(whole, REFERENCE, len(whole) // REFERENCE.itemsize)["bytes"].sum()))
 
 
 def _named(name: str, unit: str) -> str:

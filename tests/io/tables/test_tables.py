@@ -21,6 +21,7 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
+from usbldr.io.tables.hdf5_tables import hdf5_tables
 
 
 @pytest.mark.parametrize("form", WRITERS)
@@ -262,6 +263,29 @@ def test_a_damaged_column_is_an_error_if_it_is_used(
     np.testing.assert_array_equal(found, compass["sd_deg"])
     with pytest.raises(LogError, match="damaged, cut or of an unknown kind"):
         read_whole(log, {"/compass": ["heading_deg"]})
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"), [("free space of no size", "a text that has no end"), ("a text of 4 GB", "too much for")]
+)
+def test_damaged_texts_of_hdf5_end_neither_time_nor_memory(tmp_path: Path, damage: str, sentence: str) -> None:
+    file = tmp_path / "dive.h5"
+    with h5py.File(file, "w") as content:
+        content["fixes/t_s"] = np.arange(40.0)
+        content["fixes/who"] = ["a transponder"] * 40
+        first = content["fixes/who"].id.get_offset()
+    bent = bytearray(file.read_bytes())
+    reference = np.frombuffer(bytes(bent[first : first + 16]), [("bytes", "<u4"), ("heap", "<u8"), ("text", "<u4")])
+    if damage == "a text of 4 GB":
+        bent[first : first + 4] = b"\xff" * 4
+    else:
+        free = int(reference["heap"][0]) + 16 + 40 * (16 + 16)  # behind its head, and 40 texts with theirs
+        assert bent[free : free + 2] == bytes(2)
+        bent[free + 8 : free + 16] = bytes(8)
+    file.write_bytes(bent)
+
+    with pytest.raises(LogError, match=sentence):
+        hdf5_tables(file)[0].columns["who"]()
 
 
 def long_parquet(folder: Path, rows: int) -> Path:
