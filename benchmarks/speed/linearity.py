@@ -41,7 +41,7 @@ def seconds(method: str, log: Log, line: Timeline, particles: int = 100) -> floa
     """Return the CPU seconds of a run."""
     began, count = time.process_time(), 0
     while count == 0 or time.process_time() - began < PASSES_S:
-        run(method, line, log.parameters, FilterSettings(particles=particles))
+        run(method, line, replace(log.parameters, calibrate=()), FilterSettings(particles=particles))
         count += 1
     return (time.process_time() - began) / count
 

@@ -79,6 +79,7 @@ class Dive(NamedTuple):
 def dive(duration_s: float = 1000.0) -> Dive:
     scenario, layout = replace(find_scenario("paper"), duration_s=duration_s), StateLayout()
     log = simulated_log(scenario, seed=0)
+    log = replace(log, parameters=replace(log.parameters, calibrate=()))
     line = timeline(log)
     start = prior(line, log.parameters, layout)
     z, noise = np.full((len(line.time_s), 6), np.nan), {}

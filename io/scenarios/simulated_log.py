@@ -15,6 +15,7 @@ import pandas as pd
 import pymap3d  # pyright: ignore[reportMissingTypeStubs]
 
 from usbldr.filters.frames import heading_deg
+from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.parameters import LeverArm, Parameters
 from usbldr.filters.simulation.scenario import Scenario
 from usbldr.filters.simulation.simulate import simulate
@@ -65,6 +66,7 @@ def simulated_log(scenario: Scenario, seed: int) -> Log:
             usbl_lever_m=scenario.usbl.lever_m,
             gps_lever_m=scenario.gps.lever_m,
             start=scenario.start,
+            calibrate=(AUTO,),
         ),
         origin=ORIGIN,
         truth=truth,
@@ -99,7 +101,6 @@ def configuration_text(scenario: Scenario, seed: int, conventions: Mapping[str, 
         "gps": _lever(scenario.gps.lever_m),
         "truth": {"kind": '"simulated"'},
         "process": stated(process),
-        "calibrate": {"states": "[]"},
     }
     if not process.uncalibrated_m:
         del sections["process"]["uncalibrated_m"]

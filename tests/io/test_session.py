@@ -124,14 +124,15 @@ def test_a_scenario_without_configuration_is_as_a_recording_that_nobody_configur
 
 def test_a_run_takes_the_dvls_records_earlier_by_the_clock_of_its_parameters() -> None:
     log = usbldr.open_log(SAMPLES / "lawnmower_turn_db3")
+    known = dataclasses.replace(log.parameters, calibrate=())
     dvl = log.tables["dvl"].assign(time_s=log.tables["dvl"]["time_s"] + 2.0)
     late = dataclasses.replace(log, tables={**log.tables, "dvl": dvl})
     right, found, wrong = (
         usbldr.replay(one, usbldr.timeline(one), "adf", identification=usbldr.Identification(parameters)).position_m
         for one, parameters in (
-            (log, log.parameters),
-            (late, dataclasses.replace(log.parameters, settled={"dvl_clock": 2.0})),
-            (late, log.parameters),
+            (log, known),
+            (late, dataclasses.replace(known, settled={"dvl_clock": 2.0})),
+            (late, known),
         )
     )
 

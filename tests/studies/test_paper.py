@@ -5,12 +5,12 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
+from uncalibrated import dive_without_calibration
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 
 PAPER = find_scenario("paper")
 
@@ -19,7 +19,7 @@ SEEDS = range(20)
 
 def one(name: str, seed: int) -> dict[str, float]:
     """Run one filter on one realisation with the noise model that the scenario writes beside its log."""
-    log = simulated_log(PAPER, seed)
+    log = dive_without_calibration(PAPER, seed)
     line = timeline(log)
     track = run(name, line, log.parameters, FilterSettings(particles=100, seed=seed))
     assert log.truth is not None

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from uncalibrated import dive_without_calibration
 from usbldr.filters.estimators.gaussian_bank import predict, replicate
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.calibration import layout_for
@@ -26,7 +27,6 @@ from usbldr.filters.simulation.scenario import Scenario, Timing
 from usbldr.filters.types import Outage, Timeline, Trajectory
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 
 SQUARE = find_scenario("square")
 HZ = 5
@@ -71,7 +71,7 @@ def scenario(sensors: tuple[str, ...], start_s: float, lasts_s: float, every_s: 
 def dives(scene: Scenario, method: str, seeds: int) -> tuple[Dive, ...]:
     found: list[Dive] = []
     for seed in range(seeds):
-        log = simulated_log(scene, seed)
+        log = dive_without_calibration(scene, seed)
         assert log.truth is not None
         line = timeline(log)
         track = run(method, line, log.parameters, FilterSettings(particles=20))
@@ -189,7 +189,7 @@ def test_the_return_of_the_fixes_is_told_with_what_it_did_to_the_track() -> None
 
 def test_a_return_is_told_by_its_first_fixes_and_by_what_was_known_before_them() -> None:
     """Straight north at 1 m/s: the first five fixes lie 3 m east and 4 m north of where they were foreseen."""
-    line = timeline(simulated_log(scenario(("usbl",), 90.0, 60.0), 0))
+    line = timeline(dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0))
     layout = layout_for(("latency", "usbl-bias"))
     east_bias, late = layout.index("usbl_bias_east"), layout.index("usbl_latency")
     back = line.time_s >= 150.0
@@ -229,7 +229,7 @@ def test_drift_in_an_outage_is_reported_when_the_fixes_return_and_corrected(scal
 
 
 def test_a_smoothed_track_reports_the_same_recoveries_as_its_filter() -> None:
-    log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
+    log = dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0)
     line = timeline(log)
 
     smoothed = run("adf", line, log.parameters, FilterSettings(smooth=True))
@@ -244,7 +244,7 @@ def test_a_silence_until_the_end_has_no_return() -> None:
 
 
 def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
-    log = simulated_log(scenario(("usbl",), 90.0, 60.0), 0)
+    log = dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0)
     line = timeline(log)
     kept = (line.fix_time_s < 151.5) | (line.fix_time_s > 164.5)  # two fixes between the silences
     line = replace(

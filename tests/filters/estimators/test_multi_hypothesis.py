@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from timelines import five_hz
+from uncalibrated import dive_without_calibration
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.hypotheses import Ambiguity, Hypothesis, MultiHypothesisBelief
 from usbldr.filters.estimators.kalman import KalmanFilter
@@ -30,7 +31,6 @@ from usbldr.filters.replay.steps import StepSource, steps
 from usbldr.filters.types import Reacquisition, Timeline
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 from weaving import Faults, weaving_dive
 
 RATE_HZ = 5
@@ -340,7 +340,7 @@ def test_each_epoch_uses_only_the_fixes_that_had_arrived() -> None:
 @pytest.mark.parametrize("seed", [1, 5])
 def test_clusters_between_good_fixes_do_not_move_the_track(seed: int) -> None:
     """Echoes for up to 14 s, 4 to 7 m off: no vehicle can move so far in a second."""
-    log = simulated_log(find_scenario("multipath"), seed)
+    log = dive_without_calibration(find_scenario("multipath"), seed)
     line = timeline(log)
     assert log.truth is not None
     truth = np.column_stack([np.interp(line.time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from textbook import PRIOR, Drift, estimates, position_steps
+from uncalibrated import dive_without_calibration
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import collapse, moment_matched
@@ -16,7 +17,6 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.run import run
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 
 PAPER = find_scenario("paper")
 
@@ -95,7 +95,7 @@ def test_a_state_that_is_known_exactly_stays_known() -> None:
 
 @pytest.mark.parametrize("name", ["ekf", "ckf", "adf", "cpf", "pf-wekf"])
 def test_smoothing_leaves_the_last_epoch_and_narrows_the_others(name: str) -> None:
-    log = simulated_log(replace(PAPER, duration_s=60.0), 3)
+    log = dive_without_calibration(replace(PAPER, duration_s=60.0), 3)
     line = timeline(log)
     assumed = replace(log.parameters, calibrate=("scale", "misalignment"))
     plain, smoothed = (run(name, line, assumed, FilterSettings(particles=20, smooth=on)) for on in (False, True))
@@ -138,7 +138,7 @@ def test_the_sigmas_of_smoothed_dives_are_right() -> None:
 
 
 def test_only_what_is_near_a_gaussian_is_smoothed() -> None:
-    log = simulated_log(replace(PAPER, duration_s=5.0), 0)
+    log = dive_without_calibration(replace(PAPER, duration_s=5.0), 0)
     line = timeline(log)
     with pytest.raises(UsageError, match="pf is too far from a Gaussian"):
         run("pf", line, log.parameters, FilterSettings(smooth=True))

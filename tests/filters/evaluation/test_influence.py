@@ -95,7 +95,7 @@ def test_leaving_out_another_fix_changes_neither_the_timeline_nor_its_other_fixe
 
 def replayed(log: Path, method: str, *options: str) -> tuple[str, Path]:
     folder = log.parent / f"run-{log.name}"
-    return output_of("replay", log, "-f", method, "-N", "20", "-o", folder, *options), folder
+    return output_of("replay", log, "-f", method, "-N", "20", "-o", folder, "--calibrate", "none", *options), folder
 
 
 def track(folder: Path) -> np.ndarray:

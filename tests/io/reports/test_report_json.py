@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from uncalibrated import dive_without_calibration
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
@@ -21,11 +22,10 @@ from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.reports.run_directory import run_directory
 from usbldr.io.reports.run_page import write_markdown
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 
 PAPER = find_scenario("paper")
 
-LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
+LOG = dive_without_calibration(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
 
 

@@ -134,7 +134,6 @@ def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) ->
         },
         "gps": {"topic": "/gps/fix"},
         "truth": {"kind": "simulated"},
-        "calibrate": {"states": []},
         "start": {
             "east_m": 0.0,
             "north_m": 0.0,

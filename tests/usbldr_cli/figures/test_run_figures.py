@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uncalibrated import dive_without_calibration
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
@@ -20,7 +21,6 @@ from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import draw as draw_all
@@ -32,7 +32,7 @@ from usbldr_cli.figures.track import track_figure
 
 PAPER = find_scenario("paper")
 
-LOG = simulated_log(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
+LOG = dive_without_calibration(dataclasses.replace(PAPER, duration_s=120.0), seed=1)
 TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.parameters)
 EKF = run_filter("ekf", TIMELINE, LOG.parameters, FilterSettings(gate=0.9))
@@ -51,7 +51,7 @@ def a_run(trajectory: Trajectory, align: str = "none", log: Log = LOG, grid: Tim
 
 def a_curved_run(method: str, align: str = "none") -> Run:
     """Return a run on a track with a turn, which is drawn with east and north."""
-    log = simulated_log(dataclasses.replace(find_scenario("turns"), duration_s=150.0), seed=1)
+    log = dive_without_calibration(dataclasses.replace(find_scenario("turns"), duration_s=150.0), seed=1)
     settings = FilterSettings(gate=0.9) if method == "ekf" else FilterSettings()
     return a_run(run_filter(method, timeline(log), log.parameters, settings), align, log, timeline(log))
 

@@ -3,6 +3,7 @@ import re
 
 import numpy as np
 
+from uncalibrated import dive_without_calibration
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
@@ -13,12 +14,11 @@ from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.report_json import json_values, report_content
 from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.tables.run_table import WIDTH, render
 
 PAPER = find_scenario("paper")
 
-LOG = simulated_log(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
+LOG = dive_without_calibration(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.parameters)
 
