@@ -43,9 +43,9 @@ def marine(time_ns: int, beams: int = 4, **more: Any) -> Row:
     return time_ns, "/dvl/data", MARINE, values | {path.replace("__", "."): value for path, value in more.items()}
 
 
-def water_linked(time_ns: int, valid: bool = True, kind: str = DVL, more: Mapping[str, Any] | None = None) -> Row:
-    values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.5, "velocity_valid": valid, "fom": 0.03}
-    return time_ns, "/dvl/data", kind, {**values, **(more or {})}
+def water_linked(time_ns: int, more: Mapping[str, Any]) -> Row:
+    values = {"header.stamp": time_ns, "velocity.x": 1.0, "velocity.y": 0.5, "velocity_valid": True, "fom": 0.03}
+    return time_ns, "/dvl/data", DVL, {**values, **more}
 
 
 def number(value: float, topic: str = "/heading") -> Row:
@@ -114,16 +114,6 @@ def test_a_record_is_read_as_its_conventions_say(tmp_path: Path, row: Row, toml:
     assert found[: len(expected)] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("frame_id", "axes"), [("dvl_link", "FLU"), ("base_link_ned", "FRD"), ("dvl_frd", "FRD")])
-def test_a_twist_without_configured_axes_goes_by_its_frame(tmp_path: Path, frame_id: str, axes: str) -> None:
-    time_ns, topic, kind, values = twist(T0, 1.0, 0.5)
-
-    log = logged(tmp_path, [(time_ns, topic, kind, {**values, "header.frame_id": frame_id})])
-
-    assert log.provenance["dvl"].conventions[0] == Convention("axes", axes, "frame_id", note=frame_id)
-    assert log.tables["dvl"]["starboard_mps"].iloc[0] == (-0.5 if axes == "FLU" else 0.5)
-
-
 def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> None:
     rows = [twist(T0 + k * SECOND, 1.0, 0.0) for k in range(3)] + [yaw(T0 + k * SECOND, 0.0) for k in range(3)]
 
@@ -176,7 +166,7 @@ def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path)
     [
         ([marine(T0, beams=0), marine(T0 + 1, beams=0)], "", [True, True]),  # a field that nobody fills
         ([marine(T0, beams=3), marine(T0 + 1)], "min_good_beams = 4", [False, True]),
-        ([water_linked(T0, more={"velocity.x": 0.0, "velocity.y": 0.0})], "", [True]),  # at rest, and it says so
+        ([water_linked(T0, {"velocity.x": 0.0, "velocity.y": 0.0})], "", [True]),  # at rest, and it says so
     ],
 )
 def test_a_dvl_record_is_valid_if_its_own_word_and_the_configuration_say_so(
@@ -216,20 +206,9 @@ def test_with_water_track_bottom_track_is_not_used_and_without_it_the_key_is_nam
         logged(tmp_path, [rows[0], rows[2]])
 
 
-@pytest.mark.parametrize("kind", ["old_dvl_msgs/msg/DVL", DVL])
-def test_both_layouts_of_dvl_msgs_are_read(tmp_path: Path, kind: str) -> None:
-    rows = [water_linked(T0, kind=kind), water_linked(T0 + SECOND, valid=False, kind=kind)]
-
-    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
-
-    assert list(log.tables["dvl"]["valid"]) == [True, False]
-    assert body(log.tables["dvl"])[:2] == [0.5, 1.0]
-    assert log.tables["dvl"]["sd_mps"].iloc[0] == 0.03
-
-
 def test_a_dvl_record_is_as_old_as_its_transmission_took(tmp_path: Path) -> None:
     ages = {"time_of_validity": 5_000_000, "time_of_transmission": 5_189_000}
-    rows = [water_linked(T0 + k * SECOND, more=ages) for k in range(3)]
+    rows = [water_linked(T0 + k * SECOND, ages) for k in range(3)]
 
     log = logged(tmp_path, [*rows, yaw(T0, 0), yaw(T0 + 2 * SECOND, 0)])
     as_stamped = logged(tmp_path, [*rows, yaw(T0, 0), yaw(T0 + 2 * SECOND, 0)], '[dvl]\ntime = "header"')

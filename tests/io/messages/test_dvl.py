@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from logs import logged, only, refusal
-from recordings import HEADER, ODOMETRY, SECOND, T0, define, fields, record, stamp
+from recordings import DVL, HEADER, ODOMETRY, SECOND, T0, TWIST, define, fields, record, stamp
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 
@@ -43,6 +43,7 @@ define(TYPES)
 row = partial(record, "/sensor")
 
 
+WATER_LINKED = {"velocity.x": 2.0, "velocity.y": 1.0, "velocity_valid": True, "fom": 0.03}
 FORWARD_2_STARBOARD_1 = {
     "uuv_sensor_ros_plugins_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": -1.0},  # forward, left, up
     "uuv_sensor_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": -1.0, "velocity_reference": 3},
@@ -51,7 +52,9 @@ FORWARD_2_STARBOARD_1 = {
     "smarc_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0},  # forward, starboard, down
     "cola2_msgs/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0},
     "stonefish_ros2/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0},
-    "waterlinked_a50_ros_driver/msg/DVL": {"velocity.x": 2.0, "velocity.y": 1.0, "velocity_valid": True},
+    "waterlinked_a50_ros_driver/msg/DVL": WATER_LINKED,
+    "old_dvl_msgs/msg/DVL": WATER_LINKED,
+    DVL: WATER_LINKED,
     "waterlinked_dvl/msg/TransducerReportStamped": {"report.vx": 2.0, "report.vy": 1.0, "report.velocity_valid": True},
     "cola2_msgs/msg/TeledyneExplorerDvl": {"bi_x_axis": 2.0, "bi_y_axis": 1.0, "bi_status": "A"},
     "cola2_msgs/msg/LinkquestDvl": {"velocityInst": np.array([-2.0, -1.0, 0.0]), "velocityInstFlag": 1},  # the bottom's
@@ -60,31 +63,37 @@ FORWARD_2_STARBOARD_1 = {
 
 @pytest.mark.parametrize("kind", FORWARD_2_STARBOARD_1)
 def test_each_family_is_found_by_its_fields_and_read_in_its_own_axes(tmp_path: Path, kind: str) -> None:
-    log = logged(tmp_path, [row(kind, FORWARD_2_STARBOARD_1[kind])])
+    values = FORWARD_2_STARBOARD_1[kind]
+
+    log = logged(tmp_path, [row(kind, values)], '[dvl]\nsd_mps = "message"')
 
     table = log.tables["dvl"]
     assert (table["starboard_mps"].iloc[0], table["forward_mps"].iloc[0]) == (1.0, 2.0)
     assert table["valid"].all()
+    assert table["sd_mps"].iloc[0] == pytest.approx(values.get("fom", np.nan), nan_ok=True)
     assert log.provenance["dvl"].type == kind
 
 
-NOT_USED: dict[str, tuple[str, Mapping[str, Any]]] = {
-    "negative covariance": ("cola2_msgs/msg/DVL", {"velocity_covariance": np.full(9, -1.0)}),
-    "water track": ("uuv_sensor_msgs/msg/DVL", {"velocity_reference": 2}),
-    "not a number": ("uuv_sensor_msgs/msg/DVL", {"velocity.x": np.nan, "velocity.y": np.nan}),
-    "in earth coordinates": ("ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 3}),
-    "in beam coordinates": ("ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 0}),
-    "fewer than 3 good beams": ("ds_sensor_msgs/msg/Dvl", {"num_good_beams": 2}),
-    "flagged invalid": ("waterlinked_a50_ros_driver/msg/DVL", {"velocity_valid": False, "velocity.x": 0.0}),
-    "without status A": ("cola2_msgs/msg/TeledyneExplorerDvl", {"bi_status": "V"}),
-    "exactly zero": ("smarc_msgs/msg/DVL", {"velocity.x": 0.0, "velocity.y": 0.0}),
-    "faster than 20 m/s": ("smarc_msgs/msg/DVL", {"velocity.x": 327.67}),
-}
+NOT_USED: list[tuple[str, str, Mapping[str, Any]]] = [
+    ("negative covariance", "cola2_msgs/msg/DVL", {"velocity_covariance": np.full(9, -1.0)}),
+    ("water track", "uuv_sensor_msgs/msg/DVL", {"velocity_reference": 2}),
+    ("not a number", "uuv_sensor_msgs/msg/DVL", {"velocity.x": np.nan, "velocity.y": np.nan}),
+    ("in earth coordinates", "ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 3}),
+    ("in beam coordinates", "ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 0}),
+    ("fewer than 3 good beams", "ds_sensor_msgs/msg/Dvl", {"num_good_beams": 2}),
+    ("flagged invalid", "waterlinked_a50_ros_driver/msg/DVL", {"velocity_valid": False, "velocity.x": 0.0}),
+    ("flagged invalid", "old_dvl_msgs/msg/DVL", {"velocity_valid": False}),
+    ("flagged invalid", DVL, {"velocity_valid": False}),
+    ("without status A", "cola2_msgs/msg/TeledyneExplorerDvl", {"bi_status": "V"}),
+    ("exactly zero", "smarc_msgs/msg/DVL", {"velocity.x": 0.0, "velocity.y": 0.0}),
+    ("faster than 20 m/s", "smarc_msgs/msg/DVL", {"velocity.x": 327.67}),
+]
 
 
-@pytest.mark.parametrize("cause", NOT_USED)
-def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(tmp_path: Path, cause: str) -> None:
-    kind, change = NOT_USED[cause]
+@pytest.mark.parametrize(("cause", "kind", "change"), NOT_USED)
+def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(
+    tmp_path: Path, cause: str, kind: str, change: Mapping[str, Any]
+) -> None:
     good = FORWARD_2_STARBOARD_1[kind]
 
     log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, 1)])
@@ -140,23 +149,25 @@ def test_a_useless_topic_does_no_harm_beside_a_dvl(tmp_path: Path) -> None:
     assert log.provenance["dvl"].topic == "/sensor"
 
 
-def test_a_simulator_that_names_a_ned_frame_means_it(tmp_path: Path) -> None:
-    kind = "uuv_sensor_ros_plugins_msgs/msg/DVL"
+@pytest.mark.parametrize(
+    ("kind", "velocity", "named_in", "frame", "axes"),
+    [
+        (TWIST, "twist.linear", "header.frame_id", "dvl_link", "FLU"),
+        (TWIST, "twist.linear", "header.frame_id", "base_link_ned", "FRD"),
+        (TWIST, "twist.linear", "header.frame_id", "dvl_frd", "FRD"),
+        ("uuv_sensor_ros_plugins_msgs/msg/DVL", "velocity", "header.frame_id", "rexrov/dvl_link_ned", "FRD"),
+        (ODOMETRY, "twist.twist.linear", "child_frame_id", "base_link_frd", "FRD"),
+    ],
+)
+def test_axes_that_nobody_states_are_those_of_the_frame(
+    tmp_path: Path, kind: str, velocity: str, named_in: str, frame: str, axes: str
+) -> None:
+    values = {f"{velocity}.x": 2.0, f"{velocity}.y": 1.0, "header.frame_id": "odom", named_in: frame}
 
-    values = {"velocity.x": 2.0, "velocity.y": 1.0, "header.frame_id": "rexrov/dvl_link_ned"}
-    log = logged(tmp_path, [row(kind, values)])
+    log = logged(tmp_path, [record("/dvl/velocity", kind, values)])
 
-    assert log.tables["dvl"]["starboard_mps"].iloc[0] == 1.0
-    assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "frame_id", note="rexrov/dvl_link_ned")
-
-
-def test_the_velocity_of_an_odometry_is_in_its_child_frame(tmp_path: Path) -> None:
-    values = {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 1.0}
-    frames = {"header.frame_id": "odom", "child_frame_id": "base_link_frd"}
-
-    log = logged(tmp_path, [record("/dvl/velocity", ODOMETRY, {**values, **frames})])
-
-    assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "frame_id", note="base_link_frd")
+    assert log.tables["dvl"]["starboard_mps"].iloc[0] == (-1.0 if axes == "FLU" else 1.0)
+    assert log.provenance["dvl"].conventions[0] == Convention("axes", axes, "frame_id", note=frame)
 
 
 def test_a_report_that_knows_both_its_times_is_moved_back_by_their_difference(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from autopilot_recordings import row as values_row
 from blueos_recordings import write_blueos
 from dvl_recordings import ensemble
 from imc_recordings import imcpy, sent, write_messages
-from logs import MAP, logged, only
+from logs import MAP, codes, logged, only
 from recordings import (
     HEADER,
     HEADING,
@@ -37,7 +37,6 @@ from recordings import (
     write_rosbag2,
 )
 from table_recordings import as_csv, as_hdf5, as_mat, as_mat_7_3, as_netcdf, as_parquet, as_records
-from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
 
@@ -70,30 +69,41 @@ define(TYPES)
 row = partial(record, "/gps")
 
 
-BERMUDA = {"latitude": 32.25, "longitude": -64.75}
-IN_BERMUDA: dict[str, Mapping[str, Any]] = {
-    "gps_msgs/msg/GPSFix": {**BERMUDA, "status.status": 18},
-    "sensor_msgs/msg/NavSatFix": BERMUDA,
-    "mavros_msgs/msg/GPSRAW": {"lat": 322500000, "lon": -647500000, "fix_type": 3},
-    "nmea_msgs/msg/Gpgga": {"lat": 3215.0, "lon": 6445.0, "lat_dir": "N", "lon_dir": "W", "gps_qual": 1},
-    "cola2_msgs/msg/GPSData": {**BERMUDA, "fix_quality": 1},
-    "ds_sensor_msgs/msg/UbloxNav": {**BERMUDA, "fixtype": "3D"},
-    "foxglove_msgs/msg/LocationFix": BERMUDA,
-    "smarc_msgs/msg/LatLonStamped": BERMUDA,
-    "geographic_msgs/msg/GeoPointStamped": {"position.latitude": 32.25, "position.longitude": -64.75},
-    "old_geographic_msgs/msg/GeoPointStamped": {"geo_point.latitude": 32.25, "geo_point.longitude": -64.75},
-    "geographic_msgs/msg/GeoPoseStamped": {"pose.position.latitude": 32.25, "pose.position.longitude": -64.75},
+def place(path: str, lat_deg: float, lon_deg: float) -> Mapping[str, float]:
+    return {f"{path}latitude": lat_deg, f"{path}longitude": lon_deg}
+
+
+BERMUDA, NOWHERE = place("", 32.25, -64.75), place("", 0.0, 0.0)
+NO_FIX, AT_ZERO = "without fix (by its quality)", "at latitude and longitude 0"
+GGA = {"lat": 3215.0, "lon": 6445.0, "lat_dir": "N", "lon_dir": "W", "gps_qual": 1}
+FIXES: dict[str, tuple[Mapping[str, Any], Mapping[str, Any], str]] = {  # in Bermuda; what makes it none, and why
+    "gps_msgs/msg/GPSFix": ({**BERMUDA, "status.status": 18}, {"status.status": -1}, "without fix (status below 0)"),
+    "sensor_msgs/msg/NavSatFix": (BERMUDA, {"position_covariance": np.full(9, -1.0)}, "of negative variance"),
+    "mavros_msgs/msg/GPSRAW": ({"lat": 322500000, "lon": -647500000, "fix_type": 3}, {"fix_type": 1}, NO_FIX),
+    "nmea_msgs/msg/Gpgga": (GGA, {"gps_qual": 0}, NO_FIX),
+    "cola2_msgs/msg/GPSData": ({**BERMUDA, "fix_quality": 1}, {"fix_quality": 0}, NO_FIX),
+    "ds_sensor_msgs/msg/UbloxNav": ({**BERMUDA, "fixtype": "3D"}, {"fixtype": "NO_FIX"}, NO_FIX),
+    "foxglove_msgs/msg/LocationFix": (BERMUDA, NOWHERE, AT_ZERO),
+    "smarc_msgs/msg/LatLonStamped": (BERMUDA, NOWHERE, AT_ZERO),
+} | {
+    kind: (place(path, 32.25, -64.75), place(path, 0.0, 0.0), AT_ZERO)
+    for kind, path in {
+        "geographic_msgs/msg/GeoPointStamped": "position.",
+        "old_geographic_msgs/msg/GeoPointStamped": "geo_point.",
+        "geographic_msgs/msg/GeoPoseStamped": "pose.position.",
+    }.items()
 }
 
 
-@pytest.mark.parametrize("kind", IN_BERMUDA)
-def test_each_kind_of_fix_is_a_latitude_and_a_longitude(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", FIXES)
+def test_each_kind_of_fix_is_a_latitude_and_a_longitude_unless_it_calls_itself_none(tmp_path: Path, kind: str) -> None:
+    good, change, cause = FIXES[kind]
     topics = {"gps": "/gps"} if kind == "mavros_msgs/msg/GPSRAW" else {}
 
-    log = logged(tmp_path, [row(kind, IN_BERMUDA[kind])], topics=topics)
+    log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, 1)], topics=topics)
 
-    table = log.tables["gps"]
-    assert (table["lat_deg"].iloc[0], table["lon_deg"].iloc[0]) == pytest.approx((32.25, -64.75), abs=1e-9)
+    assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy() == pytest.approx(np.array([[32.25, -64.75]]), abs=1e-9)
+    assert only(log, "GPS-INVALID") == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
     assert log.truth is not None
     assert log.truth.kind == "gps"
 
@@ -104,26 +114,6 @@ def test_decimal_degrees_of_a_gga_message_are_read_as_such(tmp_path: Path) -> No
     table = logged(tmp_path, [row("nmea_msgs/msg/Gpgga", values)]).tables["gps"]
 
     assert (table["lat_deg"].iloc[0], table["lon_deg"].iloc[0]) == (-32.25, -64.75)
-
-
-WITHOUT_FIX: dict[str, tuple[Mapping[str, Any], str]] = {
-    "gps_msgs/msg/GPSFix": ({"status.status": -1}, "without fix (status below 0)"),
-    "nmea_msgs/msg/Gpgga": ({"gps_qual": 0}, "without fix (by its quality)"),
-    "sensor_msgs/msg/NavSatFix": ({"position_covariance": np.full(9, -1.0)}, "of negative variance"),
-    "cola2_msgs/msg/GPSData": ({"fix_quality": 0}, "without fix (by its quality)"),
-    "ds_sensor_msgs/msg/UbloxNav": ({"fixtype": "NO_FIX"}, "without fix (by its quality)"),
-    "foxglove_msgs/msg/LocationFix": ({"latitude": 0.0, "longitude": 0.0}, "at latitude and longitude 0"),
-}
-
-
-@pytest.mark.parametrize("kind", WITHOUT_FIX)
-def test_a_message_without_fix_is_counted_and_left_out(tmp_path: Path, kind: str) -> None:
-    change, cause = WITHOUT_FIX[kind]
-
-    log = logged(tmp_path, [row(kind, IN_BERMUDA[kind]), row(kind, {**IN_BERMUDA[kind], **change})])
-
-    assert len(log.tables["gps"]) == 1
-    assert only(log, "GPS-INVALID") == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
 
 
 def fixes(**bad: Any) -> Iterator[Row]:
@@ -226,30 +216,24 @@ def test_a_fix_that_its_log_calls_invalid_is_counted_and_left_out(tmp_path: Path
     assert f"{GOOD.count(False)} of {len(GOOD)} records are invalid and left out" in only(log, "GPS-INVALID")
 
 
-SIGMA: dict[str, Mapping[str, Any]] = {  # 0.5 m for each axis
-    "gps_msgs/msg/GPSFix": {"err_horz": 0.5 * math.sqrt(-2 * math.log(0.05))},  # Rayleigh's 95 %
-    "mavros_msgs/msg/GPSRAW": {"h_acc": 500},
-    "cola2_msgs/msg/GPSData": {"latitude_stdev": 0.5, "longitude_stdev": 0.5},
-    "ds_sensor_msgs/msg/UbloxNav": {"accuracy_horz": 0.5},
-    "foxglove_msgs/msg/LocationFix": {
-        "position_covariance": np.diag([0.25, 0.25, 9.0]).ravel(),
-        "position_covariance_type": 2,
-    },
-}
+KNOWN = {"position_covariance": np.diag([0.25, 0.25, 9.0]).ravel(), "position_covariance_type": 2}
+SIGMA: list[tuple[str, Mapping[str, Any]]] = [  # 0.5 m for each axis
+    ("gps_msgs/msg/GPSFix", {"err_horz": 0.5 * math.sqrt(-2 * math.log(0.05))}),  # Rayleigh's 95 %
+    ("gps_msgs/msg/GPSFix", {**KNOWN, "position_covariance_type": 3, "err_horz": 50.0}),
+    ("mavros_msgs/msg/GPSRAW", {"h_acc": 500}),
+    ("cola2_msgs/msg/GPSData", {"latitude_stdev": 0.5, "longitude_stdev": 0.5}),
+    ("ds_sensor_msgs/msg/UbloxNav", {"accuracy_horz": 0.5}),
+    ("foxglove_msgs/msg/LocationFix", KNOWN),
+]
 
 
-@pytest.mark.parametrize("kind", SIGMA)
-def test_each_kind_states_its_accuracy_in_its_own_way(tmp_path: Path, kind: str) -> None:
-    log = logged(tmp_path, [row(kind, {**IN_BERMUDA[kind], **SIGMA[kind]})], topics={"gps": "/gps"})
+@pytest.mark.parametrize(("kind", "values"), SIGMA)
+def test_each_kind_states_its_accuracy_in_its_own_way_and_a_known_covariance_beats_an_estimate(
+    tmp_path: Path, kind: str, values: Mapping[str, Any]
+) -> None:
+    log = logged(tmp_path, [row(kind, {**FIXES[kind][0], **values})], topics={"gps": "/gps"})
 
     assert log.tables["gps"]["sd_m"].iloc[0] == pytest.approx(0.5, rel=1e-4)
-
-
-def test_a_known_covariance_beats_an_error_estimate(tmp_path: Path) -> None:
-    known = {"position_covariance": np.diag([4.0, 4.0, 9.0]).ravel(), "position_covariance_type": 3, "err_horz": 50.0}
-    kind = "gps_msgs/msg/GPSFix"
-
-    assert logged(tmp_path, [row(kind, {**IN_BERMUDA[kind], **known})]).tables["gps"]["sd_m"].iloc[0] == 2.0
 
 
 def test_a_location_fix_is_timed_by_its_own_timestamp(tmp_path: Path) -> None:
@@ -280,6 +264,7 @@ FLOAT32 = "std_msgs/msg/Float32"
         ("/sensor", "ds_sensor_msgs/msg/DepthPressure", {"depth": 4.0, "pressure": 4.03}, True),
         ("/sensor", "holoocean_interfaces/msg/DepthSensor", {"depth": 4.0}, True),
         ("/depth", FLOAT32, {"data": 4.0}, True),
+        ("/mavros/global_position/rel_alt", HEADING, {"data": -4.0}, False),
         ("/sensor", POSE, {"pose.position.z": -4.0, "header.frame_id": "map"}, False),
         ("/sensor", POSE, {"pose.position.z": 4.0, "header.frame_id": "map_ned"}, False),
         ("/sensor", POSE_COVARIANCE, {"pose.pose.position.z": -4.0, "header.frame_id": "map"}, False),
@@ -293,16 +278,8 @@ def test_a_depth_grows_downwards(tmp_path: Path, topic: str, kind: str, values: 
     named = logged(tmp_path, rows, topics={"depth": topic})
 
     assert named.tables["depth"]["depth_m"].iloc[0] == 4.0
+    assert (Convention("positive", "up", "type") in named.provenance["depth"].conventions) == topic.endswith("rel_alt")
     assert ("depth" in logged(tmp_path, rows).tables) == found
-
-
-def test_the_relative_altitude_of_mavros_is_a_height(tmp_path: Path) -> None:
-    rows = [(T0, "/mavros/global_position/rel_alt", HEADING, {"data": -4.0})]
-
-    log = logged(tmp_path, rows, topics={"depth": "/mavros/global_position/rel_alt"})
-
-    assert log.tables["depth"]["depth_m"].iloc[0] == 4.0
-    assert Convention("positive", "up", "type") in log.provenance["depth"].conventions
 
 
 def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:
@@ -314,36 +291,29 @@ def test_depths_above_the_water_are_pointed_out(tmp_path: Path) -> None:
     )
 
 
-def still(log: Log) -> list[str]:
-    return [finding.text for finding in log.findings if finding.code == "GPS-REPEATED"]
-
-
 def test_a_receiver_that_repeats_its_last_fix_is_found_without_a_depth_sensor(tmp_path: Path) -> None:
     """Fifteen seconds at the surface, twenty under it, and then again."""
     surface = [k if k < 15 else 14 if k < 35 else k for k in range(50)]
     rows = [fix(T0 + k * SECOND, 32.25 + 1e-6 * place, -64.75) for k, place in enumerate(surface)]
 
-    log = logged(tmp_path, rows)
-
-    (sentence,) = still(log)
-    assert sentence.startswith(
+    assert only(logged(tmp_path, rows), "GPS-REPEATED").startswith(
         "/gps/fix: 20 of 50 fixes repeat the previous one to the last digit for more than 5 s, in 1 stretches, "
         "the longest 20.0 s from 14.0 s on"
     )
-    assert still(read_log(tmp_path / "dive.mcap", Request(truth="none"))) == []
+    assert "GPS-REPEATED" not in codes(read_log(tmp_path / "dive.mcap", Request(truth="none")))
 
 
-@pytest.mark.parametrize("drift_deg", [1e-13, 0.0])
-def test_a_receiver_at_rest_for_a_moment_is_none_that_repeats(tmp_path: Path, drift_deg: float) -> None:
-    """It moves by less than a receiver's resolution, or not at all for five seconds."""
-    seconds = 60 if drift_deg else 6
-    rows = [fix(T0 + k * SECOND, 32.25 + k * drift_deg, -64.75) for k in range(seconds)]
-
-    assert still(logged(tmp_path, rows)) == []
-
-
-def test_local_positions_may_stand_still(tmp_path: Path) -> None:
-    log = logged(tmp_path, [row(ODOMETRY, {}, k) for k in range(60)], MAP, {"gps": "/gps"})
+@pytest.mark.parametrize(
+    ("rows", "gps"),
+    [
+        # a receiver that moves by less than its resolution, and one at rest for five seconds
+        ([fix(T0 + k * SECOND, 32.25 + k * 1e-13, -64.75) for k in range(60)], "/gps/fix"),
+        ([fix(T0 + k * SECOND, 32.25, -64.75) for k in range(6)], "/gps/fix"),
+        ([row(ODOMETRY, {}, k) for k in range(60)], "/gps"),  # local positions
+    ],
+)
+def test_what_stands_still_repeats_no_fix(tmp_path: Path, rows: list[Row], gps: str) -> None:
+    log = logged(tmp_path, rows, MAP, {"gps": gps})
 
     assert log.truth is not None
-    assert still(log) == []
+    assert "GPS-REPEATED" not in codes(log)
