@@ -41,6 +41,7 @@ TYPES = {
 define(TYPES)
 QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
 FIELD, AZIMUTH, WHOI = "sensor_msgs/msg/MagneticField", "compass_msgs/msg/Azimuth", "ds_sensor_msgs/msg/Compass"
+FLOAT = "std_msgs/msg/Float32"
 
 
 row = partial(record, "/heading")
@@ -51,22 +52,13 @@ def heading(log: Log) -> list[float]:
     return [float(value) for value in table["heading_deg"]]
 
 
-SOUTH_EAST_BY_TYPE: dict[str, Mapping[str, Any]] = {
+SOUTH_EAST: dict[str, Mapping[str, Any]] = {
     "ds_sensor_msgs/msg/Compass": {"heading": 135.0, "is_true_heading": True},
     "ds_sensor_msgs/msg/Gyro": {"heading": -45.0, **turned("orientation", -45.0)},  # counter-clockwise from east
     "old_ds_sensor_msgs/msg/Gyro": {"heading": 135.0},
     "ds_sensor_msgs/msg/Ins": {"heading": 135.0, **turned("orientation", -45.0)},  # both in one message
     QUATERNION: turned("quaternion", 135.0),  # HDT put into a quaternion as it came
 }
-
-
-@pytest.mark.parametrize("kind", SOUTH_EAST_BY_TYPE)
-def test_a_heading_sensor_is_found_and_read_by_its_own_convention(tmp_path: Path, kind: str) -> None:
-    log = logged(tmp_path, [row(kind, SOUTH_EAST_BY_TYPE[kind])])
-
-    assert heading(log) == pytest.approx([135.0])
-
-
 SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
     "cola2_msgs/msg/NavSts": {"orientation.yaw": math.radians(135.0)},
     "auv_msgs/msg/NavigationStatus": {"orientation.z": math.radians(135.0)},
@@ -82,44 +74,50 @@ SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", SOUTH_EAST_WHEN_NAMED)
-def test_what_is_not_a_compass_is_used_only_if_it_is_named(tmp_path: Path, kind: str) -> None:
-    rows = [row(kind, SOUTH_EAST_WHEN_NAMED[kind])]
+@pytest.mark.parametrize("kind", [*SOUTH_EAST, *SOUTH_EAST_WHEN_NAMED])
+def test_a_heading_is_read_by_its_own_convention_and_what_is_no_compass_only_if_named(
+    tmp_path: Path, kind: str
+) -> None:
+    rows = [row(kind, (SOUTH_EAST | SOUTH_EAST_WHEN_NAMED)[kind])]
 
-    assert heading(logged(tmp_path, rows, topics={"compass": "/heading"})) == pytest.approx([135.0], abs=1e-4)
-    assert "compass" not in logged(tmp_path, rows).tables
+    log = logged(tmp_path, rows, topics={"compass": "/heading"} if kind in SOUTH_EAST_WHEN_NAMED else {})
+
+    assert heading(log) == pytest.approx([135.0], abs=1e-4 if kind in SOUTH_EAST_WHEN_NAMED else 1e-6)
+    assert ("compass" in logged(tmp_path, rows).tables) == (kind in SOUTH_EAST)
 
 
-@pytest.mark.parametrize(("z", "degrees", "unit"), [(-45.0, 135.0, "deg"), (1.0, 90 - 57.29578, "rad")])
-def test_angles_beyond_a_turn_in_radians_are_degrees(tmp_path: Path, z: float, degrees: float, unit: str) -> None:
-    log = logged(tmp_path, [row(VECTOR, {"vector.z": z})], topics={"compass": "/heading"})
+@pytest.mark.parametrize(
+    ("kind", "values", "stated", "degrees", "unit"),
+    [
+        (VECTOR, {"vector.z": -45.0}, "", 135.0, "deg"),  # beyond a turn in radians
+        (VECTOR, {"vector.z": 1.0}, "", 90 - 57.29578, "rad"),
+        (FLOAT, {"data": -45.0}, '[compass]\nunit = "deg"', 315.0, "deg"),
+        (FLOAT, {"data": -math.pi / 4}, '[compass]\nunit = "rad"', 315.0, "rad"),
+    ],
+)
+def test_a_heading_is_in_degrees_or_radians_as_stated_or_else_as_its_values_show(
+    tmp_path: Path, kind: str, values: Mapping[str, Any], stated: str, degrees: float, unit: str
+) -> None:
+    log = logged(tmp_path, [row(kind, values)], stated, {"compass": "/heading"} if kind == VECTOR else {})
 
     assert heading(log) == pytest.approx([degrees])
-    assert (log.convention("compass", "unit").value, log.convention("compass", "unit").chosen_by) == (unit, "values")
+    by = "configuration" if stated else "values"
+    assert (log.convention("compass", "unit").value, log.convention("compass", "unit").chosen_by) == (unit, by)
+    assert kind == VECTOR or log.convention("compass", "time").value == "log time"
 
 
-@pytest.mark.parametrize(("unit", "value"), [("deg", -45.0), ("rad", -math.pi / 4)])
-def test_a_float_may_be_a_heading_in_degrees_or_radians(tmp_path: Path, unit: str, value: float) -> None:
-    log = logged(tmp_path, [row("std_msgs/msg/Float32", {"data": value})], f'[compass]\nunit = "{unit}"')
-
-    assert heading(log) == pytest.approx([315])
-    assert log.convention("compass", "time").value == "log time"
-
-
-NO_HEADING: dict[str, tuple[str, Mapping[str, Any]]] = {
-    "whoi": (WHOI, {"heading": -9999.0, "is_true_heading": True}),
-    "no yaw": ("beside_position/msg/GPSRAW", {"yaw": 65535}),
-    "no HDT": ("beside_position/msg/GPSData", {"heading": 0.0}),
-    "unset": ("beside_position/msg/LocationFix", {"heading": math.nan}),
+NO_HEADING: dict[str, Mapping[str, Any]] = {
+    WHOI: {"heading": -9999.0, "is_true_heading": True},
+    "beside_position/msg/GPSRAW": {"yaw": 65535},
+    "beside_position/msg/GPSData": {"heading": 0.0},  # no HDT
+    "beside_position/msg/LocationFix": {"heading": math.nan},
 }
 
 
-@pytest.mark.parametrize("case", NO_HEADING)
-def test_a_value_that_means_no_data_is_none(tmp_path: Path, case: str) -> None:
-    kind, values = NO_HEADING[case]
-
+@pytest.mark.parametrize("kind", NO_HEADING)
+def test_a_value_that_means_no_data_is_none(tmp_path: Path, kind: str) -> None:
     with pytest.raises(LogError, match=r"all 1 records of /heading .compass. are invalid: 1 not a number"):
-        logged(tmp_path, [row(kind, values)], topics={"compass": "/heading"})
+        logged(tmp_path, [row(kind, NO_HEADING[kind])], topics={"compass": "/heading"})
 
 
 @pytest.mark.parametrize("no_data", [-9999.0, 511.0])
@@ -142,33 +140,23 @@ def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: 
         logged(tmp_path, rows)
 
 
-def test_each_azimuth_is_read_by_its_own_unit_and_sense(tmp_path: Path) -> None:
-    angles = [(math.pi / 2, 0, 0), (0.0, 1, 0), (0.0, 1, 1), (math.pi, 0, 1)]  # angle; degrees?; clockwise from north?
-    rows = [
-        row(AZIMUTH, {"azimuth": a, "unit": unit, "orientation": sense, "reference": 1}, k)
-        for k, (a, unit, sense) in enumerate(angles)
+def test_each_azimuth_is_read_by_its_own_unit_sense_and_north(tmp_path: Path) -> None:
+    azimuths = [  # angle, variance, degrees?, clockwise from north?, north: true or of a UTM grid
+        (math.pi / 2, 1e-4, 0, 0, 1),
+        (0.0, 4.0, 1, 0, 1),
+        (0.0, 4.0, 1, 1, 1),
+        (math.pi, 1e-4, 0, 1, 1),
+        (1.0, 1e-4, 0, 1, 2),
     ]
-
-    log = logged(tmp_path, rows)
-
-    assert heading(log) == pytest.approx([0, 90, 0, 180])
-    assert Convention("north", "true", "records") in log.provenance["compass"].conventions
-
-
-def test_the_variance_of_an_azimuth_is_in_its_own_unit(tmp_path: Path) -> None:
-    rows = [
-        row(AZIMUTH, {"azimuth": 1.0, "variance": v, "unit": u, "reference": 1}, u) for u, v in enumerate([1e-4, 4.0])
-    ]
+    names = ("azimuth", "variance", "unit", "orientation", "reference")
+    rows = [row(AZIMUTH, dict(zip(names, values, strict=True)), k) for k, values in enumerate(azimuths)]
 
     log = logged(tmp_path, rows, '[compass]\nsd_deg = "message"')
 
-    np.testing.assert_allclose(log.tables["compass"]["sd_deg"], [math.degrees(0.01), 2.0])
-
-
-def test_a_grid_azimuth_is_left_out(tmp_path: Path) -> None:
-    log = logged(tmp_path, [row(AZIMUTH, {"azimuth": 1.0, "reference": north}, north) for north in (1, 2)])
-
-    said = "/heading: 1 of 2 records are invalid and left out (1 from the north of a UTM grid)"
+    assert heading(log) == pytest.approx([0, 90, 0, 180])
+    np.testing.assert_allclose(log.tables["compass"]["sd_deg"], [math.degrees(0.01), 2.0, 2.0, math.degrees(0.01)])
+    assert Convention("north", "true", "records") in log.provenance["compass"].conventions
+    said = "/heading: 1 of 5 records are invalid and left out (1 from the north of a UTM grid)"
     assert only(log, "COMPASS-INVALID") == said
 
 
