@@ -4,7 +4,7 @@ import gzip
 import json
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from logs import codes
 from moos_recordings import HEAD, line
 from pd45_recordings import pd45_ensemble
 from recordings import SECOND, T0, Row, point, sentence, twist, write_bag, write_mcap, write_rosbag2, yaw
-from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_mat_7_3, as_netcdf, as_parquet, as_records
+from table_recordings import WRITERS, Tables, as_csv, as_netcdf
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.clock_parts import PartsError
 from usbldr.io.conventions.clock_steps import examined
@@ -50,35 +50,42 @@ def tables_of(times: Times) -> Tables:
     return {"dvl": dvl, "compass": {"time_ns": times, "heading_deg": 90 - k / 10}}
 
 
+def saved(file: Path, data: Iterable[str] | Iterable[bytes]) -> Path:
+    """Write ensembles, or lines with their ends."""
+    file.write_bytes(b"".join(one if isinstance(one, bytes) else f"{one}\n".encode() for one in data))
+    return file
+
+
+def timed(times: Times, text: Callable[[int], str]) -> list[str]:
+    """Return a line for each record, by its number, behind its time."""
+    return [f"{t // SECOND}.{t % SECOND:09d} {text(k)}" for k, t in enumerate(times.tolist())]
+
+
+def true_heading(k: int) -> str:
+    return sentence(f"HEHDT,{90 - k / 10:.1f},T")
+
+
 def as_nmea(folder: Path, times: Times) -> Path:
-    lines = (
-        f"{t // SECOND}.{t % SECOND:09d} {sentence(f'HEHDT,{90 - k / 10:.1f},T')}" for k, t in enumerate(times.tolist())
-    )
-    (folder / "a.nmea").write_text("\n".join(lines), encoding="utf-8")
-    return folder / "a.nmea"
+    return saved(folder / "a.nmea", timed(times, true_heading))
 
 
 def as_tlog(folder: Path, times: Times) -> Path:
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    with (folder / "a.tlog").open("wb") as file:
-        for k, t in enumerate(times.tolist()):
-            message = mavlink.MAVLink_attitude_message(0, 0, 0, math.radians(90 - k / 10), 0, 0, 0)
-            file.write(struct.pack(">Q", t // 1000) + bytes(message.pack(sender)))
-    return folder / "a.tlog"
+    angles = [math.radians(90 - k / 10) for k in range(len(times))]
+    packets = (bytes(mavlink.MAVLink_attitude_message(0, 0, 0, yaw, 0, 0, 0).pack(sender)) for yaw in angles)
+    stamps = (struct.pack(">Q", t // 1000) for t in times.tolist())
+    return saved(folder / "a.tlog", (stamp + packet for stamp, packet in zip(stamps, packets, strict=True)))
 
 
 def as_alog(folder: Path, times: Times) -> Path:
     log = [line((t - T0) / SECOND + 10**6, "HEADING", "iCompass", 90 - k / 10) for k, t in enumerate(times.tolist())]
-    (folder / "a.alog").write_text(HEAD + "".join(log), encoding="utf-8")
     (folder / "usbldr.toml").write_text(TOML.format("HEADING"))
-    return folder / "a.alog"
+    return saved(folder / "a.alog", [(HEAD + "".join(log)).encode()])
 
 
 def as_json_lines(folder: Path, times: Times) -> Path:
-    log = (f'{t // SECOND}.{t % SECOND:09d} {{"h": {90 - k / 10}}}\n' for k, t in enumerate(times.tolist()))
-    (folder / "a.jsonl").write_text("".join(log), encoding="utf-8")
     (folder / "usbldr.toml").write_text(TOML.format("h"))
-    return folder / "a.jsonl"
+    return saved(folder / "a.jsonl", timed(times, lambda k: f'{{"h": {90 - k / 10}}}'))
 
 
 def as_lsf(folder: Path, times: Times) -> Path:
@@ -111,55 +118,41 @@ def as_pd0(folder: Path, times: Times) -> Path:
         ensemble(k, 1, (250, -1500, 10, 0), gga=False, clock=pd_clock(t), heading=9000 - 10 * k)
         for k, t in enumerate(times.tolist())
     ]
-    (folder / "a.pd0").write_bytes(b"".join(parts))
-    return folder / "a.pd0"
+    return saved(folder / "a.pd0", parts)
 
 
-def as_pd5(folder: Path, times: Times) -> Path:
-    made = [
-        pd45_ensemble(5, t // 10**7 % 8_640_000, x=0, y=1500, z=10, depth=100, heading=9000 - 10 * k)
-        for k, t in enumerate(times.tolist())
-    ]
-    (folder / "a.pd5").write_bytes(b"".join(made))
-    return folder / "a.pd5"
-
-
-def as_pd4(folder: Path, times: Times) -> Path:
-    made = [pd45_ensemble(4, t // 10**7 % 8_640_000, x=0, y=1000 + 10 * k, z=10) for k, t in enumerate(times.tolist())]
-    (folder / "a.pd4").write_bytes(b"".join(made))
-    return folder / "a.pd4"
+def as_pd45(form: int, folder: Path, times: Times) -> Path:
+    """Write PD5, which has headings, or PD4, whose records are told by their velocities."""
+    own = [{"heading": 9000 - 10 * k, "depth": 100} if form == 5 else {} for k in range(len(times))]
+    return saved(
+        folder / f"a.pd{form}",
+        (
+            pd45_ensemble(form, t // 10**7 % 8_640_000, x=0, y=1000 + 10 * k, z=10, **own[k])
+            for k, t in enumerate(times.tolist())
+        ),
+    )
 
 
 def as_lines(folder: Path, times: Times) -> Path:
     """Write lines that begin with a word, behind their log times."""
-    lines = (
-        f"{t // SECOND}.{t % SECOND:09d} wrz,{1 + k / 100},0.25,-0.01,y,1.30,1.855,0,,,123.0,1"
-        for k, t in enumerate(times.tolist())
-    )
-    (folder / "a.log").write_text("\n".join(lines) + "\n", encoding="ascii")
-    return folder / "a.log"
+    lines = timed(times, lambda k: f"wrz,{1 + k / 100},0.25,-0.01,y,1.30,1.855,0,,,123.0,1")
+    return saved(folder / "a.log", lines)
 
 
 def as_reports(folder: Path, times: Times) -> Path:
-    lines: list[str] = []
-    for k, t in enumerate(times.tolist()):
-        lines += [
-            json.dumps(
-                velocity(0) | {"vx": 1 + k / 100, "time_of_validity": t // 1000, "time_of_transmission": t // 1000}
-            )
-        ]
-    (folder / "a.jsonl").write_text("\n".join(lines) + "\n", encoding="ascii")
-    return folder / "a.jsonl"
+    clocks = [dict.fromkeys(("time_of_validity", "time_of_transmission"), t // 1000) for t in times.tolist()]
+    return saved(
+        folder / "a.jsonl", (json.dumps(velocity(0) | clock | {"vx": 1 + k / 100}) for k, clock in enumerate(clocks))
+    )
 
 
 def as_pd6(folder: Path, times: Times) -> Path:
     lines: list[str] = []
     for k, t in enumerate(times.tolist()):
-        lines += [f":SA, +1.00, -2.00,{90 - k / 10:6.2f}"]
-        lines += [f":TS,{pd_clock(t)}, 0.0, +0.0,{k / 10:6.1f},1475.0,  0"]
-        lines += [f":BI,  +{100 + k},  -420, +2000,    +0,A"]
-    (folder / "a.pd6").write_text("\r\n".join(lines) + "\r\n", encoding="ascii", newline="")
-    return folder / "a.pd6"
+        lines += [f":SA, +1.00, -2.00,{90 - k / 10:6.2f}\r"]
+        lines += [f":TS,{pd_clock(t)}, 0.0, +0.0,{k / 10:6.1f},1475.0,  0\r"]
+        lines += [f":BI,  +{100 + k},  -420, +2000,    +0,A\r"]
+    return saved(folder / "a.pd6", lines)
 
 
 def as_sentences(folder: Path, times: Times) -> Path:
@@ -168,24 +161,20 @@ def as_sentences(folder: Path, times: Times) -> Path:
     for k, t in enumerate(times.tolist()):
         moment, hundredths = datetime.fromtimestamp(t // SECOND, UTC), t % SECOND // 10**7
         lines += [sentence(f"GPRMC,{moment:%H%M%S}.{hundredths:02d},A,,,,,1.0,90.0,{moment:%d%m%y},,,A")]
-        lines += [sentence(f"HEHDT,{90 - k / 10:.1f},T")]
-    (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="ascii")
-    return folder / "a.nmea"
+        lines += [true_heading(k)]
+    return saved(folder / "a.nmea", lines)
 
 
 def as_carried(folder: Path, times: Times) -> Path:
     """Write sentences as texts of a topic."""
-    texts = (sentence(f"HEHDT,{90 - k / 10:.1f},T") for k in range(len(times)))
-    rows = [
-        (t, "/gyro/nmea", "std_msgs/msg/String", {"data": text}) for t, text in zip(times.tolist(), texts, strict=True)
-    ]
+    kind = "std_msgs/msg/String"
+    rows = [(t, "/gyro/nmea", kind, {"data": true_heading(k)}) for k, t in enumerate(times.tolist())]
     return write_bag(folder / "a.bag", rows)
 
 
 def packed(writer: Callable[[Path, Times], Path], folder: Path, times: Times) -> Path:
     file = writer(folder, times)
-    file.with_name(file.name + ".gz").write_bytes(gzip.compress(file.read_bytes()))
-    return file.with_name(file.name + ".gz")
+    return saved(file.with_name(file.name + ".gz"), [gzip.compress(file.read_bytes())])
 
 
 CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
@@ -195,12 +184,8 @@ CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "rosbag2": lambda folder, times: write_rosbag2(folder / "a", rows_of(times)),
     "rosbag2 mcap": lambda folder, times: write_rosbag2(folder / "a", rows_of(times), StoragePlugin.MCAP),
     "csv": lambda folder, times: as_csv(folder, tables_of(times)),
-    "parquet": lambda folder, times: as_parquet(folder, tables_of(times)),
-    "hdf5": lambda folder, times: as_hdf5(folder, tables_of(times)),
-    "mat": lambda folder, times: as_mat(folder, tables_of(times)),
-    "hdf5 records": lambda folder, times: as_records(folder, tables_of(times)),
-    "mat 7.3": lambda folder, times: as_mat_7_3(folder, tables_of(times)),
     "netCDF": lambda folder, times: as_netcdf(folder, tables_of(times)),
+    **{form: lambda folder, times, write=write: write(folder, tables_of(times)) for form, write in WRITERS.items()},
     "nmea": as_nmea,
     "sentences that hold the time": as_sentences,
     "sentences in a topic": as_carried,
@@ -215,8 +200,8 @@ CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "PD0": as_pd0,
     "PD0.gz": partial(packed, as_pd0),
     "MCAP.gz": partial(packed, as_blueos),
-    "PD4": as_pd4,
-    "PD5": as_pd5,
+    "PD4": partial(as_pd45, 4),
+    "PD5": partial(as_pd45, 5),
     "PD6": as_pd6,
 }
 
@@ -255,7 +240,7 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
     np.testing.assert_allclose(np.diff(times_s), 0.2, atol=2e-5)  # of .alog's digits
 
 
-@pytest.mark.parametrize("container", ["mcap", "bag", "csv", "hdf5", "lsf"])
+@pytest.mark.parametrize("container", ["mcap", "bag", "csv", "HDF5", "lsf"])
 @pytest.mark.parametrize("cut", [10, 37, COUNT - 10])
 def test_a_clock_that_counts_from_its_start_until_set_makes_parts(tmp_path: Path, container: str, cut: int) -> None:
     """As of a computer without a battery, before NTP answers. The time after that is right for all."""
@@ -309,7 +294,7 @@ WIDTHS = {
 @settings(max_examples=16)
 @given(
     counter=st.sampled_from(sorted(WIDTHS)),
-    container=st.sampled_from(["csv", "parquet", "hdf5", "mat"]),
+    container=st.sampled_from(["csv", "Parquet", "HDF5", "MATLAB"]),
     first=st.integers(1, COUNT - 1),
     offset_ns=st.integers(0, STEP - 1),
 )

@@ -32,10 +32,19 @@ def dive() -> Log:
     return simulated_log(find_scenario("square"), seed=1)
 
 
+def with_table(log: Log, role: str, table: pd.DataFrame) -> Log:
+    return replace(log, tables={**log.tables, role: table})
+
+
 def changed(log: Log, role: str, columns: list[str], values: NDArray[Any]) -> Log:
     table = log.tables[role].copy()
     table[columns] = values
-    return replace(log, tables={**log.tables, role: table})
+    return with_table(log, role, table)
+
+
+def with_headings(log: Log, time_s: Vector, heading_deg: Vector) -> Log:
+    columns = {"time_s": time_s, "received_s": time_s, "heading_deg": heading_deg, "sd_deg": 0.3}
+    return with_table(log, "compass", pd.DataFrame(columns))
 
 
 def times(log: Log, role: str) -> Vector:
@@ -99,7 +108,7 @@ def test_stuck_depths_are_named_and_stay(dive: Log) -> None:
     table = pd.DataFrame({"time_s": time_s, "received_s": time_s, "depth_m": depth_m})
     provenance = {**dive.provenance, "depth": dive.provenance["dvl"]}
 
-    log = replace(dive, tables={**dive.tables, "depth": table}, provenance=provenance)
+    log = replace(with_table(dive, "depth", table), provenance=provenance)
 
     assert (found(log), lost(log)) == (["STUCK"], {})
 
@@ -121,7 +130,7 @@ def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> N
     fixes = fixes.assign(sd_m=1.0, lat_deg=45 + fixes["north_m"] * 9e-6, lon_deg=7 + fixes["east_m"] * 13e-6)
     provenance = {**dive.provenance, "gps": replace(dive.provenance["usbl"], topic="/gps")}
     truth = Truth(time_s, place, fixes["sd_m"].to_numpy(), "gps", "/gps")
-    log = replace(dive, tables={**dive.tables, "gps": fixes}, provenance=provenance, truth=truth)
+    log = replace(with_table(dive, "gps", fixes), provenance=provenance, truth=truth)
 
     kept = without_implausible(log)
 
@@ -134,20 +143,18 @@ def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> N
     assert without_implausible(other).truth is other.truth
 
 
-@pytest.mark.parametrize(("from_s", "to_s"), [(300, 360), (300, 300.2), (0, 50), (700, np.inf)])
-def test_valid_zeros_between_velocities_at_cruise_are_left_out(dive: Log, from_s: float, to_s: float) -> None:
+@pytest.mark.parametrize(
+    ("from_s", "to_s", "decimals"), [(300, 360, 9), (300, 300.2, 9), (0, 50, 9), (700, np.inf, 9), (300, 360, 2)]
+)
+def test_valid_zeros_between_velocities_at_cruise_are_left_out(
+    dive: Log, from_s: float, to_s: float, decimals: int
+) -> None:
     zeros = within(dive, "dvl", from_s, to_s)
-    log = changed(dive, "dvl", VELOCITY, dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None])
+    velocity = np.round(dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None], decimals)
+    log = changed(dive, "dvl", VELOCITY, velocity)
 
     assert found(log) == ["DVL-ZERO"]
     assert lost(log) == {"dvl": times(log, "dvl")[zeros].tolist()}
-
-
-def test_a_coarse_dvl_that_loses_its_speed_at_once_shows_no_standstill(dive: Log) -> None:
-    zeros = within(dive, "dvl", 300, 360)
-    velocity = np.round(dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None], 2)
-
-    assert lost(changed(dive, "dvl", VELOCITY, velocity)) == {"dvl": times(dive, "dvl")[zeros].tolist()}
 
 
 @pytest.mark.parametrize(("records", "size_deg"), [(1, 20.0), (1, -60.0), (5, 120.0), (5, 180.0)])
@@ -204,34 +211,32 @@ def holding_90_deg(log: Log) -> Vector:
     return course + np.random.default_rng(7).normal(0, 0.5, len(course)) * ~within(log, "compass", 300, 400)
 
 
-def test_a_clean_dive_stays_as_it_is(dive: Log) -> None:
-    assert without_implausible(dive) is dive
-
-
 @pytest.mark.parametrize("rate_hz", [2.0, 5.0, 10.0, 50.0])
 @pytest.mark.parametrize("sd_deg", [0.0, 0.3, 2.0])
 def test_the_turns_of_a_fast_rov_are_true(dive: Log, rate_hz: float, sd_deg: float) -> None:
     time_s = np.arange(0.0, 300.0, 1 / rate_hz)
     turning_dps = 60.0 * np.array([0, 0, 1, 0, -1, 1, -1, 0])[(time_s // 3).astype(int) % 8]  # reverses at once
     heading = 350 + np.cumsum(turning_dps) / rate_hz + np.random.default_rng(4).normal(0, sd_deg, len(time_s))
-    columns = {"time_s": time_s, "received_s": time_s, "heading_deg": heading % 360, "sd_deg": 0.3}
-    table = pd.DataFrame(columns)
 
-    log = replace(dive, tables={**dive.tables, "compass": table})
+    log = with_headings(dive, time_s, heading % 360)
 
     assert without_implausible(log) is log
 
 
-def test_a_coarsely_rounded_sensor_may_repeat_itself(dive: Log) -> None:
-    for role, columns, step in (("compass", ["heading_deg"], 1.0), ("dvl", VELOCITY, 0.01), ("usbl", PLACE, 1.0)):
-        rounded = changed(dive, role, columns, np.round(dive.tables[role][columns].to_numpy() / step) * step)
+def test_a_sensor_may_repeat_itself_if_it_is_coarse_or_polled_faster_than_it_measures(dive: Log) -> None:
+    course = changed(dive, "compass", ["heading_deg"], holding_90_deg(dive)[:, None])
+    polled = dive.tables["compass"]["heading_deg"].to_numpy()[np.arange(len(times(dive, "compass"))) // 10 * 10]
+    for log, role, columns, step in (
+        (dive, "compass", ["heading_deg"], 1.0),
+        (course, "compass", ["heading_deg"], 1.0),  # while the vehicle keeps its course
+        (dive, "dvl", VELOCITY, 0.01),
+        (dive, "usbl", PLACE, 1.0),
+    ):
+        rounded = changed(log, role, columns, np.round(log.tables[role][columns].to_numpy() / step) * step)
         assert without_implausible(rounded) is rounded, role
-
-
-def test_a_coarsely_rounded_sensor_may_stay_the_same_while_the_vehicle_keeps_its_course(dive: Log) -> None:
-    log = changed(dive, "compass", ["heading_deg"], np.round(holding_90_deg(dive))[:, None])
-
-    assert without_implausible(log) is log
+    held = changed(dive, "compass", ["heading_deg"], polled[:, None])
+    assert without_implausible(dive) is dive
+    assert without_implausible(held) is held
 
 
 def test_a_vehicle_at_rest_may_show_the_same_values_again(dive: Log) -> None:
@@ -279,9 +284,8 @@ def test_a_few_repeats_and_a_short_hang_are_no_fault(dive: Log, interval_s: floa
     time_s = np.arange(0.0, 900.0, interval_s)
     heading = 40 + np.random.default_rng(10).normal(0, 0.8, len(time_s))
     heading[200 : 201 + repeats] = heading[200]
-    table = pd.DataFrame({"time_s": time_s, "received_s": time_s, "heading_deg": heading, "sd_deg": 0.3})
 
-    log = replace(dive, tables={**dive.tables, "compass": table})
+    log = with_headings(dive, time_s, heading)
 
     assert without_implausible(log) is log
 
@@ -291,14 +295,7 @@ def test_two_equal_fixes_and_a_handful_of_fixes_prove_nothing(dive: Log, fixes: 
     table = dive.tables["usbl"][:fixes].copy()
     table.loc[repeats, PLACE] = table.loc[np.array(repeats) - 1, PLACE].to_numpy()
 
-    log = replace(dive, tables={**dive.tables, "usbl": table})
-
-    assert without_implausible(log) is log
-
-
-def test_a_compass_that_is_polled_faster_than_it_measures_repeats_itself(dive: Log) -> None:
-    heading = dive.tables["compass"]["heading_deg"].to_numpy()
-    log = changed(dive, "compass", ["heading_deg"], heading[np.arange(len(heading)) // 10 * 10][:, None])
+    log = with_table(dive, "usbl", table)
 
     assert without_implausible(log) is log
 
@@ -317,7 +314,7 @@ def test_a_simulation_without_noise_repeats_itself(dive: Log) -> None:
 def test_dense_spikes_show_once_their_neighbours_are_gone(dive: Log) -> None:
     every = np.arange(0, len(times(dive, "compass")), 5)  # at 2 Hz, where a window of 13 records lasts for 6 s
     table = dive.tables["compass"].iloc[every].reset_index(drop=True)
-    slow = replace(dive, tables={**dive.tables, "compass": table})
+    slow = with_table(dive, "compass", table)
     off = np.random.default_rng(0).random(len(table)) < 0.17
     off[[0, -1]] = False  # nothing shows the way back there
 
