@@ -38,6 +38,12 @@ from usbldr.io.reading.survey import survey
 COUNT, STEP = 80, SECOND // 5
 TOML = '[compass]\ncolumns = {{ heading = "{}" }}\nconvention = "compass"\nunit = "deg"\n'
 Times = np.ndarray
+STEADY = T0 + np.arange(COUNT) * STEP
+
+
+def back(cut: int, by_ns: int) -> Times:
+    """Return times of a clock that goes back before a record."""
+    return STEADY - np.where(np.arange(COUNT) >= cut, by_ns, 0)
 
 
 def rows_of(times: Times) -> list[Row]:
@@ -221,8 +227,7 @@ def headings(log: Log) -> list[int]:
 @given(cut=st.integers(10, COUNT - 10), back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND))
 @example(cut=COUNT // 2, back_ns=100 * SECOND)  # the last record is neither the first nor the last in time
 def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_ns: int) -> None:
-    times = T0 + np.arange(COUNT) * STEP
-    times[cut:] -= back_ns if container not in UNDATED else min(back_ns, 10 * HOUR)
+    times = back(cut, back_ns if container not in UNDATED else min(back_ns, 10 * HOUR))
 
     with TemporaryDirectory() as folder:
         log = CONTAINERS[container](Path(folder), times)
@@ -244,7 +249,7 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
 @pytest.mark.parametrize("cut", [10, 37, COUNT - 10])
 def test_a_clock_that_counts_from_its_start_until_set_makes_parts(tmp_path: Path, container: str, cut: int) -> None:
     """As of a computer without a battery, before NTP answers. The time after that is right for all."""
-    times = T0 + np.arange(COUNT) * STEP
+    times = STEADY.copy()
     times[:cut] -= T0 - 30 * SECOND
     log = CONTAINERS[container](tmp_path, times)
 
@@ -259,7 +264,7 @@ def test_a_clock_that_counts_from_its_start_until_set_makes_parts(tmp_path: Path
 
 
 def test_a_few_times_far_ahead_make_no_parts() -> None:
-    times = T0 + np.arange(COUNT) * STEP
+    times = STEADY.copy()
     times[20:29] += 10**9 * SECOND
 
     assert examined(times).steps == []
@@ -272,7 +277,7 @@ def test_a_few_times_far_ahead_make_no_parts() -> None:
     ahead=st.booleans(),
 )
 def test_single_wrong_times_make_no_parts(container: str, wrong: set[int], ahead: bool) -> None:
-    times = T0 + np.arange(COUNT) * STEP
+    times = STEADY.copy()
     times[sorted(wrong)] += (500 if ahead else -500) * SECOND
 
     with TemporaryDirectory() as folder:
@@ -331,12 +336,10 @@ def test_stamps_of_delayed_fixes_may_go_back(tmp_path: Path) -> None:
 
 def test_only_the_stamps_of_one_sensor_go_back(tmp_path: Path) -> None:
     """Its driver started again: the compass has no step and is cut to the time of the part."""
-    times = T0 + np.arange(COUNT) * STEP
-    dvl = [twist(t, 1 + k / 100, 0.0) for k, t in enumerate(times.tolist())]
-    for k in range(40, COUNT):
-        time_ns, topic, kind, values = dvl[k]
-        dvl[k] = time_ns, topic, kind, dict(values) | {"header.stamp": time_ns - 5 * SECOND}
-    rows = [row for k, t in enumerate(times.tolist()) for row in (dvl[k], yaw(t, k / 10))]
+    rows = rows_of(STEADY)
+    for k in range(80, 2 * COUNT, 2):  # of the DVL
+        time_ns, topic, kind, values = rows[k]
+        rows[k] = time_ns, topic, kind, dict(values) | {"header.stamp": time_ns - 5 * SECOND}
     log = write_mcap(tmp_path / "a.mcap", rows)
 
     with pytest.raises(PartsError, match=r"/dvl: the clock goes back by 5\.000 s"):
@@ -347,10 +350,8 @@ def test_only_the_stamps_of_one_sensor_go_back(tmp_path: Path) -> None:
 
 
 def test_a_slow_topic_is_cut_where_the_clock_went_back(tmp_path: Path) -> None:
-    times = T0 + np.arange(COUNT) * STEP
-    times[40:] -= 2 * SECOND
     rows: list[Row] = []
-    for k, t in enumerate(times.tolist()):
+    for k, t in enumerate(back(40, 2 * SECOND).tolist()):
         rows += [twist(t, 1.0, 0.0), yaw(t, 0.0), *([point(t, float(k), 0.0)] if k % 20 == 19 else [])]
     log = write_mcap(tmp_path / "a.mcap", rows)
 
@@ -360,9 +361,7 @@ def test_a_slow_topic_is_cut_where_the_clock_went_back(tmp_path: Path) -> None:
 
 
 def test_a_part_that_there_is_not_is_refused(tmp_path: Path) -> None:
-    times = T0 + np.arange(COUNT) * STEP
-    times[40:] -= 100 * SECOND
-    log = write_mcap(tmp_path / "a.mcap", rows_of(times))
+    log = write_mcap(tmp_path / "a.mcap", rows_of(back(40, 100 * SECOND)))
 
     with pytest.raises(UsageError, match=r"there is no part 3: /dvl, /imu: the clock goes back by 100\.000 s"):
         read_log(log, Request(part="3"))
@@ -373,7 +372,7 @@ def test_a_part_that_there_is_not_is_refused(tmp_path: Path) -> None:
 
 
 def test_part_without_a_step_is_said(tmp_path: Path) -> None:
-    log = read_log(write_mcap(tmp_path / "a.mcap", rows_of(T0 + np.arange(COUNT) * STEP)), Request(part="2"))
+    log = read_log(write_mcap(tmp_path / "a.mcap", rows_of(STEADY)), Request(part="2"))
 
     assert "part is not used" in codes(log)["KEY-UNUSED"]
 

@@ -1,12 +1,13 @@
 """Order, repeats and zero stamps: what becomes of records that share a moment."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from logs import codes, logged
-from recordings import SECOND, T0, point, twist, yaw
+from recordings import SECOND, T0, Row, point, twist, yaw
 
 
 def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -> None:
@@ -24,43 +25,33 @@ def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -
     }
 
 
-def test_records_with_the_same_stamp_and_values_are_one(tmp_path: Path) -> None:
-    rows = [row for k in range(5) for row in [twist(T0 + k, 1.0 + k, 0.0)] * 2]
-
+@pytest.mark.parametrize(
+    ("rows", "columns", "code", "said"),
+    [
+        ([row for k in range(5) for row in [twist(T0 + k, 1.0 + k, 0.0)] * 2], {"forward_mps": [1, 2, 3, 4, 5]},
+         "REPEATED", "/dvl: 5 of 10 records repeat another's stamp and values and are left out"),
+        ([twist(T0, 1.0, 0.2), twist(T0, 2.0, 0.4), twist(T0 + SECOND, 5.0, 0.0)],
+         {"forward_mps": [1.5, 5.0], "starboard_mps": [-0.3, 0.0]}, "SAME-STAMP",
+         "/dvl: 1 of 3 records have another's stamp and other values; records of one stamp are averaged"),
+        # an invalid record of the DVL spoils no average
+        ([twist(T0, 1.0, 0.0), twist(T0, 300.0, 0.0)], {"forward_mps": [1.0], "valid": [True]}, "SAME-STAMP",
+         "/dvl: 1 of 2 records have another's stamp and other values; records of one stamp are averaged"),
+        # headings are averaged as directions
+        ([yaw(T0, 90 - 359), yaw(T0, 90 - 3), yaw(T0 + SECOND, 0)], {"heading_deg": [1.0, 90.0]}, "SAME-STAMP",
+         "/imu: 1 of 3 records have another's stamp and other values; records of one stamp are averaged"),
+        ([point(T0, 1.0, 0.0), point(T0, 2.0, 0.0), point(T0, 2.0, 0.0)], {"east_m": [1.0, 2.0]}, "SAME-STAMP",
+         "/usbl: 1 of 2 records have another's stamp and other values; all are kept"),
+    ],
+)  # fmt: skip
+def test_records_of_one_stamp_are_one_or_averaged_or_as_fixes_all_kept(
+    tmp_path: Path, rows: list[Row], columns: Mapping[str, list[float]], code: str, said: str
+) -> None:
     log = logged(tmp_path, rows)
 
-    assert len(log.tables["dvl"]) == 5
-    assert codes(log)["REPEATED"] == "/dvl: 5 of 10 records repeat another's stamp and values and are left out"
-
-
-def test_dvl_records_of_one_stamp_with_other_values_are_averaged(tmp_path: Path) -> None:
-    log = logged(tmp_path, [twist(T0, 1.0, 0.2), twist(T0, 2.0, 0.4), twist(T0 + SECOND, 5.0, 0.0)])
-
-    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], [1.5, 5.0])
-    np.testing.assert_allclose(log.tables["dvl"]["starboard_mps"], [-0.3, 0.0])
-    assert codes(log)["SAME-STAMP"] == (
-        "/dvl: 1 of 3 records have another's stamp and other values; records of one stamp are averaged"
-    )
-
-
-def test_an_invalid_dvl_record_spoils_no_average(tmp_path: Path) -> None:
-    log = logged(tmp_path, [twist(T0, 1.0, 0.0), twist(T0, 300.0, 0.0)])
-
-    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], [1.0])
-    assert log.tables["dvl"]["valid"].all()
-
-
-def test_headings_of_one_stamp_are_averaged_as_directions(tmp_path: Path) -> None:
-    log = logged(tmp_path, [yaw(T0, 90 - 359), yaw(T0, 90 - 3), yaw(T0 + SECOND, 0)])
-
-    assert log.tables["compass"]["heading_deg"].iloc[0] == pytest.approx(1.0)
-
-
-def test_usbl_fixes_of_one_stamp_are_all_kept(tmp_path: Path) -> None:
-    log = logged(tmp_path, [point(T0, 1.0, 0.0), point(T0, 2.0, 0.0), point(T0, 2.0, 0.0)])
-
-    assert list(log.tables["usbl"]["east_m"]) == [1.0, 2.0]
-    assert codes(log)["SAME-STAMP"] == ("/usbl: 1 of 2 records have another's stamp and other values; all are kept")
+    ((_, table),) = log.tables.items()
+    for name, values in columns.items():
+        assert table[name].tolist() == pytest.approx(values)
+    assert codes(log).get(code, "") == said
 
 
 @pytest.mark.parametrize(

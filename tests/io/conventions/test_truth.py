@@ -120,17 +120,14 @@ def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_
     assert stated.sd_m[0] == 0.25
 
 
-def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text(f"time_ns,east_m,north_m\n{T0 + SECOND},1,2\n", encoding="utf-8")
+@pytest.mark.parametrize("frame", ["NED", "ENU"])
+def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path, frame: str) -> None:
+    (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m\n{T0 + SECOND},1,2\n", encoding="utf-8")
 
-    said = {
-        frame: [f.text for f in dive(tmp_path, f'[truth]\nfile = "t.csv"\nframe = "{frame}"').findings]
-        for frame in ("NED", "ENU")
-    }
+    found = dive(tmp_path, f'[truth]\nfile = "t.csv"\nframe = "{frame}"').findings
 
-    assert said["ENU"] == []
-    assert said["NED"] == ['t.csv: frame = "NED" of the configuration is not used; its columns are ENU']
+    said = 't.csv: frame = "NED" of the configuration is not used; its columns are ENU'
+    assert [one.text for one in found] == [said] * (frame == "NED")
 
 
 @pytest.mark.parametrize(
@@ -290,20 +287,17 @@ def test_the_frame_of_a_local_truth_is_checked_against_the_fixes(tmp_path: Path,
     assert log.truth.kind == "slam"
 
 
-def test_a_stated_frame_of_the_truth_is_not_checked(tmp_path: Path) -> None:
-    request = Request(truth="/nav/slam", truth_frame="ENU")
-    log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("NED")), request)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("/nav/slam", "slam"), ("/sim/pose", "simulated"), ("/pose", "other"), ("/ground_truth/pose", "other")],
+)
+def test_a_stated_frame_of_the_truth_is_not_checked_and_its_kind_follows_from_its_name(
+    tmp_path: Path, name: str, kind: str
+) -> None:
+    request = Request(truth=name, truth_frame="ENU")
+    log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("NED", name)), request)
 
     assert log.truth is not None
     np.testing.assert_allclose(log.truth.position_m[0], [0, 40])
     assert log.convention("truth", "frame").chosen_by == "configuration"
-
-
-def test_kinds_follow_from_names_and_types(tmp_path: Path) -> None:
-    kinds: dict[str, str] = {}
-    for name in ("/nav/slam", "/sim/pose", "/pose", "/ground_truth/pose"):
-        log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("ENU", name)), Request(truth=name))
-        assert log.truth is not None
-        kinds[name] = log.truth.kind
-
-    assert kinds == {"/nav/slam": "slam", "/sim/pose": "simulated", "/pose": "other", "/ground_truth/pose": "other"}
+    assert log.truth.kind == kind

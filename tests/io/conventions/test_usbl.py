@@ -78,9 +78,11 @@ def test_a_head_by_latitude_is_the_origin_unless_there_is_a_map(tmp_path: Path) 
     assert places(on_map)[0] == pytest.approx([3.0, 4.0 + 0.0009 * 111132], abs=0.1)
 
 
-def test_latitudes_give_the_plane_its_origin_before_the_gps_does(tmp_path: Path) -> None:
+def test_latitudes_of_the_usbl_are_told_from_those_of_the_gps_by_name_and_place_the_origin(tmp_path: Path) -> None:
     log = logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix"), fix(T0, 46.0, 8.0)])
 
+    assert {role: p.topic for role, p in log.provenance.items()} == {"usbl": "/usbl/fix", "gps": "/gps/fix"}
+    assert log.provenance["gps"].type == FIX
     assert log.origin is not None
     assert (log.origin.lat_deg, log.origin.lon_deg, log.origin.kind) == (45.0, 7.0, "first usbl fix")
 
@@ -218,31 +220,20 @@ def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_
     assert stated[-2] == Convention("covariance", "of the messages", "default")
 
 
-def test_latency_makes_a_fix_older_and_its_arrival_stays(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("key", "start_s", "time_s", "received_s"),
+    [("latency_s = 0.2", 0, -0.2, 0.5), ("latency_s = -1.5", 0, 1.5, 1.5), ('time = "log"', 0.5, 0, 0)],
+)
+def test_a_fix_is_older_by_its_latency_and_its_arrival_stays_or_is_its_time(
+    tmp_path: Path, key: str, start_s: float, time_s: float, received_s: float
+) -> None:
     rows = [point(T0 + k * SECOND, 1.0, 2.0, delay_s=0.5) for k in range(2)]
 
-    log = logged(tmp_path, rows, "[usbl]\nlatency_s = 0.2")
-    early = logged(tmp_path, rows, "[usbl]\nlatency_s = -1.5")
+    log = logged(tmp_path, rows, f"[usbl]\n{key}")
 
-    np.testing.assert_allclose(log.tables["usbl"]["time_s"], [-0.2, 0.8])
-    np.testing.assert_allclose(log.tables["usbl"]["received_s"], [0.5, 1.5])
-    np.testing.assert_allclose(early.tables["usbl"]["time_s"], [1.5, 2.5])
-    np.testing.assert_allclose(early.tables["usbl"]["received_s"], [1.5, 2.5])
-
-
-def test_log_time_may_be_asked_for(tmp_path: Path) -> None:
-    log = logged(tmp_path, [point(T0 + k * SECOND, 1.0, 2.0, delay_s=0.5) for k in range(2)], '[usbl]\ntime = "log"')
-
-    assert log.start_ns == T0 + SECOND // 2
-    np.testing.assert_allclose(log.tables["usbl"]["time_s"], [0, 1])
-
-
-def test_surface_gps_of_a_fix_topic_is_told_from_the_usbl_by_name(tmp_path: Path) -> None:
-    log = logged(tmp_path, [fix(T0, 45.0, 7.0, topic="/usbl/fix"), fix(T0, 45.1, 7.0, topic="/gps/fix")], MAP)
-
-    assert log.provenance["usbl"].topic == "/usbl/fix"
-    assert log.provenance["gps"].topic == "/gps/fix"
-    assert log.provenance["gps"].type == FIX
+    assert log.start_ns == T0 + round(start_s * SECOND)
+    np.testing.assert_allclose(log.tables["usbl"]["time_s"], [time_s, time_s + 1])
+    np.testing.assert_allclose(log.tables["usbl"]["received_s"], [received_s, received_s + 1])
 
 
 def test_pressure_gives_the_depth_that_slant_ranges_need(tmp_path: Path) -> None:

@@ -77,20 +77,6 @@ def test_a_heading_turns_clockwise_from_north_in_radians(tmp_path: Path) -> None
     np.testing.assert_allclose(table["heading_deg"] % 360, [0, 90, 270], rtol=0, atol=1e-12)
 
 
-def test_velocities_are_forward_starboard_down_in_metres_per_second(tmp_path: Path) -> None:
-    valid = imcpy.GroundVelocity.ValidityBits(7)
-    log = dive(tmp_path, "GroundVelocity", *({"validity": valid, "x": 1.5, "y": 0.25, "z": 0.125} for _ in range(3)))
-
-    table = log.tables["dvl"]
-    np.testing.assert_array_equal(table[["forward_mps", "starboard_mps", "up_mps"]], [[1.5, 0.25, -0.125]] * 3)
-
-
-def test_a_depth_is_down_in_metres(tmp_path: Path) -> None:
-    log = dive(tmp_path, "Depth", *({"value": 2.0 + k / 8} for k in range(4)))
-
-    assert log.tables["depth"]["depth_m"].tolist() == [2.0, 2.125, 2.25, 2.375]
-
-
 @pytest.mark.parametrize("kind", ["WaterVelocity", "EstimatedState"])
 def test_what_is_no_measurement_over_ground_is_not_used(tmp_path: Path, kind: str) -> None:
     fields = {"validity": imcpy.WaterVelocity.ValidityBits(7)} if kind == "WaterVelocity" else {"lat": LAT, "u": 1.0}

@@ -209,14 +209,10 @@ def test_an_unreadable_topic_is_a_finding_if_it_is_missing() -> None:
     assert not choose_roles(LOG, [UNREAD, DVL], {"gps": "none"}, {}).findings
 
 
-def test_the_first_slash_of_a_topic_may_be_left_out() -> None:
+def test_the_first_slash_of_a_topic_may_be_left_out_and_of_a_file_all_but_the_last_part() -> None:
     assert find_topic([DVL], "dvl/twist") == find_topic([DVL], "/dvl/twist") == DVL
     assert find_topic([DVL], "twist") is None
-
-
-def test_a_csv_file_is_found_by_the_last_part_of_its_topic() -> None:
-    sheet = TopicInfo("/twist", "usbldr/dvl", "csv", 3, 0, 1)
-
+    sheet = TopicInfo("/twist", "usbldr/dvl", "csv", 3, 0, 1)  # a file, which has the last part of a topic
     assert find_topic([sheet], "/dvl/twist") == sheet
 
 

@@ -116,41 +116,20 @@ def test_a_local_position_is_east_and_north_of_any_sensor(tmp_path: Path, kind: 
     assert role == "usbl" or "gps" not in logged(tmp_path, rows).tables
 
 
-def test_seatrac_positions_without_the_flag_and_outliers_are_left_out(tmp_path: Path) -> None:
-    fixes = [{"includes_position": k != 1, "position_flt_error": k == 2, "position_easting": 10 * k} for k in range(4)]
-
-    log = logged(tmp_path, [row(SEATRAC_RAW, {**f, "position_northing": 5}, k) for k, f in enumerate(fixes)], HEAD)
-
-    assert places(log)[:, 0] == pytest.approx([100, 103])
-    assert "1 flagged invalid, 1 flagged as an outlier by the system itself" in codes(log)["USBL-INVALID"]
-
-
-def test_ranges_and_angles_alone_are_no_fix(tmp_path: Path) -> None:
-    fix = THIRTY_EAST_FORTY_NORTH[DMAC]
-
-    log = logged(tmp_path, [row(DMAC, {**fix, "type": kind}, kind) for kind in range(4)], HEAD)
-
-    assert len(places(log)) == 2
-    assert "2 of range or angle alone" in codes(log)["USBL-INVALID"]
-
-
 @pytest.mark.parametrize(
-    ("kind", "what"),
-    [("vehicle_interface/msg/AcousticModemUSBLANGLES", "angles"), ("labust_msgs/msg/AcousticModemRange", "ranges")],
-)
-def test_messages_of_angles_or_ranges_alone_are_refused_with_the_reason(tmp_path: Path, kind: str, what: str) -> None:
-    with pytest.raises(UsageError, match=f"it holds only {what}, not a fix"):
-        logged(tmp_path, [row(kind, {})], HEAD)
-
-
-def test_accuracy_of_usbllong_is_its_sd_and_a_negative_one_is_no_fix(tmp_path: Path) -> None:
-    kind = "acomms_msgs/msg/UsblData"
-    fix = THIRTY_EAST_FORTY_NORTH[kind]
-
-    log = logged(tmp_path, [row(kind, {**fix, "accuracy": a}, k) for k, a in enumerate([2.5, -1.0])], HEAD)
-
-    assert log.tables["usbl"]["cov_ee_m2"].to_numpy() == pytest.approx([2.5**2])
-    assert "1 of negative accuracy" in codes(log)["USBL-INVALID"]
+    ("kind", "toml", "said"),
+    [
+        ("vehicle_interface/msg/AcousticModemUSBLANGLES", "", "it holds only angles, not a fix"),
+        ("labust_msgs/msg/AcousticModemRange", "", "it holds only ranges, not a fix"),
+        ("collaborative/msg/USBL", 'topic = "/usbl"', r"/usbl is of type collaborative/msg/USBL, which cannot be used "
+         r"as usbl \(only "),
+    ],
+)  # fmt: skip
+def test_messages_that_hold_no_fix_or_have_an_unknown_layout_are_refused(
+    tmp_path: Path, kind: str, toml: str, said: str
+) -> None:
+    with pytest.raises(UsageError, match=said):
+        logged(tmp_path, [row(kind, {})], HEAD + toml)
 
 
 def test_usbllong_states_the_age_of_a_fix(tmp_path: Path) -> None:
@@ -234,14 +213,36 @@ def test_a_fix_lies_along_its_own_axes(tmp_path: Path, rows: list[Row], toml: st
         assert Convention("time", "timestamp", "type") in log.provenance["usbl"].conventions
 
 
-@pytest.mark.parametrize("kind", ["OWAY", "OWAYU", "MSG_REQ", "MSG_RESP", "MSG_REQU", "MSG_REQX", ""])
-def test_only_replies_with_a_range_are_fixes(tmp_path: Path, kind: str) -> None:
-    messages = [{**ABEAM, "timestamp": T0 + k * SECOND, "msg_type": m} for k, m in enumerate(["MSG_RESPX", kind])]
+USBL_DATA = "acomms_msgs/msg/UsblData"
+NO_REPLIES = ("OWAY", "OWAYU", "MSG_REQ", "MSG_RESP", "MSG_REQU", "MSG_REQX", "")
 
-    log = logged(tmp_path, [row(HOLOOCEAN, values, k) for k, values in enumerate(messages)], EASTWARD)
 
-    assert len(places(log)) == 1
-    assert "1 of range or angle alone" in codes(log)["USBL-INVALID"]
+@pytest.mark.parametrize(
+    ("kind", "values", "changes", "used", "said"),
+    [
+        (SEATRAC_RAW, THIRTY_EAST_FORTY_NORTH[SEATRAC_RAW], [{}, {"includes_position": False},
+         {"position_flt_error": True}, {}], [0, 3],
+         "1 flagged invalid, 1 flagged as an outlier by the system itself"),
+        (DMAC, THIRTY_EAST_FORTY_NORTH[DMAC], [{"type": kind} for kind in range(4)], [2, 3],
+         "2 of range or angle alone"),
+        (USBL_DATA, THIRTY_EAST_FORTY_NORTH[USBL_DATA], [{"accuracy": 2.5}, {"accuracy": -1.0}], [0],
+         "1 of negative accuracy"),
+        *((HOLOOCEAN, ABEAM, [{"msg_type": "MSG_RESPX"}, {"timestamp": T0 + SECOND, "msg_type": kind}], [0],
+           "1 of range or angle alone") for kind in NO_REPLIES),
+    ],
+)  # fmt: skip
+def test_what_a_system_marks_as_no_fix_is_left_out(
+    tmp_path: Path, kind: str, values: Mapping[str, Any], changes: list[Mapping[str, Any]], used: list[int], said: str
+) -> None:
+    rows = [row(kind, {**values, **change}, k) for k, change in enumerate(changes)]
+
+    log = logged(tmp_path, rows, EASTWARD if kind == HOLOOCEAN else HEAD)
+
+    times_ns = log.start_ns + log.tables["usbl"]["time_s"].to_numpy() * SECOND
+    assert times_ns - T0 == pytest.approx(np.array(used) * SECOND, abs=1000)
+    assert said in codes(log)["USBL-INVALID"]
+    if kind == USBL_DATA:
+        assert log.tables["usbl"]["cov_ee_m2"].to_numpy() == pytest.approx([2.5**2])
 
 
 def test_sonardyne_states_the_age_of_a_position(tmp_path: Path) -> None:
@@ -296,12 +297,6 @@ def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str
     assert logged(tmp_path, rows, MAP).provenance["usbl"].topic == "/waterlinked/fix"
     with pytest.raises(UsageError, match=sentence):
         logged(tmp_path, rows, f'{MAP}[usbl]\ntopic = "{topic}"')
-
-
-def test_an_unknown_layout_is_refused_by_its_name(tmp_path: Path) -> None:
-    said = r"/usbl is of type collaborative/msg/USBL, which cannot be used as usbl \(only "
-    with pytest.raises(UsageError, match=said):
-        logged(tmp_path, [row("collaborative/msg/USBL", {})], '[usbl]\ntopic = "/usbl"')
 
 
 def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:

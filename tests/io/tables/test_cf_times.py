@@ -31,7 +31,7 @@ UNITS = {
 }
 
 
-def write_nc(file: Path, times: Any, units: str | bytes, **attributes: str) -> Path:
+def write_nc(file: Path, times: Any, units: str | bytes, **attributes: str | int) -> Path:
     with h5py.File(file, "w") as content:
         time = content.create_dataset("time", data=times)
         time.attrs.update({"units": units, **attributes})
@@ -66,11 +66,15 @@ def test_whole_numbers_are_exact(tmp_path: Path) -> None:
     assert stamps(file) == [day * 86_400 * SECOND for day in days.tolist()]
 
 
-def test_numbers_that_are_no_times_are_left_out(tmp_path: Path) -> None:
-    file = write_nc(tmp_path / "a.nc", [1.0, np.nan, 2.0, 1e30, -1e30, 9.96921e36], "seconds since 2020-09-13 12:26:40")
+@pytest.mark.parametrize(
+    ("times", "fill"), [([1.0, np.nan, 2.0, 1e30, -1e30, 9.96921e36], {}), ([1, -9, 2], {"_FillValue": -9})]
+)
+def test_numbers_that_are_no_times_are_left_out(tmp_path: Path, times: list[float], fill: dict[str, int]) -> None:
+    file = write_nc(tmp_path / "a.nc", np.array(times), "seconds since 2020-09-13 12:26:40", **fill)
 
     assert stamps(file) == [T0 + SECOND, T0 + 2 * SECOND]
-    assert [f.text for f in read_log(file).findings if f.lost_data] == ["/a: 4 of 6 rows have no time; left out"]
+    said = f"/a: {len(times) - 2} of {len(times)} rows have no time; left out"
+    assert [finding.text for finding in read_log(file).findings if finding.lost_data] == [said]
 
 
 @pytest.mark.parametrize(
@@ -104,11 +108,3 @@ def test_a_clock_that_is_not_understood_is_no_clock_of_1970(tmp_path: Path) -> N
 
     assert topic.count == 0
     assert "a column time [seconds since 2026-01-01 02:00 CEST] of which neither a unit nor a date" in topic.problem
-
-
-def test_times_without_a_value_are_left_out(tmp_path: Path) -> None:
-    file = write_nc(tmp_path / "a.nc", np.array([1, -9, 2]), "seconds since 2020-09-13 12:26:40")
-    with h5py.File(file, "a") as content:
-        content["time"].attrs["_FillValue"] = -9
-
-    assert stamps(file) == [T0 + SECOND, T0 + 2 * SECOND]

@@ -15,6 +15,7 @@ from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
+from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cells import numbers
 from usbldr.io.tables.csv_text import read_texts
 from usbldr.io.tables.date_times import with_iso_times
@@ -41,6 +42,8 @@ def test_a_wide_file_holds_several_sensors(tmp_path: Path) -> None:
     assert "/dive/dvl: read by the names of its columns: x_mps from DVL X [m/s], y_mps from DVL Y [m/s], " in next(
         finding.text for finding in log.findings if finding.code == "COLUMNS-BY-NAME"
     )
+    by_default = logged_csv(tmp_path, "", dive=WIDE).convention("dvl", "axes")
+    assert (by_default.value, by_default.chosen_by) == ("FLU", "default")
 
 
 def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
@@ -81,12 +84,6 @@ def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_pat
     np.testing.assert_allclose(log.tables["usbl"][["cov_ee_m2", "cov_en_m2", "cov_nn_m2"]], [[4.0, 1.0, 9.0]])
 
 
-def test_axes_that_no_name_states_are_a_default(tmp_path: Path) -> None:
-    log = logged_csv(tmp_path, "", dive=WIDE)
-
-    assert (log.convention("dvl", "axes").value, log.convention("dvl", "axes").chosen_by) == ("FLU", "default")
-
-
 def test_ranges_and_fixes_are_those_of_the_usbl(tmp_path: Path) -> None:
     fix = f"Time (s),Range [m],Bearing [rad]\n{T0 // SECOND},100,{np.pi / 2}"
     local = f"Time (s),USBL East [cm],USBL North [cm]\n{T0 // SECOND},4000,-2000"
@@ -115,42 +112,43 @@ def test_sides_beside_a_position_are_its_signs(tmp_path: Path, header: str, row:
 
 
 @pytest.mark.parametrize(
-    ("header", "why"),
+    ("name", "header", "cells", "why"),
     [
-        ("Time [s],Heading [gon]", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
-        ("Time [s],Heading (deg),Depth", "has a column Depth without a known unit (m, dm, cm, mm, km, ft)"),
-        ("Time,Heading (deg)", 'has a column Time without a known unit; write it behind the name ("Time [s]")'),
-        ("Time [s],stamp_ns,Heading (deg)", "has not one column of time (Time [s], stamp_ns); name its columns with"),
-        ("Heading (deg),Roll (deg)", "has not one column of time (none); name its columns with the key columns of a"),
-        ("t_s,IMU Heading (deg),GPS Heading (deg)", "has columns for the same quantity (IMU Heading (deg)"),
-    ],
-)  # fmt: skip
-def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path: Path, header: str, why: str) -> None:
-    row = ",".join("1" for _ in header.split(","))
-    folder = write_csv(tmp_path / "dive", nav=f"{header}\n{row}", depth=f"time_ns,depth_m\n{T0},3")
-
-    (topic,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}
-
-    assert topic.startswith(f"nav.csv {why}")
-
-
-@pytest.mark.parametrize(
-    ("header", "cells", "why"),
-    [
-        ("Time,Heading [deg]", "2026-01-01 02:00:00 CEST,1",
+        ("nav", "Time [s],Heading [gon]", "1,1", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
+        ("nav", "Time [s],Heading (deg),Depth", "1,1,1",
+         "has a column Depth without a known unit (m, dm, cm, mm, km, ft)"),
+        ("nav", "Time,Heading (deg)", "1,1",
+         'has a column Time without a known unit; write it behind the name ("Time [s]")'),
+        ("nav", "Time [s],stamp_ns,Heading (deg)", "1,1,1",
+         "has not one column of time (Time [s], stamp_ns); name its columns with"),
+        ("nav", "Heading (deg),Roll (deg)", "1,1",
+         "has not one column of time (none); name its columns with the key columns of a"),
+        ("nav", "t_s,IMU Heading (deg),GPS Heading (deg)", "1,1,1",
+         "has columns for the same quantity (IMU Heading (deg)"),
+        ("compass", "Time,Heading [deg]", "2026-01-01 02:00:00 CEST,1",
          'has "2026-01-01 02:00:00 CEST" in the first row of the column Time, which is neither a date and time nor a'),
-        ("Time,Heading [deg]", ",1", "has a column Time of which neither a unit nor a date is known; write the unit"),
-        ("gps_time,Heading [deg]", "1451260818.5,1", "has a column gps_time that may count from 1970 or, as GPS time,"),
-        ("GPS seconds [s],Heading [deg]", "1451260818.5,1", "has a column GPS seconds [s] that may count from 1970 or"),
-        ("Time [s],Heading [gon]", "1,1", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
-        ("Time [s],Heading [deg],Heading [deg]", "1,1,1", "has columns for the same quantity (Heading [deg], Heading"),
+        ("compass", "Time,Heading [deg]", ",1",
+         "has a column Time of which neither a unit nor a date is known; write the unit"),
+        ("compass", "gps_time,Heading [deg]", "1451260818.5,1",
+         "has a column gps_time that may count from 1970 or, as GPS time,"),
+        ("compass", "GPS seconds [s],Heading [deg]", "1451260818.5,1",
+         "has a column GPS seconds [s] that may count from 1970 or"),
+        ("compass", "Time [s],Heading [gon]", "1,1",
+         "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
+        ("compass", "Time [s],Heading [deg],Heading [deg]", "1,1,1",
+         "has columns for the same quantity (Heading [deg], Heading"),
+        ("dvl", "1600000000,5,dvl_link,1.5,0.5", "1600000000,5,dvl_link,1.5,0.5",
+         "has no header: its first line holds values; insert a line with the names of its columns"),
     ],
 )  # fmt: skip
-def test_a_file_named_for_a_sensor_says_what_stops_it(tmp_path: Path, header: str, cells: str, why: str) -> None:
-    folder = write_csv(tmp_path / "dive", compass=f"{header}\n{cells}", depth=f"time_ns,depth_m\n{T0},3")
+def test_what_a_header_leaves_open_is_refused_in_one_sentence(
+    tmp_path: Path, name: str, header: str, cells: str, why: str
+) -> None:
+    folder = write_csv(tmp_path / "dive", **{name: f"{header}\n{cells}"}, depth=f"time_ns,depth_m\n{T0},3")
 
     (problem,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}
-    assert problem.startswith(f"compass.csv {why}")
+
+    assert problem.startswith(f"{name}.csv {why}")
 
 
 @pytest.mark.parametrize(
@@ -193,27 +191,26 @@ def test_a_line_of_units_holds_for_columns_of_the_configuration(tmp_path: Path, 
     assert log.tables["dvl"][["forward_mps", "starboard_mps"]].to_numpy()[0] == pytest.approx([1.5, -0.25])
 
 
-def test_what_spreadsheets_add_to_a_table_is_none_of_it(tmp_path: Path) -> None:
-    text = 'sep=;\r\nTime;Heading;;\r\n;deg;;\r\n18.05.2026 12:00:00;="1,5";;\r\n18.05.2026 12:00:01;="2,5";;\r\n'
-    log = logged_csv(tmp_path, "", compass="\ufeff" + text)
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
+LABVIEW = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nSamples\t2\t2\n\n"
+TIMED = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\n"
 
 
-def test_words_with_their_values_may_precede_the_names(tmp_path: Path) -> None:
-    before = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nSamples\t2\t2\n\n"
-    log = logged_csv(tmp_path, "", log=f"{before}Time [s]\tHeading [deg]\tRoll\n0,0\t1,5\t0\n0,5\t2,5\t0\n")
+@pytest.mark.parametrize(
+    "data",
+    [
+        'sep=;\r\nTime;Heading;;\r\n;deg;;\r\n18.05.2026 12:00:00;="1,5";;\r\n18.05.2026 12:00:01;="2,5";;\r\n'.encode(
+            "utf-8-sig"
+        ),
+        f"{LABVIEW}Time [s]\tHeading [deg]\tRoll\n0,0\t1,5\t0\n0,5\t2,5\t0\n".encode(),
+        "Time [s],Heading [°]\n0,1.5\n1,2.5\n".encode("latin-1"),
+        TIMED.replace("\n", "\r\r\n").encode(),
+    ],
+    ids=["what spreadsheets add", "words with their values before the names", "an older encoding", "two returns"],
+)
+def test_what_other_programs_write_around_a_table_is_none_of_it(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "compass.csv").write_bytes(data)
 
-    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
-
-
-def test_a_row_in_place_of_the_names_is_called_so(tmp_path: Path) -> None:
-    row = "1600000000,5,dvl_link,1.5,0.5"
-    folder = write_csv(tmp_path / "dive", dvl=f"{row}\n{row}", other="a,b\n1,2")
-
-    (problem,) = (topic.problem for topic in open_log(folder).topics() if topic.name == "/dvl")
-
-    assert problem == "dvl.csv has no header: its first line holds values; insert a line with the names of its columns"
+    assert read_log(tmp_path / "compass.csv").tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
 
 
 @pytest.mark.parametrize("word", ["NA", "n/a", "#N/A", "null", "None", "-", "---", ""])
@@ -236,23 +233,6 @@ def test_thousands_are_parted_by_any_other_mark_than_decimals(value: float, mark
 
 def test_longitudes_may_end_in_e_without_a_blank() -> None:
     assert numbers(["5.25E", "", "0.5W"], "lon").values[[0, 2]].tolist() == [5.25, -0.5]
-
-
-def test_a_degree_sign_may_be_that_of_an_older_encoding(tmp_path: Path) -> None:
-    (tmp_path / "compass.csv").write_bytes("Time [s],Heading [°]\n0,1.5\n".encode("latin-1"))
-
-    read = read_whole(open_log(tmp_path / "compass.csv"), {"/compass": ["heading_deg"]})["/compass"]
-
-    assert read.columns["heading_deg"].tolist() == [1.5]
-
-
-def test_lines_may_end_in_two_returns(tmp_path: Path) -> None:
-    text = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\n"
-    (tmp_path / "compass.csv").write_bytes(text.replace("\n", "\r\r\n").encode())
-
-    read = read_whole(open_log(tmp_path / "compass.csv"), {"/compass": ["heading_deg"]})["/compass"]
-
-    assert read.columns["heading_deg"].tolist() == [1.5, 2.5]
 
 
 @pytest.mark.parametrize(
@@ -372,12 +352,6 @@ def test_times_in_several_columns_are_those_of_the_calendar(moment: datetime) ->
         assert text == [moment.isoformat(timespec="microseconds")]
 
 
-def test_a_column_of_dates_is_a_time_whatever_its_name(tmp_path: Path) -> None:
-    log = logged_csv(tmp_path, "", compass="Datum;Uhrzeit;Heading [deg]\n18.05.2026;12:00:00,5;1,5\n")
-
-    assert log.start_ns == pd.Timestamp("2026-05-18T12:00:00.5").value
-
-
 @given(
     st.floats(-180.0, 180.0),
     st.sampled_from(["{d:.0f} {m:.9f} {s}", "{s}{d:.0f}°{m:.9f}'", "{d:.0f}°{w:.0f}'{r:.7f}\"{s}", "{s} {a:.11f}"]),
@@ -402,13 +376,15 @@ def test_a_stated_format_comes_first_and_midnight_is_passed() -> None:
     assert with_iso_times({"t": ["23:59:59.5", "00:00:00.5"]})["t"] == passed
 
 
-def test_a_configured_time_format_is_read(tmp_path: Path) -> None:
+def test_dates_are_times_in_a_column_of_any_name_and_of_a_configured_format(tmp_path: Path) -> None:
     sheet = "when,hdg\n" + "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
     stated = '[compass]\ncolumns = { time_unix_s = "when", time_format = "%d/%m/%Y %H:%M:%S", heading = "hdg" }'
 
-    log = logged_csv(tmp_path, stated, compass=sheet)
+    configured = logged_csv(tmp_path, stated, compass=sheet)
+    named = logged_csv(tmp_path, "", compass="Datum;Uhrzeit;Heading [deg]\n18.05.2026;12:00:00,5;1,5\n")
 
-    assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
+    assert configured.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
+    assert named.start_ns == pd.Timestamp("2026-05-18T12:00:00.5").value
 
 
 @given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text.strip(" ")), row=st.integers(0, 3))
