@@ -262,13 +262,15 @@ def on_map(lat_deg: float, lon_deg: float) -> str:
 
 
 SOUTH = GAPS_WEST.partition("*")[0].replace(",N,", ",S,")
+AT_A_PLACE = NO_REPLY[1:-3].replace("M17", "M44").replace("0.000,0.000", "3.000,4.000")
+SILENT = sentence(AT_A_PLACE.replace("083733", "180555"))
 RANGER_NORTH_M = 9.125e-4 * 111258  # metres a degree at 51.33
 
 
 @pytest.mark.parametrize(
     ("sentences", "toml", "east_north_m", "topic"),
     [
-        ([NORTH_UP, NO_REPLY.replace("M17", "M44").partition("*")[0]], HEAD, [139.017, 138.7], "/PSIMSSB_C_N"),
+        ([NORTH_UP, SILENT], HEAD, [139.017, 138.7], "/PSIMSSB_C_N"),
         ([RANGER_SHIP, RANGER], on_map(51.3306281, -0.83563975), [0, RANGER_NORTH_M], "/PSONLLD"),
         ([GAPS, GAPS_SHIP], on_map(43 + 5.25355 / 60, 6 + 31.76852 / 60), [0, 0], "/PTSAG"),
         ([SOUTH], on_map(-27 - 18.19917 / 60, -17 - 47.61373 / 60), [0, 0], "/PTSAG"),
