@@ -8,6 +8,7 @@ counts in that standard deviation.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -66,12 +67,16 @@ def _long_run_variance(values: Vector) -> float:
     return (float(values @ values) + 2 * sum(sums)) / len(values)
 
 
-def noise_warnings(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return what the innovations of a filter's run say against the noise that it assumed, by sensor."""
+def noise_warnings(trajectory: Trajectory, false_fixes: Sequence[int] = ()) -> tuple[str, ...]:
+    """Return what the innovations of a filter's run say against the noise that it assumed, by sensor.
+
+    Rows of ``false_fixes``, which the run left out, say nothing of the noise.
+    """
     table = UpdateTable.of(trajectory.updates)
     parts, texts = table.parts, list[str]()
     for sensor in table.sensors:
         mine = (parts.sensor == table.names.index(sensor)) & np.isfinite(parts.nis)
+        mine &= ~np.isin(parts.row, false_fixes) | (sensor != "usbl")
         squares = parts.nis[mine] / parts.dof[mine]
         if len(squares) < LEAST_VALUES:
             continue

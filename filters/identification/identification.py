@@ -12,6 +12,7 @@ UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more t
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 STRONG_ODDS = 20.0  # [-] from which on evidence is strong: Kass and Raftery, see evidence.py
 MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
+OUTLIERS = 2  # [fixes] by judgement: the most in a row that outliers are by chance
 EARLY_SIGMAS = 3.0  # [-] by which stamps of fixes are early before it is said
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 
@@ -189,6 +190,12 @@ class Identification:
             return ""
         longest = max(self.false_runs, key=lambda run: run.fixes)
         count, where = sum(run.fixes for run in self.false_runs), f"from {longest.start_s:.0f} to {longest.end_s:.0f} s"
+        if len(self.false_runs) > 1 and longest.fixes <= OUTLIERS:
+            return (
+                f"{count} USBL fixes, no more than {OUTLIERS} in a row, lie beside the track that dead reckoning and the "
+                "other fixes give: they are left out as outliers; check for echoes, and whether noise under [usbl] "
+                "allows for outliers"
+            )
         if len(self.false_runs) > 1:
             where = f"in {len(self.false_runs)} runs, the longest {where}"
         lie, are = f"{count} USBL fixes ({where}) lie together", "they are"

@@ -134,7 +134,7 @@ def _run(
         settings.smooth,
         method.matched_noise and settings.gate is None,
     )
-    texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track))
+    texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track, parameters.false_fixes))
     return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))
 
 

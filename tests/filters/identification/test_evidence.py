@@ -315,6 +315,15 @@ def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning(
     assert ("later fixes decided this" in text) != last
 
 
+def test_single_false_fixes_are_said_to_be_outliers() -> None:
+    found = (FalseRun(10.0, 10.0, 1), FalseRun(60.0, 61.0, 2), FalseRun(90.0, 90.0, 1, last=True))
+
+    (text,) = Identification(ASSUMED, false_runs=found).warnings
+
+    assert text.startswith("FALSE-FIXES: 4 USBL fixes, no more than 2 in a row, lie beside the track")
+    assert "no fix follows" not in text
+
+
 @pytest.mark.parametrize(("late_s", "ahead_m", "unusual"), [(5.0, 6.0, True), (2.0, 2.4, False)])
 def test_a_lever_arm_or_a_latency_that_is_larger_than_usual_is_said_to_be(
     late_s: float, ahead_m: float, unusual: bool
