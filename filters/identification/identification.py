@@ -192,9 +192,9 @@ class Identification:
         count, where = sum(run.fixes for run in self.false_runs), f"from {longest.start_s:.0f} to {longest.end_s:.0f} s"
         if len(self.false_runs) > 1 and longest.fixes <= OUTLIERS:
             return (
-                f"{count} USBL fixes, no more than {OUTLIERS} in a row, lie beside the track that dead reckoning and the "
-                "other fixes give: they are left out as outliers; check for echoes, and whether noise under [usbl] "
-                "allows for outliers"
+                f"{count} USBL fixes, no more than {OUTLIERS} in a row, lie beside the track that dead reckoning and "
+                "the other fixes give: they are left out as outliers; check for echoes, and whether noise under "
+                "[usbl] allows for outliers"
             )
         if len(self.false_runs) > 1:
             where = f"in {len(self.false_runs)} runs, the longest {where}"
