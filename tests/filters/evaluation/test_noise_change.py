@@ -1,11 +1,18 @@
 """Noise that changes within a dive is found with its time and factor, and constant noise is not called changed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usbldr.filters.evaluation.noise_change import noise_change
+from uncalibrated import dive_without_calibration
+from usbldr.filters.evaluation.noise_change import noise_change, noise_warnings
+from usbldr.filters.models.noise import Gaussian
+from usbldr.filters.replay.run import run
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.scenarios.shipped import find_scenario
 
 SECONDS = np.arange(1000.0)
 DRAWN = settings(derandomize=True)  # an estimate is off by four sigma once in 10,000 draws
@@ -35,3 +42,16 @@ def test_constant_noise_has_no_change_with_heavy_tails_or_correlated(seed: int, 
 def test_few_or_no_values_say_nothing() -> None:
     assert noise_change(SECONDS[:40], np.where(SECONDS[:40] < 20, 0.1, 5.0)) is None
     assert noise_change(SECONDS, np.full(1000, np.nan)) is None
+
+
+def test_fixes_that_a_run_leaves_out_say_nothing_of_the_noise() -> None:
+    log = dive_without_calibration(replace(find_scenario("square"), duration_s=200.0), 0)
+    line, false = timeline(log), tuple(range(0, 200, 10))
+    moved_m = line.fix_m.copy()
+    moved_m[list(false)] += 40.0
+
+    assumed = replace(log.parameters, usbl=Gaussian(), false_fixes=false)
+    track = run("adf", replace(line, fix_m=moved_m), assumed)
+
+    assert not any("times as large as their sigmas" in text for text in track.warnings)
+    assert any("innovations of the usbl are" in text for text in noise_warnings(track))

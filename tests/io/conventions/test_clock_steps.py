@@ -128,7 +128,7 @@ def as_pd0(folder: Path, times: Times) -> Path:
 
 
 def as_pd45(form: int, folder: Path, times: Times) -> Path:
-    """Write PD5, which has headings, or PD4, whose records are told by their velocities."""
+    """Write PD5, which has headings, or PD4, whose records are recognised by their velocities."""
     own = [{"heading": 9000 - 10 * k, "depth": 100} if form == 5 else {} for k in range(len(times))]
     return saved(
         folder / f"a.pd{form}",
