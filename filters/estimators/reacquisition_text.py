@@ -8,22 +8,24 @@ from usbldr.filters.types import Reacquisition
 MAX_SENTENCES = 5  # sentences: more hide the other warnings of a run
 
 
-def reacquisition_texts(found: Sequence[Reacquisition]) -> tuple[str, ...]:
-    """Return sentences on how ambiguities ended; of many, a summary and those that moved the track most."""
+def reacquisition_texts(found: Sequence[Reacquisition], least_outage_s: float = math.inf) -> tuple[str, ...]:
+    """Return sentences on how ambiguities ended; of many, a summary and those that moved the track most.
+
+    Fixes that are ``least_outage_s`` apart have an outage between them.
+    """
     if len(found) <= MAX_SENTENCES:
-        return tuple(map(_sentence, found))
+        return tuple(_sentence(one, least_outage_s) for one in found)
     accepted = sum(one.accepted for one in found)
     largest = sorted(found, key=lambda one: -one.jump_m)[:MAX_SENTENCES]
     summary = (
         f"USBL fixes contradicted the track or the fixes around them {len(found)} times: {accepted} times accepted, "
         f"{len(found) - accepted} times rejected; the {MAX_SENTENCES} that moved the track most follow"
     )
-    return summary, *(_sentence(one) for one in sorted(largest, key=lambda one: one.since_s))
+    return summary, *(_sentence(one, least_outage_s) for one in sorted(largest, key=lambda one: one.since_s))
 
 
-def _sentence(one: Reacquisition) -> str:
-    has_outage = math.isfinite(one.outage_s) and one.outage_s > 5
-    outage = f" (after an outage of {one.outage_s:.0f} s)" if has_outage else ""
+def _sentence(one: Reacquisition, least_outage_s: float) -> str:
+    outage = f" (after an outage of {one.outage_s:.0f} s)" if least_outage_s <= one.outage_s < math.inf else ""
     fixes = f"USBL fixes from {one.since_s:.1f} s{outage}"
     if one.accepted:
         rejected = f" after {_count(one.refused, 'rejected fix')}" if one.refused else ""

@@ -4,6 +4,7 @@ The driver (late_fixes.py, steps.py) alone knows grids, fixes and their times of
 """
 
 import itertools
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -115,6 +116,7 @@ def _run(
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
+    least_outage_s = min((o.end_s - o.start_s for o in timeline.outages if o.sensor == "usbl"), default=math.inf)
     track = Trajectory(
         name,
         layout.names,
@@ -126,7 +128,7 @@ def _run(
         particles,
         acceptance if method.draws else None,
         _warnings(method, settings, parameters.false_starts, ess, done, late)
-        + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions))
+        + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions, least_outage_s))
         + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
         time.perf_counter() - began,
         reacquisitions,

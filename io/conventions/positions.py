@@ -261,5 +261,5 @@ def repeated_fix_text(topic: str, table: pd.DataFrame, start_ns: int) -> str:
     return (
         f"{topic}: {np.sum((last - first)[repeated])} of {len(table)} fixes repeat the previous one to the last digit "
         f"for more than {LONGEST_STILL_S:g} s, in {repeated.sum()} stretches, the longest {length_s[longest]:.1f} s "
-        f"from {from_s:.1f} s on: the receiver may have been under water"
+        f"from {from_s:.1f} s on: the receiver may have been under water, or the positions are simulated"
     )

@@ -47,8 +47,8 @@ def noise_changes_text(changes: Sequence[NoiseChange]) -> str:
 
 
 def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
-    """Return which sensor errors the log has evidence for and against, as natural logarithms of the odds."""
-    sides = {"for": True, "against": False}
+    """Return which sensor errors were found and which not, with the natural logarithms of their odds."""
+    sides = {"found": True, "not found": False}
     texts = {
         side: ", ".join(f"{one.key} ({one.log_odds:+.1f})" for one in evidence if one.exists is exists)
         for side, exists in sides.items()
