@@ -45,6 +45,7 @@ FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 2.0  # [-] on the sigma of a settled error: the fixes that showed it come again, and are hardly counted twice
+OF_RIVAL = 0.5  # [-] by judgement: how often a lever arm of the DVL is one of the transponder, a latency one of the DVL
 OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
 
 
@@ -64,8 +65,12 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     """Return the choice as parameters of a run: what is far or late is settled, and states estimate what is left of it.
 
     Fixes that are early by no more than is usual are not moved: perhaps DVL and compass are late, as a warning says.
+    Of a lever arm and a latency that the log does not tell apart, latency is taken: it is the more usual one. What a
+    lever arm of the DVL would do to the track is in its sigma, also if the transponder may be misplaced instead.
     """
-    parameters, present, row, found = choice.member.parameters, choice.member.present, choice.row, choice.found
+    parameters, found, shared = choice.member.parameters, choice.found, _shared_by_priors(choice)
+    present = choice.member.present - ({LEVER} if shared else frozenset())
+    row = choice.subsets.index(present)
     late = {"latency"} if found.mean["usbl_latency"][row] > 0 else set[str]()
     constant = present & {*choice.far, *late, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
@@ -77,11 +82,13 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         starboard, forward, up = given.dvl_lever_m
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
     of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
-    parameters = replace(
-        parameters,
-        settled_sd={name: float(found.sd[name][row]) for name in of_head},
-    )
-    separate = choice.named - (LEVER_OR_LATENCY if _shared_by_priors(choice) else frozenset())
+    sd = {name: float(found.sd[name][row]) for name in of_head}
+    if LEVER in choice.member.present:
+        of_lever = choice.subsets.index(choice.member.present - ({"latency"} if shared else frozenset()))
+        of_dvl = {name: (found.mean[name][of_lever], found.sd[name][of_lever]) for name in KEYS[LEVER]}
+        sd |= {name: math.hypot(math.sqrt(OF_RIVAL) * mean, one_sd) for name, (mean, one_sd) in of_dvl.items()}
+    parameters = replace(parameters, settled_sd=sd)
+    separate = choice.named - (LEVER_OR_LATENCY if shared else frozenset())
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
     kept = tuple(key for key in STATES if key in present | always)
     evidence = tuple(

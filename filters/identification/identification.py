@@ -114,6 +114,7 @@ class Identification:
                 for text in self.change_texts
             ),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
+            *([f"RIVAL-EXPLANATIONS: {text}"] if (text := self.misplaced_text) else []),
             *([f"USBL-LATENCY: {text}"] if (text := self._early_fixes_text) else []),
             *([f"LEVER-OR-LATENCY: {text}"] if (text := self.lever_or_latency_text) else []),
             *(
@@ -123,6 +124,19 @@ class Identification:
                 for one in self.noise_changes
                 if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
             ),
+        )
+
+    @property
+    def misplaced_text(self) -> str:
+        """Return what it costs if not the DVL is misplaced but the transponder; "" if neither is."""
+        arm_m = [one.value for name, one in self.estimates.items() if name.startswith("dvl_lever")]
+        if not arm_m:
+            return ""
+        length_m = math.hypot(*arm_m)
+        return (
+            f"DVL or transponder is {length_m:.2f} m from where it is stated (lever_arm_m), and the log does not show "
+            "which of them: the track takes the transponder's place as right; if the DVL's is right instead, the track "
+            f"is {length_m:.2f} m off (part of its sigma); measure both on the vehicle"
         )
 
     @property
@@ -163,7 +177,8 @@ class Identification:
             f"either stamps of the fixes are {late.value:.2f} ± {late.sd:.2f} s late (latency_s under [usbl]), or the "
             f"DVL is {ahead.value:.2f} ± {ahead.sd:.2f} m further ahead of the transponder than stated (lever_arm_m), "
             f"or a part of each{'' if usual else ', which are more than is usual'}: at one speed the log shows only "
-            "their sum, and the track is that of the likeliest parts; another speed or a measured lever arm decides"
+            "their sum; the track takes all of it as latency, and its sigma covers the lever arm; another speed or a "
+            "measured lever arm decides"
         )
 
     @property

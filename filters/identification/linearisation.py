@@ -125,9 +125,9 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
     H = interpolate(line, columns, valid_s).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
     V_at = interpolate(line, velocity_mps(line), valid_s)
     yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
-    reckoned_m = (
-        interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * np.where(gps, 0.0, latency_s)[:, None]
-    )
+    beyond_s = valid_s - np.clip(valid_s, line.time_s[0], line.time_s[-1])  # a fix may be valid before or after the log
+    from_point_s = np.where(gps, 0.0, latency_s) + beyond_s
+    reckoned_m = interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * from_point_s[:, None]
     for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
         for axis, name in enumerate(names):
             H[:, axis, states.index(name)] = 1.0

@@ -190,7 +190,7 @@ class Parameters:
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
     settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])
-    """1-sigma of those of them that no state estimates further: of the USBL head's heading and range."""
+    """1-sigma of what no state estimates further: of the USBL head's heading and range, of the arm to the DVL."""
 
     @property
     def usbl_from_dvl_m(self) -> tuple[float, float]:

@@ -188,14 +188,18 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
     )
 
 
-def head_covariance_m2(timeline: Timeline, position_m: Array, sd: Mapping[str, float]) -> Array:
-    """Return what sigmas of the head's heading and range leave open at the positions of K epochs, (K, 2): (K, 2, 2)."""
+def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, sd: Mapping[str, float]) -> Array:
+    """Return what sigmas of settled numbers leave open at the positions of K epochs, (K, 2): (K, 2, 2).
+
+    ``yaw_rad``, (K,), turns lever arms; errors of a USBL head count from where it was.
+    """
+    starboard, forward = (rotated(yaw_rad, unit) for unit in np.eye(2))
+    by_error = {"dvl_lever_starboard": starboard, "dvl_lever_forward": forward}
+    if timeline.fix_away_m is not None:
+        t, fix_s, head_m = timeline.time_s, timeline.fix_time_s, timeline.fix_m - timeline.fix_away_m
+        away_m: Array = position_m - np.column_stack([np.interp(t, fix_s, head_m[:, axis]) for axis in (0, 1)])
+        by_error |= {"usbl_heading": np.column_stack([-away_m[:, 1], away_m[:, 0]]), "usbl_range": away_m}
     cov_m2 = np.zeros((len(position_m), 2, 2))
-    if timeline.fix_away_m is None:
-        return cov_m2
-    t, fix_s, head_m = timeline.time_s, timeline.fix_time_s, timeline.fix_m - timeline.fix_away_m
-    away_m: Array = position_m - np.column_stack([np.interp(t, fix_s, head_m[:, axis]) for axis in (0, 1)])
-    by_error = {"usbl_heading": np.column_stack([-away_m[:, 1], away_m[:, 0]]), "usbl_range": away_m}
     for name, one_sigma in sd.items():
         cov_m2 += one_sigma**2 * by_error[name][:, :, None] * by_error[name][:, None]
     return cov_m2

@@ -27,7 +27,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import Anchor, freed, head_covariance_m2, without_changes
+from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, without_changes
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
 from usbldr.filters.replay.methods import (
     FilterSettings,
@@ -112,7 +112,9 @@ def _run(
     for state, value in parameters.settled.items():
         mean[:, layout.existing(state)] += value
     x, y = layout.rows("x", "y")
-    cov[:, x : y + 1, x : y + 1] += head_covariance_m2(timeline, mean[:, x : y + 1], parameters.settled_sd)
+    cov[:, x : y + 1, x : y + 1] += open_covariance_m2(
+        timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd
+    )
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1

@@ -198,8 +198,8 @@ def _lever(log: Log, found: Identification) -> list[Finding]:
         return []
     length_m = math.hypot(*(found.estimates[name].value for name in names))
     advice = (
-        f"state lever_arm_m = {stated_lever_m(found)} under [dvl], or the opposite change under [usbl]: only their "
-        "difference is observable"
+        f"state lever_arm_m = {stated_lever_m(found)} under [dvl], or the opposite change under [usbl]: the log shows "
+        "only their difference; replay takes the transponder's place as stated, with a larger sigma"
     )
     return [_finding("DVL-LEVER", log, found, LEVER, "dvl", length_m, advice)]
 

@@ -87,8 +87,8 @@ class Run:
     @cached_property
     def as_used(self) -> Timeline:
         """The timeline with its fixes as the run used them: without the errors of their head that it has settled."""
-        parameters = self.identification.parameters
-        return freed(self.timeline, {name: parameters.settled[name] for name in parameters.settled_sd})
+        parameters, settled = self.identification.parameters, self.identification.parameters.settled
+        return freed(self.timeline, {name: settled[name] for name in parameters.settled_sd if name in settled})
 
     @cached_property
     def _fixes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -28,7 +28,7 @@ def weaving_dive(
 ) -> Timeline:
     """Weave at 1.2 m/s with some sway, or go straight on towards 60 degrees at a constant speed."""
     rng = np.random.default_rng(seed)
-    fine_s = np.arange(-5 * 100, seconds * 100 + 1) / 100
+    fine_s = np.arange(-5 * 100, (seconds + 5) * 100 + 1) / 100
     heading_deg = 3.6 * fine_s + 30 * np.sin(fine_s / 20)
     forward, starboard = 1.2 + 0.1 * np.sin(fine_s / 7), 0.1 * np.cos(fine_s / 11)
     if not weaves:

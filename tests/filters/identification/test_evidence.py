@@ -16,7 +16,18 @@ from usbldr.filters.identification.identification import (
     Identification,
     SensorErrorEvidence,
 )
-from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
+from usbldr.filters.identification.linearisation import (
+    COMPASS_CLOCK,
+    DVL_CLOCK,
+    HEAD,
+    KEYS,
+    LEVER,
+    PASS_STATES,
+    RANGE,
+    REPORTED,
+    STEPS,
+    linearised,
+)
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, kept_linearised
 from usbldr.filters.models.noise import Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
@@ -24,7 +35,7 @@ from usbldr.filters.replay.run import run
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from weaving import Faults, weaving_dive
+from weaving import SD_M, Faults, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
 
@@ -138,6 +149,41 @@ def test_a_lever_arm_is_found_as_a_number_of_the_run_and_not_as_a_state() -> Non
     assert found.parameters.dvl_lever_m == pytest.approx((0.0, 2.0, 0.0), abs=0.15)
 
 
+def test_of_a_lever_arm_the_sigma_covers_that_the_transponder_is_misplaced_and_not_the_dvl() -> None:
+    line, ahead_m = weaving_dive(Faults()), 2.0
+    yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
+    misplaced = replace(line, fix_m=line.fix_m + ahead_m * np.column_stack([-np.sin(yaw), np.cos(yaw)]))
+    clean = run("adf", line, ASSUMED)
+
+    found = identify(misplaced, replace(ASSUMED, start=None))
+    track = run("adf", misplaced, found.parameters)
+
+    e = track.position_m - clean.position_m
+    assert track.position_cov_m2 is not None
+    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
+    assert np.hypot(*e.T).mean() == pytest.approx(ahead_m, abs=0.3)  # in which the log has no say
+    assert 1.0 < nees.mean() < 4.0
+    (warning,) = found.warnings
+    assert warning.startswith("RIVAL-EXPLANATIONS: DVL or transponder is ")
+    assert found.misplaced_text in warning
+
+
+def test_at_one_speed_the_sigma_covers_lever_arm_and_latency() -> None:
+    """Fixes that are late by 1 s lie where a DVL further ahead would put them: the track may be either's."""
+    log = simulated_log(find_scenario("square"), 3)
+    line, known = timeline(log), replace(log.parameters, calibrate=(), errors=SensorErrors(dvl_lever_m=1.0))
+    clean = run("adf", line, known)
+
+    found = identify(replace(line, fix_time_s=line.fix_time_s + 1.0), known)
+    track = run("adf", replace(line, fix_time_s=line.fix_time_s + 1.0), found.parameters)
+
+    e = track.position_m - clean.position_m
+    assert track.position_cov_m2 is not None
+    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
+    assert set(found.undecided) >= {"usbl_latency_s", "dvl_lever_forward_m"}
+    assert nees.mean() < 4.0
+
+
 @pytest.mark.parametrize(
     ("key", "columns", "name"),
     [
@@ -193,6 +239,17 @@ def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None
     assert _present(score, SUBSETS)[0] == {LEVER, "latency"}
     score[other] = -3.1  # log 20 is 2.996
     assert _present(score, SUBSETS)[0] == {LEVER}
+
+
+@pytest.mark.parametrize("latency_s", [3.0, -3.0])
+def test_fixes_that_were_valid_before_or_after_the_log_are_reckoned_on(latency_s: float) -> None:
+    line = weaving_dive(Faults(usbl_latency_s=latency_s))
+    about = dict.fromkeys(STEPS, 0.0) | {"usbl_latency": latency_s}
+
+    log = linearised(line, (0.0, 0.0), len(line.fix_time_s), tuple(about.values()))
+
+    off_m = log.residual_m - log.measurement_matrix[:, :, PASS_STATES.index("usbl_latency")] * latency_s
+    assert np.hypot(*off_m.T).max() < 5 * SD_M  # at the ends 2.4 m without
 
 
 def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
