@@ -94,7 +94,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     if changed.changes:
         best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
-    choice = max((_choice(kept, member, stated) for member in best.members), key=lambda one: float(one.score.max()))
+    choice = _likeliest([_choice(kept, member, stated) for member in best.members])
     found = concluded(kept, given, stated, choice)
     rows = tuple(np.flatnonzero(false).tolist())
     starts = false_starts(best.timeline, choice.member) if false[0] else ()
@@ -174,6 +174,12 @@ def _choice(timeline: Timeline, member: Member, stated: Parameters) -> Choice:
         noise = estimate_usbl_noise(timeline, choice.member, replace(stated, errors=replace(stated.errors, **wide)))
         choice = _best_subset(timeline, choice.member._replace(parameters=noise), far)
     return choice
+
+
+def _likeliest(choices: Sequence[Choice]) -> Choice:
+    """Return the choice with the largest score; wide priors are only for errors that lie far outside what is usual."""
+    possible = (one for one in choices if not one.far or one.far & one.member.present)
+    return max(possible, key=lambda one: float(one.score.max()))
 
 
 def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:

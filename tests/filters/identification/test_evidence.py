@@ -8,7 +8,7 @@ import pytest
 
 from timelines import HZ
 from usbldr.filters.identification.conclusions import Choice, explanations
-from usbldr.filters.identification.evidence import _present, identify, subsets_of
+from usbldr.filters.identification.evidence import _likeliest, _present, identify, subsets_of
 from usbldr.filters.identification.identification import (
     ErrorEstimate,
     Explanation,
@@ -229,6 +229,19 @@ def test_a_late_compass_is_believed_only_if_every_usual_explanation_is_clearly_w
     score[SUBSETS.index(frozenset(["latency"]))] = -3.1  # log 20 is 2.996
     assert _present(score, SUBSETS)[0] == {COMPASS_CLOCK}
     assert not any(subset >= {COMPASS_CLOCK, other} for subset in SUBSETS for other in (DVL_CLOCK, "latency"))
+
+
+@pytest.mark.parametrize(("key", "is_taken"), [("latency", True), ("scale", False)])
+def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, is_taken: bool) -> None:
+    score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
+    usual, wide = (
+        Choice(
+            Member(ASSUMED, frozenset([key])), 0, frozenset(), SUBSETS, s, FixLikelihoods(s, rows, rows), frozenset(far)
+        )
+        for s, far in ((score, ()), (score + 0.1, ("latency",)))
+    )
+
+    assert _likeliest([usual, wide]) is (wide if is_taken else usual)
 
 
 def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None:
