@@ -150,7 +150,7 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
 
 @pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;"])
 def test_a_line_that_names_the_separator_is_none_of_the_columns(tmp_path: Path, first: str) -> None:
-    log = read_text(tmp_path, f"{first}\ntime_ns;heading_deg\n1;0,5\n2;1,5\n")
+    log = logged_csv(tmp_path, WHEN, compass=f"{first}\nwhen;hdg\n1;0,5\n2;1,5\n")
 
     assert log.tables["compass"]["heading_deg"].tolist() == [0.5, 1.5]
 
