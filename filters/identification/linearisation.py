@@ -125,8 +125,8 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
     H = interpolate(line, columns, valid_s).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
     V_at = interpolate(line, velocity_mps(line), valid_s)
     yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
-    beyond_s = valid_s - np.clip(valid_s, line.time_s[0], line.time_s[-1])  # a fix may be valid before or after the log
-    from_point_s = np.where(gps, 0.0, latency_s) + beyond_s
+    stamped, valid = (t - np.clip(t, line.time_s[0], line.time_s[-1]) for t in (timeline.fix_time_s[:fixes], valid_s))
+    from_point_s = np.where(gps, 0.0, latency_s) + valid - stamped  # of a fix of the log that was valid beyond its ends
     reckoned_m = interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * from_point_s[:, None]
     for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
         for axis, name in enumerate(names):
