@@ -193,6 +193,7 @@ class Trajectory:
     recoveries: tuple[OutageRecovery, ...] = ()
     smoothed: bool = False  # each epoch is estimated from the whole dive
     matched_noise: bool = False  # every fix had the covariance of the whole noise mixture
+    open_cov_m2: Array | None = None  # (T, 2, 2) the part of cov that no fix lessens: of numbers settled before the run
 
     @property
     def label(self) -> str:

@@ -124,6 +124,8 @@ def left_out_residuals(
     measured = [place, np.array(bias)] if bias else [place]
     rows = np.clip(np.searchsorted(track.time_s, time_s), 0, len(track.time_s) - 1)
     cov, mean = track.cov[rows], columns_at(time_s, track.time_s, track.mean)
+    if track.open_cov_m2 is not None:
+        cov[:, place[:, None], place] -= track.open_cov_m2[rows]
     of_place = sum(cov[:, place[:, None], of] for of in measured)  # (n, 2, 2) P H' of the position
     of_fix = sum(cov[:, one[:, None], of] for one in measured for of in measured)
     residual = position_m - sum(mean[:, of] for of in measured)

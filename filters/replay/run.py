@@ -112,9 +112,8 @@ def _run(
     for state, value in parameters.settled.items():
         mean[:, layout.existing(state)] += value
     x, y = layout.rows("x", "y")
-    cov[:, x : y + 1, x : y + 1] += open_covariance_m2(
-        timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd
-    )
+    open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd)
+    cov[:, x : y + 1, x : y + 1] += open_cov_m2
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
     particles = settings.particles if method.draws else 1
@@ -137,6 +136,7 @@ def _run(
         recoveries,
         settings.smooth,
         method.matched_noise and settings.gate is None,
+        open_cov_m2,
     )
     texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track, parameters.false_fixes))
     return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))
