@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from usbldr.filters.errors import LogError, UsbldrError
-from usbldr.filters.evaluation.time_offset import time_offset
+from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
 from usbldr.filters.frames import rotated, wrapped
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Timeline, Vector
 from usbldr.io.doctor.clock_steps import clock_step_findings
 from usbldr.io.doctor.fix_noise import fix_noise_findings
 from usbldr.io.doctor.gross_errors import (
@@ -92,13 +92,16 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
-    late_s = clock_offset_s + result.best.fit.latency_s
+    delay_s = result.best.fit.latency_s
     if identification is not None:
         latency = identification.estimates.get("usbl_latency_s")
-        late_s = clock_offset_s + (latency.value if latency else 0.0)
-    findings += clock_offset_findings(log, late_s) if clock_offset_s else ()
+        delay_s = latency.value if latency else 0.0
+    valid_s = timeline.fix_time_s - delay_s  # by the DVL's clock
+    by_fixes = _truth_offset(log, timeline, valid_s + clock_offset_s) if clock_offset_s else None
+    as_fixes = by_fixes is not None and not by_fixes.notable
+    findings += clock_offset_findings(log, clock_offset_s + delay_s, as_fixes) if clock_offset_s else ()
     findings += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
-    findings += _truth_clock_findings(log, timeline, late_s) or moving
+    findings += (() if as_fixes else _truth_clock_findings(log, _truth_offset(log, timeline, valid_s))) or moving
     if identification is not None:
         findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
         findings += change_findings(log, line, identification)
@@ -123,12 +126,13 @@ def moves_alike(log: Log) -> bool:
     return not motion_findings(log, line, result)
 
 
-def _truth_clock_findings(log: Log, timeline: Timeline, late_s: float) -> list[Finding]:
-    """Compare the stamps of the truth with those of the fixes, which are late by ``late_s`` themselves."""
-    if log.truth is None:
-        return []
-    offset = time_offset(timeline.fix_time_s - late_s, timeline.fix_m, log.truth)
-    if offset is None or not offset.notable:
+def _truth_offset(log: Log, timeline: Timeline, valid_s: Vector) -> TimeOffset | None:
+    """Return the offset of the truth's stamps against fixes that were valid at times, (F,)."""
+    return None if log.truth is None else time_offset(valid_s, timeline.fix_m, log.truth)
+
+
+def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
+    if log.truth is None or offset is None or not offset.notable:
         return []
     source, section = log.truth.source, "gps" if log.truth.kind == "gps" else "truth"
     text = offset.sentence(source, section, f"the fixes of {topic_of(log, 'usbl')}")

@@ -112,7 +112,8 @@ def correct_clock_offset(
     lines = [reinterpret(log, timeline, flips) for flips in {result.best.flips, result.as_read.flips}]
     far = min((fit_rotation(line, group, _clock_offsets_s()) for line in lines), key=lambda turn: turn.rms_m)
     shifted = replace(timeline, fix_time_s=timeline.fix_time_s - far.latency_s)
-    corrected = compare_interpretations(log, shifted, sources) if far.rms_m < result.best.residual_m else None
+    found = far.rms_m < result.best.residual_m and abs(far.latency_s) < THRESHOLDS.max_clock_offset_s
+    corrected = compare_interpretations(log, shifted, sources) if found else None
     if corrected is None or corrected.best.residual_m > THRESHOLDS.gross_residual_ratio * result.best.residual_m:
         return 0.0, result, timeline
     return far.latency_s, corrected, shifted
@@ -125,15 +126,18 @@ def _clock_offsets_s() -> list[float]:
     return [float(s) for s in offsets_s if abs(s) > limits.min_clock_offset_s]
 
 
-def clock_offset_findings(log: Log, late_s: float) -> list[Finding]:
-    """Report an offset of the fixes' clock that is larger than any delay."""
+def clock_offset_findings(log: Log, late_s: float, truth_agrees: bool = False) -> list[Finding]:
+    """Report an offset of the fixes' clock that is larger than any delay; the truth may agree with it."""
     usbl = topic_of(log, "usbl")
     is_leap = abs(abs(late_s) - LEAP_S) < THRESHOLDS.leap_second_tolerance_s
     leap = f" (GPS time and UTC are {LEAP_S} s apart)" if is_leap else ""
     stated = log.settings.usbl.latency_s
+    advice = f"if that clock is right, state latency_s = {stated + late_s:.2f} under [usbl]"
+    if truth_agrees:
+        advice = f"the truth has the fixes' clock: state latency_s = {-late_s:.2f} under [dvl] and [compass]"
     text = (
         f"{usbl}: stamps are {delay_text(late_s)} the time of validity that fits dead reckoning far better, by the "
-        f"DVL's clock{leap}; if that clock is right, state latency_s = {stated + late_s:.2f} under [usbl]"
+        f"DVL's clock{leap}; {advice}"
     )
     return [Finding("CLOCK-OFFSET", text, usbl, None, late_s, "s")]
 

@@ -385,9 +385,22 @@ def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float
 
     assert ill["CLOCK-OFFSET"]["worst"] == pytest.approx(ahead_s, abs=0.2)
     assert ("GPS time and UTC" in ill["CLOCK-OFFSET"]["text"]) == (abs(ahead_s) == 18.0)
-    assert (FLIPPED | {"DVL-MOUNT", "USBL-LATENCY"}).isdisjoint(ill)
+    assert (FLIPPED | {"DVL-MOUNT", "USBL-LATENCY", "TRUTH-CLOCK"}).isdisjoint(ill)
     assert "CLOCK-OFFSET" in replayed(log)
     assert {"CLOCK-OFFSET", "DVL-MOUNT", "USBL-LATENCY"}.isdisjoint(cured)
+
+
+@pytest.mark.long
+def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path: Path) -> None:
+    by_ns = 18 * SECOND
+    rows = curved_dive(gps=True)
+    for topic in ("/dvl", "/imu"):
+        rows = changed(rows, topic, header__stamp=lambda values: values["header.stamp"] + by_ns)
+
+    found = findings(written(tmp_path, rows))
+
+    assert "state latency_s = 18.00 under [dvl] and [compass]" in found["CLOCK-OFFSET"]["text"]
+    assert "TRUTH-CLOCK" not in found
 
 
 @pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
