@@ -12,7 +12,7 @@ UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more t
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 STRONG_ODDS = 20.0  # [-] from which on evidence is strong: Kass and Raftery, see evidence.py
 MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
-OUTLIERS = 2  # [fixes] by judgement: the most in a row that outliers are by chance
+OUTLIERS = 3  # [fixes] the most in a row that 5 to 10 % of outliers among a thousand fixes are by chance
 EARLY_SIGMAS = 3.0  # [-] by which stamps of fixes are early before it is said
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 

@@ -390,7 +390,7 @@ def test_single_false_fixes_are_said_to_be_outliers() -> None:
 
     (text,) = Identification(ASSUMED, false_runs=found).warnings
 
-    assert text.startswith("FALSE-FIXES: 4 USBL fixes, no more than 2 in a row, lie beside the track")
+    assert text.startswith("FALSE-FIXES: 4 USBL fixes, no more than 3 in a row, lie beside the track")
     assert "no fix follows" not in text
 
 
