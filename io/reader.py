@@ -39,6 +39,7 @@ class TopicInfo:
     problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
     arrays: frozenset[str] = frozenset()  # "covariance" if it has elements "covariance.0", "beams" of "beams.0.range"
     first_row: tuple[tuple[str, str], ...] = ()  # columns and first cells of a table that matches no sensor by them
+    is_shared: bool = False  # rows of a table that hold several sensors: of one, a row may have no value
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""

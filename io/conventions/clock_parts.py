@@ -86,7 +86,7 @@ def _sensor(raw: RawRecords, stamps_count: bool) -> tuple[_Sensor, list[Finding]
             rows = np.arange(len(stamp_ns))[known]
             steps = [step._replace(row=int(rows[step.row])) for step in stamps.steps]
     findings = [
-        raw.finding("CLOCK-WRAP", f"its time is a {name} that began again {count} times; counted on")
+        raw.finding("CLOCK-WRAP", f"its time is a {name} that began again ({count}×); counted on")
         for name, count in wraps.items()
     ]
     if single:

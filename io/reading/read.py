@@ -109,7 +109,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         truth_fault="".join(exchanged) if truth.truth is None and not source.off else "",
         configuration=opened.file,
         settings=configuration,
-        findings=(*reader.findings(), *findings),
+        findings=tuple(dict.fromkeys([*reader.findings(), *findings])),  # sensors of one topic say the same of it
         altitude=altitude,
         attitude=None if sensors.attitude is None else _attitude_table(sensors.attitude, start_ns),
         unread={topic.name: topic.problem for topic in topics if topic.problem},

@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from usbldr.filters.errors import LogError
 from usbldr.io.conventions.attitude import attitudes, with_yaw
 from usbldr.io.conventions.usbl_head import SHIP_HEADING
@@ -82,6 +84,7 @@ class _Collected:
 
     def add(self, block: Records) -> None:
         """Add a block of records."""
+        block = self._filled(block) if self.topic.is_shared else block
         raw = self._raw(block, self._paths)
         if self._role in ("compass", SHIP_HEADING):
             self._add_attitudes(raw)
@@ -94,6 +97,15 @@ class _Collected:
             some = {field: block.columns[field][rows] for field in self._evidence_fields}
             self._evidence.add(Records(block.received_ns[rows], some))
         self.count += len(block.received_ns)
+
+    def _filled(self, block: Records) -> Records:
+        """Return the rows of a table of several sensors that have a value of this one; all if none has."""
+        own = set(self._paths.values()) - {self._layout.stamp, self._layout.frame}
+        values = [column for path, column in block.columns.items() if path in own]
+        rows = np.any([column != "" if column.dtype.kind == "U" else ~np.isnan(column) for column in values], axis=0)
+        if not np.any(rows):
+            return block
+        return Records(block.received_ns[rows], {path: column[rows] for path, column in block.columns.items()})
 
     def _add_attitudes(self, raw: RawRecords) -> None:
         """Keep the attitudes of some records, evenly spread over the log."""

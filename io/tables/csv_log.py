@@ -152,7 +152,9 @@ class CsvLog:
         times = np.delete(times, list(faults)) if faults else times
         problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
-        return TopicInfo(topic, sheet.type, "csv", len(times), first, last, fields, problem)
+        return TopicInfo(
+            topic, sheet.type, "csv", len(times), first, last, fields, problem, is_shared=source.shown.is_shared
+        )
 
     def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
         """Return the columns and first cells of a file with one sensor."""

@@ -136,10 +136,9 @@ class TableLog:
             return TopicInfo(topic, sheet.type, "table", 0, None, None, fields, fault.text)
         times = times[good]
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
+        none = none if table.rows > len(times) == 0 else ""
         first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
-        return TopicInfo(
-            topic, sheet.type, "table", len(times), first, last, fields, none if table.rows > len(times) == 0 else ""
-        )
+        return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields, none, is_shared=one.is_shared)
 
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""

@@ -29,6 +29,7 @@ class TopicSheet(NamedTuple):
     table: str  # its topic
     sheet: Sheet | None  # None: its columns match no sensor
     by_name: bool = False  # whether names and their units tell
+    is_shared: bool = False  # whether the table's rows hold other sensors, too
 
 
 def topic_sheets(
@@ -47,14 +48,16 @@ def topic_sheets(
     for topic, table in tables.items():
         sensors = stated.get(topic, [])
         by_name = {s: sheet for s, sheet in _foreign(table).items() if s not in [one.sensor for one in sensors]}
+        shared = len(sensors) + len(by_name) > 1
         if sensors:
-            found[topic] = TopicSheet(
-                topic, configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
-            )
+            sheet = configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
+            found[topic] = TopicSheet(topic, sheet, is_shared=shared)
         elif not by_name:
             found[topic] = TopicSheet(topic, _own(table))
         apart = sensors or len(by_name) > 1
-        found |= {f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True) for s, one in by_name.items()}
+        found |= {
+            f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True, shared) for s, one in by_name.items()
+        }
     return found
 
 

@@ -46,6 +46,30 @@ def test_a_wide_file_holds_several_sensors(tmp_path: Path) -> None:
     assert (by_default.value, by_default.chosen_by) == ("FLU", "default")
 
 
+BY_KEYS = """
+[dvl]
+axes = "FRD"
+columns = { time_unix_s = "t", x = "vf", y = "vs" }
+[compass]
+columns = { time_unix_s = "t", heading = "hdg" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("names", "toml"), [("Time [s],DVL X [m/s],DVL Y [m/s],Heading (deg)", ""), ("t,vf,vs,hdg", BY_KEYS)]
+)
+def test_a_row_without_a_value_of_a_sensor_is_no_record_of_it(tmp_path: Path, names: str, toml: str) -> None:
+    seconds = T0 // SECOND
+    rows = f"{seconds}.0,1.5,0.25,\n{seconds}.1,,,30.5\n{seconds}.2,,,31.5\n{seconds}.3,1.6,,\n"
+
+    log = logged_csv(tmp_path, toml, dive=f"{names}\n{rows}")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [30.5, 31.5]
+    assert not [code for code in codes(log) if code in ("COMPASS-INVALID", "SAME-STAMP")]
+    (invalid,) = [finding.text for finding in log.findings if finding.code == "DVL-INVALID"]
+    assert "1 of 2 records are invalid" in invalid  # a value is missing
+
+
 def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
     log = logged_csv(
         tmp_path,
