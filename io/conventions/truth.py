@@ -42,14 +42,14 @@ TIMES = {
     "timestamp_ns": "time_ns",
     "time_s": "time_s",
     "time_unix_s": "time_unix_s",
-    "timestamp": "time_unix_s",
-    "stamp": "time_unix_s",
+    **dict.fromkeys(("timestamp", "stamp", "time", "datetime", "utc"), "time_unix_s"),
 }
 """Names of time columns, and the key of [truth] columns that each is."""
 PLACES = (
     PlaceColumns("east_m", "north_m", "ENU"),
     PlaceColumns("lat_deg", "lon_deg", "latlon"),
     PlaceColumns("latitude", "longitude", "latlon"),
+    PlaceColumns("lat", "lon", "latlon"),
     PlaceColumns("tx", "ty", None),
     PlaceColumns("x_m", "y_m", None),
     PlaceColumns("x", "y", None),
@@ -249,8 +249,8 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
         return {key: name, "x": place.x, "y": place.y} | more, place.frame or section.frame or "ENU"
     example = '{ time_unix_s = "...", x = "...", y = "..." }'
     raise UsageError(
-        f"which columns hold time and position? State columns = {example} under [truth] "
-        f"(its columns: {', '.join(texts)})",
+        f"which columns hold time and position (it has {', '.join(texts)})? Call them time_unix_s, lat_deg and lon_deg "
+        f"or x and y; of a truth, or state columns = {example} under [truth]",
         path=file,
     )
 

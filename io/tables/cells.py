@@ -73,7 +73,7 @@ def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> Pa
             return _in_range(_iso_ns(text))
         return _in_range(int(((Decimal(text) - at_1970) * unit_ns).to_integral_value()))
 
-    what = "a number of seconds" if unit_ns == SECOND_NS else "a number or a date and time"
+    what = "a number of seconds before 2116" if unit_ns == SECOND_NS else "a number or a date and time"
     return _parsed(texts, name, exact, 0, what)
 
 

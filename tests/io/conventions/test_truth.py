@@ -136,6 +136,7 @@ def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path, 
         ("% timestamp, frame id, x, y, z", f"{T0 // SECOND + 1},7,1,2,-3"),
         ("stamp_ns,x_m,y_m", f"{T0 + SECOND},1,2"),
         ("time_s,tx,ty", "1,1,2"),
+        ("time,east_m,north_m", "2020-09-13T12:26:41.000Z,1,2"),
         ("timestamp,heading,east_m,north_m,x,y", f"{T0 // SECOND + 1},9,1,2,99,99"),
         ("time_ns  east_m north_m", f"{T0 + SECOND}   1 2"),
     ],
@@ -157,12 +158,13 @@ def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str)
          "{file}: holds latitudes and longitudes, but the plane has no origin; state origin_lat_deg and origin_lon_deg "
          "under [map]"),
         ("", "epoch,px,py\n1,2,3\n", "{file}", UsageError,
-         "{file}: which columns hold time and position? State columns = { time_unix_s = \"...\", x = \"...\", "
-         "y = \"...\" } under [truth] (its columns: epoch, px, py)"),
+         "{file}: which columns hold time and position (it has epoch, px, py)? Call them time_unix_s, lat_deg and "
+         "lon_deg or x and y; of a truth, or state columns = { time_unix_s = \"...\", x = \"...\", y = \"...\" } "
+         "under [truth]"),
         (NED_FILE, "stamp,x,y\n1600000000.1,1,2\n", "{file}", LogError,
          "{file}: has no column timestamp (its columns: stamp, x, y)"),
         (NED_FILE, "timestamp,x,y\n1600000000.1,1,2\nnoon,1,2\n", "{file}", LogError,
-         '{file}: line 3: timestamp is "noon", not a number of seconds'),
+         '{file}: line 3: timestamp is "noon", not a number of seconds before 2116'),
         (NED_FILE + "skip_rows = 9", "timestamp,x,y\n1600000000.1,1,2\n", "{file}", LogError,
          "t.csv: no truth row is left of 1 (skip_rows = 9)"),
         (NED_FILE + "skip_rows = 1", "timestamp,x,y\ns,m,m\n1.1,1,2\n2.1,east,4\n", "{file}", LogError,
