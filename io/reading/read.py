@@ -38,6 +38,8 @@ from usbldr.io.stages import say, stage
 SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less time: stamps are of another unit
 DAY_NS = 86_400_000_000_000  # fixed
 USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
+HALF_HOUR_S = 1800  # fixed: time zones are so many apart
+ZONE_TOLERANCE_S = 60.0  # [s] by judgement: loggers of a dive start together
 
 
 def read_log(path: Path, request: Request = DEFAULT_REQUEST) -> Log:
@@ -180,6 +182,10 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
         spans_text = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
+        role, other = max(spans, key=lambda one: spans[one][0]), min(spans, key=lambda one: spans[one][1])
+        apart_s = (spans[role][0] - spans[other][0]) / 1e9
+        if abs(apart_s - (zone_s := HALF_HOUR_S * round(apart_s / HALF_HOUR_S))) < ZONE_TOLERANCE_S:
+            hint += f" ({zone_s} under [{role}], if its times are of a time zone {zone_s / 3600:g} h ahead)"
         hint += "; of a file without dates, state date under [[file]]" * (" 1970-" in spans_text)
         raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
 

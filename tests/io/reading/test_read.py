@@ -75,7 +75,8 @@ def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Pa
         "dvl 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
         "compass 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
         "usbl 2020-09-13T13:26:40.000Z to 2020-09-13T13:26:40.000Z; "
-        'if a clock is wrong, try time = "log" or state latency_s'
+        'if a clock is wrong, try time = "log" or state latency_s (3600 under [usbl], if its times are of a time zone '
+        "1 h ahead)"
     )
 
 
