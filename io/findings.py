@@ -25,6 +25,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "ROLE-PREFERRED": "info",
     "ROLE-SHIP": "info",
     "COLUMNS-BY-NAME": "info",
+    "DATE-ORDER": "info",
     "CONCATENATED": "info",
     "TOPIC-PARTS": "info",
     "LAYOUT-FILE": "info",

@@ -21,7 +21,8 @@ from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
-from usbldr.io.tables.date_times import foreign_time, parted_time, week_and_time, with_iso_times
+from usbldr.io.tables.date_order import DateOrder
+from usbldr.io.tables.date_times import foreign_time, orders_of, parted_time, week_and_time, with_iso_times
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
@@ -46,6 +47,13 @@ class CsvSource:
         return self.shown.sheet
 
 
+def _wide_texts(file: Path) -> TextTable:
+    """Return the cells of a file; those of a long table made wide."""
+    read = read_texts(file)
+    long = long_columns(list(read.columns))
+    return widened(read, long) if long else read
+
+
 class CsvLog:
     """A folder of CSV files, or one such file."""
 
@@ -54,6 +62,7 @@ class CsvLog:
         self.path, self._given = path, files
         self._configured = tuple(configured)
         self._read: dict[Path, TextTable] = {}
+        self._raw = cache(_wide_texts)
         self._begin = cache(self._header_and_row)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
 
@@ -105,9 +114,19 @@ class CsvLog:
         return [next(iter(column)) for column in self._table(file).columns.values()]
 
     @cached_property
+    def _texts(self) -> Sequence[Path]:
+        return self._given or (list(text_files(self.path)) if self.path.is_dir() else [self.path])
+
+    @cached_property
+    def _orders(self) -> Mapping[str, DateOrder]:
+        """Separator -> how dates with it are read in all files."""
+        dated = [file for file in self._texts if any(map(foreign_time, header_and_row(file)[1]))]
+        return orders_of([self._raw(file).columns for file in dated], self._formats)
+
+    @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
         found: dict[str, CsvSource] = {}
-        for file in self._given or (text_files(self.path) if self.path.is_dir() else [self.path]):
+        for file in self._texts:
             for topic, source in self._topics_of(file).items():
                 if topic in found:
                     raise LogError(
@@ -169,10 +188,8 @@ class CsvLog:
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
-            read = read_texts(file)
-            long = long_columns(list(read.columns))
-            read = widened(read, long) if long else read
-            self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats))
+            read = self._raw(file)
+            self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats, self._orders))
         return self._read[file]
 
     def _lines(self, source: CsvSource) -> Sequence[int]:
@@ -224,8 +241,8 @@ class CsvLog:
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
     def findings(self) -> tuple[Finding, ...]:
-        """Report the rows that are left out."""
-        found: list[Finding] = []
+        """Report the rows that are left out, and dates that have two readings."""
+        found = [order.finding(self.path.name) for order in self._orders.values() if order.example]
         for topic, source in self._sources.items():
             if source.shown.by_name and source.sheet and source.sheet.stamp and topic in self._left_out:
                 named = {**source.sheet.columns, "time": source.sheet.stamp.column}

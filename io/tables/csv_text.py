@@ -14,6 +14,7 @@ from usbldr.io.file_access.decompression import compression_of, first_bytes
 from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, begin_of, head_lines, opened, text_lines
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
+from usbldr.io.tables.date_order import stated_order
 from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
@@ -166,7 +167,10 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
         return None
     bare = [cell.strip("[]() ") for cell in cells]
     stated = [named_unit(f"x [{unit}]") for unit in bare]
-    units = [f" [{u}]" if one.dimension and one.unit == u else "" for u, one in zip(bare, stated, strict=True)]
+    units = [
+        f" [{u}]" if (one.dimension and one.unit == u) or stated_order(u) is not None else ""
+        for u, one in zip(bare, stated, strict=True)
+    ]
     of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
     if not of_names and (any(units) or not any(cell.strip("-") for cell in cells)):
         return [name if named_unit(name).unit else name + unit for name, unit in zip(names, units, strict=True)]

@@ -1,8 +1,7 @@
 """Dates and times of day as programs export them, turned into ISO text: "18.05.2026 12:30:00,5" or two columns.
 
-pandas reads the dates. Of "05/06/2026" the day comes first if any date of the column shows it, and else unless the
-parts are between slashes; the key ``time_format`` states it. Without a zone a time is UTC. A time of day without a date
-counts from 1970-01-01, over midnights. A GPS week beside a time of the week is GPS time.
+pandas reads the dates; whether the day comes first in "05/06/2026", date_order says. Without a zone a time is UTC. A
+time of day without a date counts from 1970-01-01, over midnights. A GPS week beside a time of the week is GPS time.
 """
 
 import re
@@ -18,6 +17,7 @@ from usbldr.io.gps_time import LAST_WEEK, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.tables.csv_sheets import ISO
+from usbldr.io.tables.date_order import NUMERIC_DATE, DateOrder, date_orders
 from usbldr.io.units import named_unit
 
 DATE = (
@@ -67,14 +67,31 @@ def foreign_time(cell: str) -> bool:
     return whole and not ISO.fullmatch(cell)
 
 
+def orders_of(
+    tables: Iterable[Mapping[str, Sequence[str]]], stated: Mapping[str, str] = MappingProxyType({})
+) -> Mapping[str, DateOrder]:
+    """Return separator -> how dates with it are read in all tables. ``stated``: column -> its format by strptime."""
+    dates = [
+        (name, cells)
+        for columns in tables
+        for name, cells in columns.items()
+        if name not in stated and (_are(cells, DATE_ONLY) or _are(cells, DATE_TIME))
+    ]
+    return date_orders((cells for _, cells in dates), [*(name for name, _ in dates), *stated.values()])
+
+
 def with_iso_times(
-    columns: Mapping[str, Sequence[str]], stated: Mapping[str, str] = MappingProxyType({})
+    columns: Mapping[str, Sequence[str]],
+    stated: Mapping[str, str] = MappingProxyType({}),
+    orders: Mapping[str, DateOrder] = MappingProxyType({}),
 ) -> dict[str, Sequence[str]]:
     """Return the columns of a table with dates and times as ISO text; a column of dates goes into that of its times.
 
-    ``stated``: column -> its format by strptime.
+    ``stated``: column -> its format by strptime. ``orders``: of the dates in all tables, if there are others.
     """
     found = dict(columns)
+    own = orders_of([columns], stated)
+    orders = {**own, **{mark: order for mark, order in orders.items() if mark not in own or own[mark].example}}
     pair = week_and_time(columns)
     if pair and all(_are(columns[name], NUMBER) for name in pair) and _are(columns[pair[0]], WEEK):
         found[pair[1]] = _of_weeks(*pair, columns)
@@ -92,9 +109,9 @@ def with_iso_times(
             )
             found[name] = _as_text(moments, cells)
         elif _are(cells, DATE_TIME):
-            found[name] = _iso(list(cells), cells)
+            found[name] = _iso(list(cells), cells, orders)
         elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and _of_day(name.lower(), cells)):
-            found[name] = _on_days(cells, columns[dates[0]]) if len(dates) == 1 else _without_date(cells)
+            found[name] = _on_days(cells, columns[dates[0]], orders) if len(dates) == 1 else _without_date(cells)
     return found
 
 
@@ -158,12 +175,12 @@ def _are(cells: Sequence[str], kind: re.Pattern[str]) -> bool:
     return bool(shown) and all(kind.fullmatch(cell) and not ISO.fullmatch(cell) for cell in shown)
 
 
-def _on_days(cells: Sequence[str], dates: Sequence[str]) -> list[str]:
+def _on_days(cells: Sequence[str], dates: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:
     """Return times of day, or seconds of it, with their dates."""
     digits = _are(cells, DIGITS_CLOCK)
     clocks = [DIGITS_CLOCK.sub(r"\1:\2:\3", cell) if digits else _clock(cell) for cell in cells]
     days = [DIGITS_DATE.sub(r"\1-\2-\3", day) for day in dates]
-    return _iso([f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells)
+    return _iso([f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells, orders)
 
 
 def _clock(cell: str) -> str:
@@ -176,24 +193,22 @@ def _clock(cell: str) -> str:
 
 
 def _without_date(cells: Sequence[str]) -> list[str]:
-    texts = _iso([f"1970-01-01 {cell}" for cell in cells], cells)
+    texts = _iso([f"1970-01-01 {cell}" for cell in cells], cells, {})
     moments = pd.to_datetime(pd.Series(texts), format="ISO8601", utc=True, errors="coerce")
     back = (moments.diff() < -pd.Timedelta(seconds=DAY_S / 2)).cumsum()
     later = (moments + pd.to_timedelta(back, unit="D")).dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
     return [text if pd.isna(new) or not day else str(new) for text, new, day in zip(texts, later, back, strict=True)]
 
 
-def _iso(texts: list[str], cells: Sequence[str]) -> list[str]:
+def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:
     """Return dates and times as ISO text; the cell as it stands if it is none."""
     plain = pd.Series(texts, dtype="str").str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
     plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)
     plain = plain.str.replace("_", " ", regex=False)
     zoned = plain.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
-    first = plain.str.extract(r"^(\d{1,4})([./-])(\d{1,2})[./-]")
-    day, month = (pd.to_numeric(first[k], errors="coerce") for k in (0, 2))
-    day_first = bool((day > 12).any()) or not (bool((month > 12).any()) or bool((first[1] == "/").all()))
-    year_first = bool((day > 31).any())
-    moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first and not year_first, utc=True, errors="coerce")
+    mark = next((found[2] for found in map(NUMERIC_DATE.search, texts) if found), "")
+    day_first = mark in orders and orders[mark].day_first
+    moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first, utc=True, errors="coerce")
     return _as_text(moments, cells)
 
 

@@ -428,3 +428,38 @@ def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
     assert "time" in said
     assert ("first row" in said) == (row == 0)
     assert row == 0 or f"line {row + 2}" in said
+
+
+@pytest.mark.parametrize(
+    ("dates", "notation", "first", "code"),
+    [
+        (("11/05/2026", "12/05/2026"), "", "2026-05-11", "DATE-ORDER"),
+        (("05/11/2026", "05/12/2026"), "", "2026-05-11", "DATE-ORDER"),
+        (("11/05/2026", "11/05/2026"), "", "2026-11-05", "DATE-AMBIGUOUS"),
+        (("11/05/2026", "11/05/2026"), " (dd/mm/yyyy)", "2026-05-11", "DATE-ORDER"),
+        (("11.05.2026", "11.05.2026"), " [MM.DD.YYYY]", "2026-11-05", "DATE-ORDER"),
+        (("11.05.2026", "11.05.2026"), "", "2026-05-11", "DATE-ORDER"),
+        (("05/05/2026", "05/05/2026"), "", "2026-05-05", ""),
+        (("12/05/2026", "13/05/2026"), "", "2026-05-12", ""),
+    ],
+)
+def test_all_files_take_the_same_order_of_day_and_month(
+    tmp_path: Path, dates: tuple[str, str], notation: str, first: str, code: str
+) -> None:
+    clocks = ("23:59", "00:00") if dates[0] != dates[1] else ("22:59", "23:59")
+    before, behind = ([f"{d} {c}:{k:02d}" for k in range(30)] for d, c in zip(dates, clocks, strict=True))
+    gps = "Time,Latitude [deg],Longitude [deg]\n" + "".join(f"{time},45,7\n" for time in before)
+    compass = f"Time{notation},Heading [deg]\n" + "".join(f"{t},{k}\n" for k, t in enumerate((*before, *behind)))
+    log = logged_csv(tmp_path, "", gps=gps, compass=compass)
+
+    assert log.start_ns == pd.Timestamp(f"{first}T{clocks[0]}").value
+    assert set(log.tables) == {"gps", "compass"}
+    assert [found for found in codes(log) if found.startswith("DATE")] == [code][: len(code)]
+
+
+def test_a_line_of_units_states_the_order_of_day_and_month(tmp_path: Path) -> None:
+    rows = "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
+    log = logged_csv(tmp_path, "", compass=f"Time,Heading\ndd/mm/yyyy HH:MM:SS,deg\n{rows}")
+
+    assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
+    assert "05/06/2026 is read as 2026-06-05, and not as 2026-05-06: a name" in codes(log)["DATE-ORDER"]
