@@ -25,6 +25,7 @@ from usbldr.io.conventions.time_series import unwrap
 from usbldr.io.conventions.usbl import AWAY_COLUMNS, LEVELLED_COLUMN
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import BLOCK_RECORDS, blocks
+from usbldr.io.reader import utc
 
 USBL_GAP_S, USBL_GAP_INTERVALS = 10.0, 5.0  # a USBL outage is longer than both: fixes may come every 10 s by design
 NOISY_RAD = math.radians(3.0)  # [rad] of an epoch: its cosines shorten dead reckoning by 0.14 %
@@ -32,6 +33,8 @@ SETTLED = 8.0  # [-] of a: what an older heading weighs is below 1e-3
 MIN_DVL_SD_MPS = 1e-3  # the resolution of a DVL: rounded records repeat themselves and would give 0
 MIN_RATE_HZ, MAX_RATE_HZ = 1e-3, 1e9  # so that epochs can be counted
 MAX_EPOCHS = 20_000_000  # 46 days at 5 Hz
+LONGEST_GAP_SHARE = 100.0  # [-] of a gap without any record to the rest of the log; days of it may cost hours
+MIN_GAP_S = 86400.0  # [s] of such a gap: shorter ones cost little
 
 
 def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
@@ -58,6 +61,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     last_s = max(ends_s)
     if last_s > LONGEST_LOG_NS / 1e9:
         raise LogError(f"stamps span {last_s / 86400:.0f} days; one of them must be wrong", path=log.path)
+    _check_gap(log, np.sort(np.concatenate([t_d, t_c, t_f])))
     ends = [*_epoch_of(t_d[-1:], fast_hz), *_epoch_of(t_c[-1:], fast_hz)]
     ends += [math.ceil(t * fast_hz) for t in t_f[-1:]]  # a fix is used at the first epoch at or after it
     ends += [] if ends else [math.floor(last_s * fast_hz)]
@@ -96,6 +100,19 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         ),
         gps_sd_m=gps[:, 3],
     )
+
+
+def _check_gap(log: Log, time_s: Vector) -> None:
+    """Raise LogError if the records of a log, at times (n,) in order, leave most of its span empty."""
+    gaps_s = np.diff(time_s)
+    gap_s = float(gaps_s.max(initial=0.0))
+    if gap_s > max(MIN_GAP_S, LONGEST_GAP_SHARE * (time_s[-1] - time_s[0] - gap_s)):
+        before_ns = log.start_ns + round(time_s[int(gaps_s.argmax())] * 1e9)
+        roles = [role for role in ("dvl", "compass", "usbl") if role in log.provenance]
+        topic = ", ".join(log.provenance[role].topic for role in roles) or "the log"
+        text = f"{topic}: no sensor has a record for {gap_s / 86400:.1f} days after {utc(before_ns)}, but for"
+        text += f" {(time_s[-1] - time_s[0] - gap_s) / 60:.0f} minutes around; the dates must be wrong (time_format)"
+        raise LogError(f"{text}, else take one side of it with --start or --end", path=log.path)
 
 
 def _epochs_per_slow(fast_hz: float, slow_hz: float) -> int:

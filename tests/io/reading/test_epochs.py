@@ -61,6 +61,16 @@ def test_each_record_is_used_once_in_the_epoch_of_its_own_interval() -> None:
                 assert np.isnan(line.dvl_mps[k]).all()
 
 
+def test_a_log_that_is_almost_all_one_gap_is_refused() -> None:
+    days_s = 86400.0 * np.array([0.0, 29.0])
+    t = np.concatenate([grid(600) + day_s for day_s in days_s])
+    with pytest.raises(LogError, match=r"no sensor has a record for 29\.0 days after 2001-09-09T01:56:40"):
+        timeline(log(dvl=dvl_table(t), compass=compass_table(t)))
+
+    t = np.append(grid(3 * 3600, 1.0), 2 * 86400.0)  # 45 hours, 15 times the rest
+    assert timeline(log(dvl=dvl_table(t), compass=compass_table(t)), 1.0).time_s[-1] == t[-1]
+
+
 def test_a_record_on_the_border_belongs_to_the_later_epoch() -> None:
     line = timeline(log(dvl=dvl_table([0.0, 0.1, 0.3, 0.5]), compass=compass_table(grid(1))))
 
