@@ -27,20 +27,24 @@ _UNITS: Mapping[Dimension, Mapping[str, float]] = {
 """Factors to m/s, degrees, metres, pascals and nanoseconds."""
 
 _SPELLINGS: Mapping[str, str] = {
-    "m/s": "mps m_s m/sec ms-1",
+    "m/s": "mps m_s",
     "cm/s": "cmps cm_s",
     "mm/s": "mmps mm_s",
     "km/h": "kmh kph km_h",
     "ft/s": "ft_s",
     "knots": "knot kn kt kts",
-    "deg": "degs degree degrees ° degt °t degtrue "
+    "deg": "degs degree degrees ° degt °t degtrue degreestrue degreet "
     "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
     "degrees_east degree_east degrees_e degree_e degreese degreee",
     "rad": "rads radian radians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
+    "dbar": "decibar decibars",
     "m": "meter meters metre metres",
-    "km": "kilometres kilometers",
+    "cm": "centimeter centimeters centimetre centimetres",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "km": "kilometer kilometers kilometre kilometres",
+    "ft": "foot feet",
     "s": "sec secs second seconds",
     "ms": "msec millis milliseconds",
     "us": "µs μs usec micros microseconds",
@@ -48,12 +52,18 @@ _SPELLINGS: Mapping[str, str] = {
 }
 """Other spellings, in lower case, without blanks."""
 
-_KNOWN: Mapping[str, tuple[Dimension, float]] = {
-    spelling.lower(): (dimension, factor)
-    for dimension, units in _UNITS.items()
-    for unit, factor in units.items()
+_UNIT_OF: Mapping[str, str] = {
+    spelling.lower(): unit
+    for units in _UNITS.values()
+    for unit in units
     for spelling in (unit, *_SPELLINGS.get(unit, "").split())
 }
+_FACTORS: Mapping[str, tuple[Dimension, float]] = {
+    unit: (dimension, factor) for dimension, units in _UNITS.items() for unit, factor in units.items()
+}
+_TIME = r"(s|h)(?:ec|econds?|r|ours?)?"
+_PER = re.compile(rf"([a-z]+)(?: ?/ ?| per ){_TIME}|([a-z]+?)[ .*·]?{_TIME}(?:(?:\^|\*\*)?-1|⁻¹)")
+"""A length per time, also as UDUNITS and CF write it: "cm s-1", "km.h^-1", "metres per second"."""
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
 _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
@@ -69,6 +79,15 @@ class NamedUnit(NamedTuple):
     factor: float = 1.0  # to usbldr's own unit
 
 
+def _known(unit: str) -> tuple[Dimension, float] | None:
+    """Return the dimension of a unit in any spelling, and its factor to usbldr's own one; None if it is unknown."""
+    text = " ".join(unit.lower().split())
+    if per := _PER.fullmatch(text):
+        length, time = filter(None, per.groups())
+        text = f"{_UNIT_OF.get(length, length)}/{time}"
+    return _FACTORS.get(_UNIT_OF.get(text.replace(" ", ""), ""))
+
+
 def named_unit(name: str) -> NamedUnit:
     """Return what a name states: a unit in brackets, known or not, or a known one after its last "_".
 
@@ -78,14 +97,14 @@ def named_unit(name: str) -> NamedUnit:
     if brackets and brackets[2].strip().lower() in _NOTES:
         return named_unit(brackets[1])
     if brackets:
-        dimension, factor = _KNOWN.get("".join(brackets[2].lower().split()), (None, 1.0))
+        dimension, factor = _known(brackets[2]) or (None, 1.0)
         return NamedUnit(brackets[1], brackets[2].strip(), dimension, factor)
     parts = _ELEMENT.fullmatch(name)
     whole, element = parts.groups() if parts else (name, "")
     words = whole.split("_")
     for count in range(min(_LONGEST_ENDING, len(words) - 1), 0, -1):
         unit = "_".join(words[-count:])
-        if known := _KNOWN.get(unit.lower()):
+        if known := _known(unit):
             return NamedUnit("_".join(words[:-count]) + element, unit, *known)
     return NamedUnit(name)
 

@@ -182,18 +182,16 @@ def _scale(
     for quantity, key in names.items():
         stated_unit = named_unit(plain(stated.columns[key]))
         dimension, own = dimensions.get(key), stated_unit if stated_unit.unit else named_unit(fields[key])
-        by_section = stated.unit is not None and key in ("x", "y", "z", "sd_mps", "heading", "pressure")
-        if dimension is None or not own.unit or by_section:
+        of_section = key in ("x", "y", "z", "sd_mps", "heading", "pressure")
+        if dimension is None or not own.unit or (of_section and stated.unit is not None):
             continue
         if own.dimension == dimension:
             scale[quantity] = own.factor
             fixed |= {"unit": OWN_UNITS[dimension]} if stated.sensor in ("dvl", "compass", "depth") else {}
-        elif in_brackets(stated.columns[key], own):
-            raise UsageError(
-                f"[{stated.sensor}] columns {key}: the unit of {plain(stated.columns[key])} is not one of "
-                f"{spellings(dimension)}",
-                path=path,
-            )
+        elif in_brackets(stated.columns[key], own) or (of_section and in_brackets(fields[key], own)):
+            name = plain(stated.columns[key]) if stated_unit.unit else fields[key]
+            text = f"[{stated.sensor}] columns {key}: the unit of {name} is not one of {spellings(dimension)}"
+            raise UsageError(text, path=path)
     return scale, fixed
 
 

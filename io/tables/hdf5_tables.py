@@ -22,6 +22,7 @@ from usbldr.io.file_access.open_file import mapped
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.cf_times import Clock, clock_of
+from usbldr.io.tables.csv_sheets import OWN_NAMES
 from usbldr.io.tables.mat_objects import DECODE, refuse_objects, unread
 from usbldr.io.tables.table_library import library, reading
 from usbldr.io.tables.table_log import Array, Table, tables_of
@@ -161,7 +162,10 @@ def _take(array: Any, budget: UnpackingBudget) -> None:
 
 
 def _named(name: str, unit: str) -> str:
-    """Return a name with the unit that its attribute states, unless the name states one; a clock may be unknown."""
+    """Return a name with the unit that its attribute states, known or not, unless the name states one.
+
+    usbldr's own names stay as they are.
+    """
     with_unit = f"{name} [{unit}]"
-    stated = named_unit(with_unit).dimension or "since" in unit.lower().split()
-    return with_unit if stated and not named_unit(name).unit else name
+    own = name in OWN_NAMES or named_unit(name).unit or not named_unit(with_unit).unit
+    return name if own else with_unit

@@ -108,6 +108,36 @@ def test_units_of_netcdf_are_those_of_its_attributes(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.tables["compass"]["heading_deg"], np.degrees(0.5))
 
 
+def write_velocities(file: Path, unit: str) -> Path:
+    with h5py.File(file, "w") as content:
+        content.create_dataset("time", data=T0 / SECOND + np.arange(COUNT)).attrs["units"] = "s"
+        for name in ("vel_forward", "vel_starboard"):
+            content.create_dataset(name, data=np.full(COUNT, 150.0)).attrs["units"] = unit
+    return file
+
+
+@pytest.mark.parametrize(
+    "unit", ["cm s-1", "cm.s-1", "cm s^-1", "cm s**-1", "cm s⁻¹", "centimetres per second", "cm/sec"]
+)
+def test_units_of_netcdf_are_spelled_as_in_the_cf_conventions(tmp_path: Path, unit: str) -> None:
+    dvl = read_log(write_velocities(tmp_path / "dvl.nc", unit)).tables["dvl"]
+
+    np.testing.assert_allclose(dvl[["forward_mps", "starboard_mps"]], 1.5)
+
+
+def test_an_unknown_unit_of_an_attribute_is_an_error_unless_the_section_states_one(tmp_path: Path) -> None:
+    file = write_velocities(tmp_path / "dvl.nc", "furlong s-1")
+    (topic,) = open_log(file).topics()
+    assert "has a column vel_forward [furlong s-1] without a known unit" in topic.problem
+
+    section = '[dvl]\ncolumns = { time_unix_s = "time", x = "vel_forward", y = "vel_starboard" }\n'
+    (tmp_path / "usbldr.toml").write_text(section)
+    with pytest.raises(UsageError, match=r"x: the unit of vel_forward \[furlong s-1\] is not one of m/s"):
+        read_log(file)
+    (tmp_path / "usbldr.toml").write_text(f'{section}unit = "cm/s"\n')
+    np.testing.assert_allclose(read_log(file).tables["dvl"]["forward_mps"], 1.5)
+
+
 def test_packed_values_of_netcdf_are_unpacked(tmp_path: Path) -> None:
     places = np.arange(COUNT) * 1e-5
     with h5py.File(tmp_path / "dive.nc", "w") as file:
