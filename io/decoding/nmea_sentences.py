@@ -217,7 +217,8 @@ def _scan_lines(
     without, last = 0, NO_TIME
     for number, line in enumerate(lines):
         begin, count, cut = 0, len(found) + len(wrong), received_ns is None and not line.endswith("\n")
-        for match in form.finditer(line):
+        matches, addressed = _in_line(line, form)
+        for match in matches:
             name, body, checksum = match.groups()
             content = f"{name},{body}"
             prefix = line[begin : match.start()]
@@ -225,7 +226,7 @@ def _scan_lines(
             clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
             last = logged if logged != NO_TIME else last
             begin = match.end()
-            kind = name if form is WORD_LINE else kind_of(name)
+            kind = kind_of(name) if addressed else name
             sentence_time = _sentence_time(kind, body.split(","))
             if sentence_time is None or not (_is_checksum(checksum, content.encode()) if checksum else not cut):
                 wrong.append(number)
@@ -239,6 +240,17 @@ def _scan_lines(
         wrong += [number] * torn
         without += begin == 0 and not torn and bool(line.strip())
     return found, wrong, without
+
+
+def _in_line(line: str, form: re.Pattern[str]) -> tuple[list[re.Match[str]], bool]:
+    """Return the sentences of a line, and whether they have an address; else it begins with a word.
+
+    Among sentences with an address it has small letters and a checksum: else it is what is left of an address.
+    """
+    if found := list(SENTENCE.finditer(line)):
+        return found, True
+    words = WORD_LINE.finditer(line) if form is WORD_LINE or "*" in line else ()
+    return [word for word in words if form is WORD_LINE or (word[3] and not word[1].isupper())], False
 
 
 def _receiver_times(rows: Sequence[_FoundSentence]) -> tuple[Nanoseconds, Nanoseconds]:

@@ -18,6 +18,7 @@ from usbldr.io.reading.inputs import input_files
 from usbldr.io.reading.read import Request, read_log
 
 # the example of Water Linked's serial protocol, and that of Nortek's manual
+RECORDED_GGA = "$GPGGA,075617.34,7002.968962,N,02938.350607,E,2,12,0.6,-0.52,M,20.34,M,7.0,0907*6F"
 WRZ = "wrz,0.120,-0.400,2.000,y,1.30,1.855,1e-07;0;1.4;0;1.2;0;0.2;0;1e+09,7,14,123.00,1*50"
 PNORBT7 = "$PNORBT7,1452244916.7508,1.234,-1.234,0.1234,0.1234,0.1234,12.34,23.45,23.45,23.45,23.45*39"
 HEAD = "head = { lat_deg = 45.0, lon_deg = 7.0 }\n"
@@ -164,6 +165,19 @@ def test_a_layout_file_that_says_anything_else_is_refused(tmp_path: Path, text: 
 
     with pytest.raises(UsageError, match=f"acme.toml.*{fault}"):
         logged_nmea(tmp_path, PNORBT7, toml='layouts = ["acme.toml"]\n')
+
+
+@pytest.mark.parametrize("each", [1, 4])
+def test_lines_of_a_dvl_are_read_beside_sentences_with_an_address(tmp_path: Path, each: int) -> None:
+    lines = [f"{1600000000 + k} {one}" for k in range(9) for one in (*[WRZ] * each, "$HCHDT,35.06,T*29", RECORDED_GGA)]
+    lines += [f"1600000010 {WRZ.replace('0.120', '0.121')}", "1600000011 HCHDT,35.06,T*29"]
+    (tmp_path / "a.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    log = open_log(tmp_path / "a.log")
+
+    by_words = each > 1  # then an address without its $ is a word, and its checksum is right
+    counts = {"/wrz": 9 * each, "/HCHDT": 9 + by_words, "/GPGGA": 9}
+    assert {topic.name: topic.count for topic in log.topics()} == counts
+    assert f": {2 - by_words} of " in next(found.text for found in log.findings() if found.code == "NMEA-CHECKSUM")
 
 
 def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
