@@ -34,7 +34,7 @@ def dvl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     unit = recorded_line(log, "dvl", "unit")
     if key == "unit":
         unit = (f"unit = {key_value}", "CHECK: estimated from the distances between fixes")
-    lines = [_convention(log, result, "dvl", "axes"), unit, _mount(result, found)]
+    lines = [_convention(log, result, "dvl", "axes"), unit, _mount(log, result, found)]
     if velocity_ratio is not None and key != "unit":
         why = f"CHECK: velocities are {velocity_ratio:.3g} times those between fixes"
         lines.append((f"{key} = {key_value}" if key else "# unit = ?", why))
@@ -64,13 +64,15 @@ def _clock(found: Identification | None, key: str, name: str, stated_s: float) -
     return [(f"# latency_s = {stated_s + clock.value:.2f}", why)]
 
 
-def _mount(result: InterpretationResult | None, found: Identification | None) -> ConfigLine:
+def _mount(log: Log, result: InterpretationResult | None, found: Identification | None) -> ConfigLine:
     if result is None or not result.heading_sense_known:
         return "mount_deg = 0.0", "not observable"
     offset_deg, sd_deg, significant = heading_offset(result, found)
     if significant:
         why = f"CHECK: fitted to the fixes, ±{max(sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
-        return f"mount_deg = {wrapped(offset_deg, 180.0):.1f}", why
+        apart = _names_differ(log, result)
+        why += "; only with the axes, convention and frame that fit the fixes better" * apart
+        return f"{'# ' * apart}mount_deg = {wrapped(offset_deg, 180.0):.1f}", why
     return (
         "mount_deg = 0.0",
         f"fitted to the fixes: {offset_deg:+.1f} deg, ±{sd_deg:.1f}; replay estimates so small an angle",
@@ -167,10 +169,24 @@ def _convention(log: Log, result: InterpretationResult | None, role: str, key: s
     value, who = recorded_value(log, role, key), chosen_by_text(log.convention(role, key))
     if result is None or not value:
         return recorded_line(log, role, key)
-    best = {"axes": result.best.axes, "convention": result.best.convention, "frame": result.best.frame}[key]
-    if best != value and log.convention(role, key).chosen_by == "column names":
+    best = _fitting(result)[role, key]
+    if best != value and _names_differ(log, result):
         return f'# {key} = "{value}"', f"CHECK: {who}, but {best} fits the fixes better; {FIXED_ADVICE}"
     return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
+
+
+def _fitting(result: InterpretationResult) -> dict[tuple[str, str], str]:
+    """Return the conventions that fit the fixes best."""
+    best = result.best
+    return {("dvl", "axes"): best.axes, ("compass", "convention"): best.convention, ("usbl", "frame"): best.frame}
+
+
+def _names_differ(log: Log, result: InterpretationResult) -> bool:
+    """Return whether names of columns fix a convention that fits worse: then the best ones can only be comments."""
+    return any(
+        log.convention(role, key).chosen_by == "column names" and recorded_value(log, role, key) != best
+        for (role, key), best in _fitting(result).items()
+    )
 
 
 def recorded_line(log: Log, role: str, key: str) -> ConfigLine:

@@ -158,6 +158,7 @@ def test_init_states_no_axes_that_the_names_of_columns_contradict(
     (line,) = [line for line in text.splitlines() if "axes =" in line]
     assert line.startswith('# axes = "SFU"')
     assert "but PFD fits the fixes better; the names of its columns say how it was read" in line
+    assert "\n# mount_deg = " in text  # it belongs to the other axes
     said = findings(tmp_path / "log", "--config", str(tmp_path / "found.toml"))
     assert "KEY-UNUSED" not in said
     assert "state axes" not in said["DVL-AXES"]["text"]
