@@ -32,6 +32,17 @@ ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
 
 
+def _western(fault: UnicodeError) -> tuple[str, int]:
+    """Return the letters of Windows-1252, which is Latin-1 and more, for bytes that are none in UTF-8."""
+    if not isinstance(fault, UnicodeDecodeError):
+        raise fault
+    return fault.object[fault.start : fault.end].decode("cp1252", errors="replace"), fault.end
+
+
+WESTERN = "usbldr-western"
+codecs.register_error(WESTERN, _western)
+
+
 def real_path(path: Path) -> Path:
     """Return where a path leads, links followed as far as they lead anywhere: one may be a link to itself."""
     return Path(os.path.realpath(path))
@@ -87,11 +98,11 @@ def head_lines(head: bytes) -> list[str]:
     return text.splitlines() if controls <= CONTROLS * len(text) else []
 
 
-def text_lines(path: Path) -> Iterator[str]:
+def text_lines(path: Path, errors: str = "replace") -> Iterator[str]:
     """Yield the lines of a text file with their line ends, as far as they have any; raise LogError (see `opened`).
 
     A line may hold zeros in place of what was lost; those at the end of the file are left out. Raises LogError for a
-    line beyond the limit and for a compressed file, too.
+    line beyond the limit and for a compressed file, too. ``errors``: what bytes of no letter become, or WESTERN.
     """
     most, most_zeros = limit(LINE_CHARACTERS), limit(ZEROS)
     head, place = begin_of(path, HEAD_BYTES)
@@ -100,7 +111,7 @@ def text_lines(path: Path) -> Iterator[str]:
     try:
         with path.open("rb") as file:
             file.seek(place)
-            lines = TextIOWrapper(file, encoding_of(head), errors="replace")
+            lines = TextIOWrapper(file, encoding_of(head), errors=errors)
             number, zeros = 1, 0
             while (line := lines.readline(most + 1)) and zeros < most_zeros:
                 if not line.strip("\0"):

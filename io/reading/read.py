@@ -128,7 +128,8 @@ def _choices(log: Log) -> list[str]:
 
 
 def _without_messages(reader: Reader) -> LogError:
-    lost = "; ".join(finding.text for finding in reader.findings())
+    findings = [finding for finding in reader.findings() if not finding.code.startswith("DATE-")]
+    lost = "; ".join(finding.text for finding in findings)
     unread = [f"{topic.name}: {topic.problem}" for topic in reader.topics() if topic.problem]
     if unread and not lost:
         more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""

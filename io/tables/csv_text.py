@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of, first_bytes
-from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, begin_of, head_lines, opened, text_lines
+from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, WESTERN, begin_of, head_lines, opened, text_lines
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
 from usbldr.io.tables.date_order import stated_order
@@ -135,7 +135,7 @@ class _Begin(NamedTuple):
 
 def _begun(file: Path, units_are_row: bool = False) -> _Begin:
     """Return the beginning of a file: what is before its column names, if it is text, is a title or comments."""
-    lines = text_lines(file)
+    lines = text_lines(file, WESTERN)
     begun = list(islice(lines, PREAMBLE))
     comments = 0  # before the last ones: there may be thousands
     while len(begun) == PREAMBLE and all(line.startswith(REMARKS) for line in begun):
@@ -228,7 +228,7 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     header = plain_names(names)
     known = unnamed_columns(file, header if separator is None else ())
     if known is not None:
-        lines, separator, header, begin = text_lines(file), None, list(known), 0
+        lines, separator, header, begin = text_lines(file, WESTERN), None, list(known), 0
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)

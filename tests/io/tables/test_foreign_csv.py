@@ -457,9 +457,26 @@ def test_all_files_take_the_same_order_of_day_and_month(
     assert [found for found in codes(log) if found.startswith("DATE")] == [code][: len(code)]
 
 
+def test_dates_do_not_explain_why_no_topic_can_be_read(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no topic can be read: /a: its columns match no sensor"):
+        logged_csv(tmp_path, "", a="Zeit,Kurs [deg]\n05/06/2026 01:30:00,30\n")
+
+
 def test_a_line_of_units_states_the_order_of_day_and_month(tmp_path: Path) -> None:
     rows = "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
     log = logged_csv(tmp_path, "", compass=f"Time,Heading\ndd/mm/yyyy HH:MM:SS,deg\n{rows}")
 
     assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
     assert "05/06/2026 is read as 2026-06-05, and not as 2026-05-06: a name" in codes(log)["DATE-ORDER"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_names_in_windows_1252_are_named_in_the_configuration(tmp_path: Path, encoding: str, separator: str) -> None:
+    (tmp_path / "a.csv").write_bytes(
+        f"Zeit [s],Länge [°]\n{T0 // SECOND},35\n".replace(",", separator).encode(encoding)
+    )
+    columns = '{ time_unix_s = "Zeit", heading = "Länge [°]" }'
+    (tmp_path / "usbldr.toml").write_text(f"[compass]\ncolumns = {columns}\n", encoding="utf-8")
+
+    assert read_log(tmp_path / "a.csv").tables["compass"]["heading_deg"].tolist() == [35.0]
