@@ -6,7 +6,7 @@ Source: MAT-File Format, The MathWorks. Files of version 7.3 are HDF5.
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -77,9 +77,25 @@ def _loaded_apart(file: Path) -> Mapping[str, Any]:
     return pickle.loads(done.stdout)
 
 
+def _of_elements(value: Any) -> Any:
+    """Return an array of structures, "dvl(i).time", as one structure of arrays; any other value as it is.
+
+    A field that is empty in an element is NaN there. One whose elements have other shapes is none.
+    """
+    if not isinstance(value, list | np.ndarray) or not len(value) or not all(isinstance(one, dict) for one in value):
+        return cast("Any", value)
+    elements = cast("Sequence[Mapping[str, Any]]", value)
+    fields = {
+        name: [np.nan if np.shape(field := one.get(name, ())) == (0,) else field for one in elements]
+        for name in elements[0]
+    }
+    return {name: field for name, field in fields.items() if len({*map(np.shape, field)}) == 1}
+
+
 def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Table]:
     arrays: list[Array] = []
-    for label, value in variables.items():
+    for label, given in variables.items():
+        value = _of_elements(given)
         if isinstance(value, dict):
             yield from _tables(
                 file, label if name == file.stem else f"{name}/{label}", cast("Mapping[str, Any]", value)

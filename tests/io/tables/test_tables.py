@@ -351,3 +351,21 @@ def test_texts_where_numbers_should_be_are_named(tmp_path: Path) -> None:
         read_log(tmp_path / "compass.parquet")
     (topic,) = open_log(tmp_path / "other.parquet").topics()
     assert topic.problem == "/other: the column time_ns holds no times"
+
+
+def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
+    kinds = [(name, object) for name in ("time", "vel", "nav", "note", "beams")]
+    rows = [(T0 / SECOND + k, [1.5, 0.1 * k], {"hdg": 10.0 + k}, "a", np.zeros(1 + k % 2)) for k in range(COUNT)]
+    rows[3] = (rows[3][0], rows[3][1], {"hdg": np.empty((0, 0))}, *rows[3][3:])
+    scipy.io.savemat(tmp_path / "dive.mat", {"dvl": np.array(rows, dtype=kinds)})
+    log = open_log(tmp_path / "dive.mat")
+
+    columns = {topic.name: [name for name, _ in topic.first_row] for topic in log.topics()}
+    assert columns == {"/dvl": ["time", "vel.0", "vel.1"], "/dvl/nav": ["hdg"]}
+    (tmp_path / "usbldr.toml").write_text(
+        '[dvl]\ntopic = "/dvl"\ncolumns = { time_unix_s = "time", x = "vel.0", y = "vel.1" }\n'
+        '[compass]\ncolumns = { time_unix_s = "/dvl/time", heading = "hdg" }\n'
+    )
+    found = read_log(tmp_path / "dive.mat")
+    assert found.tables["dvl"]["forward_mps"].tolist() == [1.5] * COUNT
+    assert found.tables["compass"]["heading_deg"].tolist() == [10.0 + k for k in range(COUNT) if k != 3]
