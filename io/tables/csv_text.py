@@ -96,7 +96,8 @@ def _header_place(lines: Sequence[str]) -> int:
     for k, following in pairwise(filled):
         separator = _separator(lines[k])
         cells, row = (_cells(lines[place].lstrip(COMMENT), separator) for place in (k, following))
-        if any(map(_is_value, cells)):
+        title = len(cells) > 1 and sum(map(bool, cells)) < 2  # a spreadsheet fills its line with separators
+        if title or any(map(_is_value, cells)):
             width = 0
             continue
         if len(cells) != width or lines[names].startswith("#"):
@@ -177,7 +178,7 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     over, found = "", list[str]()
     for name, cell, unit in zip(names, cells, units, strict=True):
         over = name or over
-        found.append(over + unit if unit else f"{over} {cell}".strip() if cell else name)
+        found.append(over + unit if unit else f"{over} {cell}".strip() if cell not in ("", over) else name)
     named = list(filter(None, found))
     over_several = len(set(names[1:]) - {""}) < len(names[1:])
     return found if over_several and len(set(named)) == len(named) else None

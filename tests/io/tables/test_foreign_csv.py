@@ -207,6 +207,16 @@ def test_names_over_several_columns_go_before_those_below(tmp_path: Path) -> Non
     assert columns == {name: [k] for k, name in enumerate(names, 1)}
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_titles_filled_with_separators_are_no_names(tmp_path: Path, separator: str) -> None:
+    text = "Survey sheet 1,,,,\nExported by Excel,,,,\n,,,,\nTime,Gyro,USBL,,\nTime,Heading,Latitude,Longitude,\n"
+    file = tmp_path / "dive.csv"
+    file.write_text(f"{text}s,deg,deg,deg,\n1,2,3,4,\n2,,3,4,\n".replace(",", separator), encoding="utf-8")
+
+    names = ["Time [s]", "Gyro Heading [deg]", "USBL Latitude [deg]", "USBL Longitude [deg]"]
+    assert list(read_texts(file).columns) == names
+
+
 @pytest.mark.parametrize("name", ["vx", "vx [cm/s]"])
 def test_a_line_of_units_holds_for_columns_of_the_configuration(tmp_path: Path, name: str) -> None:
     stated = f'[dvl]\ncolumns = {{ time_unix_s = "at", x = "{name}", y = "vy" }}\naxes = "FSD"\n'
