@@ -79,7 +79,7 @@ OWN_COLUMNS: Mapping[str, OwnColumns] = {
     "truth": _kind(["east_m north_m", "lat_deg lon_deg"], f"sd_m lat_deg lon_deg {OF_FIXES}"),
 }
 """One line per sensor."""
-OWN_NAMES = frozenset().union(*(kind.optional.union(*kind.choices) for kind in OWN_COLUMNS.values()))
+OWN_NAMES = frozenset(name for kind in OWN_COLUMNS.values() for name in kind.optional.union(*kind.choices))
 
 ROSTOPIC: Mapping[str, str] = {
     "nav_msgs/Odometry": "pose.pose.position.x twist.twist.linear.x",

@@ -55,6 +55,10 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             values = _unpacked(item[part], item.attrs)
             return clock.dates(values) if clock else values
 
+    def read_elements(path: str, part: Any) -> Column:
+        with h5py.File(file, "r") as content:
+            return np.array([_number(content, one) for one in np.ravel(content[path][part])], dtype=np.float64)
+
     def visit(path: str, item: Any) -> None:
         budget.take_record()
         if path.startswith("#"):
@@ -71,13 +75,18 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         group = group or file.stem
         if DECODE in item.attrs:
             objects.setdefault(group, {})[name] = _text(item.attrs.get("MATLAB_class"))
+        elif h5py.check_ref_dtype(item.dtype) is h5py.Reference and item.size > 1 and max(item.shape) == item.size:
+            budget.take_record(item.size)  # a field of an array of structures in MATLAB 7.3
+            if _number(item.file, item[(0,) * item.ndim]) is not None:
+                groups.setdefault(group, []).append((name, item.shape, partial(read_elements, path)))
+                dated.setdefault(group, set())
         elif records and column:
             tables.append(Table(file, path, len(item), {name: partial(read, path, name) for name in item.dtype.names}))
         elif records and item.ndim:
             left_out[path] = f"its records have {item.ndim} dimensions, not one"
         elif h5py.check_string_dtype(item.dtype) and column:
             texts.setdefault(group, []).append((name, item.shape, partial(read, path)))
-        elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
+        elif item.dtype.kind in "biuf" and item.shape and b"char" not in _class_of(item):
             unit = _text(item.attrs.get("units"))
             clock = clock_of(unit, _text(item.attrs.get("calendar")) or "standard")
             label = name if clock else _named(name, unit)
@@ -100,6 +109,14 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
         refuse_objects(file, [f"{path} ({why})" for path, why in left_out.items()])
     return [replace(one, left_out=left_out) for one in tables]
+
+
+def _number(content: Any, reference: Any) -> float | None:
+    """Return the number that a reference leads to, None if it is an empty field, a text or a structure."""
+    item: Any = content[reference] if reference else None
+    if getattr(item, "size", 0) != 1 or item.dtype.kind not in "biuf" or b"char" in _class_of(item):
+        return None
+    return float(np.ravel(item[()])[0])
 
 
 def _check_heaps(file: Path) -> None:
@@ -134,6 +151,10 @@ def _unpacked(values: Column, attributes: Any) -> Column:
         factor, offset = (float(np.ravel(attributes.get(*one))[0]) for one in (("scale_factor", 1), ("add_offset", 0)))
         values = values.astype(np.float64) * factor + offset
     return np.ma.array(values, mask=missing) if missing.any() else values
+
+
+def _class_of(item: Any) -> bytes:
+    return item.attrs.get("MATLAB_class", b"")
 
 
 def _text(attribute: object) -> str:

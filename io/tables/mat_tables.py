@@ -82,9 +82,9 @@ def _of_elements(value: Any) -> Any:
 
     A field that is empty in an element is NaN there. One whose elements have other shapes is none.
     """
-    if not isinstance(value, list | np.ndarray) or not len(value) or not all(isinstance(one, dict) for one in value):
+    elements: Sequence[Any] = cast("list[Any]", value) if isinstance(value, list) else ()
+    if not elements or not all(isinstance(one, dict) for one in elements):
         return cast("Any", value)
-    elements = cast("Sequence[Mapping[str, Any]]", value)
     fields = {
         name: [np.nan if np.shape(field := one.get(name, ())) == (0,) else field for one in elements]
         for name in elements[0]

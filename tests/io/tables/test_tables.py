@@ -355,7 +355,9 @@ def test_texts_where_numbers_should_be_are_named(tmp_path: Path) -> None:
 
 def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
     kinds = [(name, object) for name in ("time", "vel", "nav", "note", "beams")]
-    rows = [(T0 / SECOND + k, [1.5, 0.1 * k], {"hdg": 10.0 + k}, "a", np.zeros(1 + k % 2)) for k in range(COUNT)]
+    rows: list[Any] = [
+        (T0 / SECOND + k, [1.5, 0.1 * k], {"hdg": 10.0 + k}, "a", np.zeros(1 + k % 2)) for k in range(COUNT)
+    ]
     rows[3] = (rows[3][0], rows[3][1], {"hdg": np.empty((0, 0))}, *rows[3][3:])
     scipy.io.savemat(tmp_path / "dive.mat", {"dvl": np.array(rows, dtype=kinds)})
     log = open_log(tmp_path / "dive.mat")
@@ -369,3 +371,19 @@ def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
     found = read_log(tmp_path / "dive.mat")
     assert found.tables["dvl"]["forward_mps"].tolist() == [1.5] * COUNT
     assert found.tables["compass"]["heading_deg"].tolist() == [10.0 + k for k in range(COUNT) if k != 3]
+
+
+def test_arrays_of_structures_of_matlab_7_3_are_tables(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "dvl.h5", "w") as file:
+        for name, values in (("time", T0 / SECOND + np.arange(COUNT)), ("heading", np.arange(10.0, 10 + COUNT))):
+            cells = [file.create_dataset(f"#refs#/{name}{k}", data=[[value]]) for k, value in enumerate(values)]
+            references = file.create_dataset(f"gyro/{name}", (COUNT, 1), dtype=h5py.ref_dtype)
+            references[:, 0] = [cell.ref for cell in cells]
+        references[1, 0] = h5py.Reference()
+        file["gyro/none"] = np.array([h5py.Reference()] * COUNT, dtype=h5py.ref_dtype)
+        file["gyro/note"] = np.array([file["gyro"].ref] * COUNT, dtype=h5py.ref_dtype)
+    (tmp_path / "usbldr.toml").write_text('[compass]\ncolumns = { time_unix_s = "time", heading = "heading" }\n')
+
+    found = read_log(tmp_path / "dvl.h5")
+
+    assert found.tables["compass"]["heading_deg"].tolist() == [10.0 + k for k in range(COUNT) if k != 1]
