@@ -75,9 +75,14 @@ def orders_of(
         (name, cells)
         for columns in tables
         for name, cells in columns.items()
-        if name not in stated and (_are(cells, DATE_ONLY) or _are(cells, DATE_TIME))
+        if name not in stated and (_are(cells, DATE_TIME) or (_are(cells, DATE_ONLY) and _has_clock(columns)))
     ]
     return date_orders((cells for _, cells in dates), [*(name for name, _ in dates), *stated.values()])
+
+
+def _has_clock(columns: Mapping[str, Sequence[str]]) -> bool:
+    """Return whether a table has times of day, which a column of dates belongs to."""
+    return any(_are(cells, CLOCK_ONLY) or _of_day(name.lower(), cells) for name, cells in columns.items())
 
 
 def with_iso_times(

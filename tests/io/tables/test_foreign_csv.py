@@ -467,6 +467,13 @@ def test_all_files_take_the_same_order_of_day_and_month(
     assert [found for found in codes(log) if found.startswith("DATE")] == [code][: len(code)]
 
 
+def test_a_date_without_a_time_of_day_is_not_asked_about(tmp_path: Path) -> None:
+    rows = "".join(f"{T0 // SECOND + k},{k},05/06/2026\n" for k in range(5))
+    log = logged_csv(tmp_path, "", compass=f"Time [s],Heading [deg],Calibrated\n{rows}")
+
+    assert not [code for code in codes(log) if code.startswith("DATE")]
+
+
 def test_dates_do_not_explain_why_no_topic_can_be_read(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no topic can be read: /a: its columns match no sensor"):
         logged_csv(tmp_path, "", a="Zeit,Kurs [deg]\n05/06/2026 01:30:00,30\n")
