@@ -26,7 +26,7 @@ NAMES = (
 )
 """The errors of an installation, and the place of the transponder: the order of every vector of parameters here."""
 PLACE = slice(8, 11)  # of the transponder in NAMES
-VELOCITY_S = 10.0  # [s] over which the ship's velocity is taken: shorter than a turn, longer than a wave
+SMOOTHED_S = 2.01  # [s] more than the noise of positions, less than a wave; 0.01 lest rounding decide what is within
 UNITS = tuple(name.rsplit("_", 1)[1] if name != "scale" else "" for name in NAMES)
 
 
@@ -35,15 +35,13 @@ class ShipMotion(NamedTuple):
 
     position_time_s: Vector  # (k,)
     position_m: Array  # (k, 2) of its antenna, east and north
-    velocity_mps: Array  # (k, 2) over VELOCITY_S, so that the noise of the positions does not pass for motion
+    smoothed_m: Array  # (k, 2) the same over SMOOTHED_S, so that the noise of the positions does not pass for motion
     attitude_time_s: Vector  # (m,)
     attitude_deg: Array  # (m, 3) heading without jumps of 360 degrees, pitch, roll
 
     def positions(self, time_s: Vector, latency_s: float) -> Array:
         """Return the antenna's east and north as recorded a latency after the times, (n, 2); NaN outside."""
-        motion = np.column_stack([self.position_m, self.velocity_mps])
-        there = _interpolated(time_s, self.position_time_s, motion)
-        return there[:, :2] + latency_s * there[:, 2:]
+        return _interpolated(time_s + latency_s, self.position_time_s, self.smoothed_m)
 
     def attitudes(self, time_s: Vector) -> Array:
         """Return heading, pitch and roll in degrees, (n, 3), NaN outside of the records."""
@@ -60,21 +58,27 @@ def _interpolated(time_s: Vector, known_s: Vector, values: Array) -> Array:
 
 def ship_motion(position_time_s: Vector, position_m: Array, attitude_time_s: Vector, attitude_deg: Array) -> ShipMotion:
     """Return a ship's motion by its records in order of time: (k,), (k, 2), (m,), (m, 3) heading, pitch, roll."""
-    first = np.searchsorted(position_time_s, position_time_s - VELOCITY_S / 2)
-    last = np.searchsorted(position_time_s, position_time_s + VELOCITY_S / 2, side="right")
-    t = position_time_s - position_time_s[0]
-    around = position_m - position_m.mean(axis=0)
-
-    def sums(values: Array) -> Array:
-        total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-        return total[last] - total[first]
-
-    count, mean_t, mean_p = (last - first)[:, None], sums(t)[:, None], sums(around)
-    spread = sums(t**2)[:, None] - mean_t**2 / count
-    slope = np.divide(sums(t[:, None] * around) - mean_t * mean_p / count, spread, out=0 * around, where=spread > 1e-6)
+    smoothed = _along_lines(position_time_s, position_m)
+    smoothed = smoothed + _along_lines(position_time_s, position_m - smoothed)  # twice, so that waves keep their height
     attitude = attitude_deg.copy()
     attitude[:, 0] = np.degrees(np.unwrap(np.radians(attitude[:, 0])))
-    return ShipMotion(position_time_s, position_m, slope, attitude_time_s, attitude)
+    return ShipMotion(position_time_s, position_m, smoothed, attitude_time_s, attitude)
+
+
+def _along_lines(time_s: Vector, values: Array) -> Array:
+    """Return at each time (k,) the straight line through the values (k, 2) of SMOOTHED_S around it, (k, 2)."""
+    first = np.searchsorted(time_s, time_s - SMOOTHED_S / 2)
+    last = np.searchsorted(time_s, time_s + SMOOTHED_S / 2, side="right")
+    t, around = (time_s - time_s[0])[:, None], values - values.mean(axis=0)
+
+    def mean(of: Array) -> Array:
+        total = np.concatenate([np.zeros((1, of.shape[1])), np.cumsum(of, axis=0)])
+        return (total[last] - total[first]) / (last - first)[:, None]
+
+    away, spread = t - mean(t), mean(t**2) - mean(t) ** 2
+    along = mean(t * around) - mean(t) * mean(around)
+    slope = np.divide(along, spread, out=np.zeros_like(along), where=spread > 1e-6)
+    return values.mean(axis=0) + mean(around) + slope * away
 
 
 @dataclass(frozen=True, slots=True)

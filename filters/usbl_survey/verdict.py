@@ -181,10 +181,10 @@ def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:
 def effects_m(survey: UsblSurvey) -> Vector:
     """Return how far a unit of each parameter moves a fix at the median range, metres, (11,)."""
     reach = float(np.median(survey.range_m))
-    velocity = survey.ship.velocity_mps
-    speed = float(np.median(np.hypot(velocity[:, 0], velocity[:, 1])))
-    times = survey.ship.attitude_time_s
-    rates = np.diff(survey.ship.attitude_deg, axis=0) / np.maximum(np.diff(times), 1e-3)[:, None]
+    ship = survey.ship
+    gone, times = np.diff(ship.smoothed_m, axis=0), ship.attitude_time_s
+    speed = float(np.median(np.hypot(gone[:, 0], gone[:, 1]) / np.maximum(np.diff(ship.position_time_s), 1e-3)))
+    rates = np.diff(ship.attitude_deg, axis=0) / np.maximum(np.diff(times), 1e-3)[:, None]
     turning = math.sqrt(float(np.mean(np.minimum((rates * rates) @ np.ones(3), 1e4))))  # jumps of records aside
     angle = math.radians(reach)
     return np.array([angle, angle, angle, reach, 1.0, 1.0, math.radians(turning) * reach, speed, 1.0, 1.0, 1.0])

@@ -9,7 +9,15 @@ from scipy.spatial.transform import Rotation
 from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.usbl_survey import simulate_survey
 from usbldr.filters.usbl_survey.calibration import assumed, calibrated, expected_cov, halves, known_of
-from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, attitude_matrix, placed, residuals, seen_from_head
+from usbldr.filters.usbl_survey.geometry import (
+    NAMES,
+    PLACE,
+    attitude_matrix,
+    placed,
+    residuals,
+    seen_from_head,
+    ship_motion,
+)
 from usbldr.filters.usbl_survey.verdict import judged, levelled, planned
 from usbldr.io.scenarios.survey_scenarios import find_survey
 
@@ -55,11 +63,27 @@ def test_bearing_and_range_of_a_hand_made_fix():
     """A ship that heads east, listing by nothing, with the transponder 30 m north of it and 40 m down."""
     survey = simulate_survey(noiseless(SPIN), 0).part(np.arange(598) == 0)
     level = survey.ship.attitude_deg * 0 + [90.0, 0.0, 0.0]
-    there = survey.ship._replace(attitude_deg=level, position_m=survey.ship.position_m * 0)
+    there = survey.ship._replace(attitude_deg=level, smoothed_m=survey.ship.smoothed_m * 0)
     values = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 30, 40])
     assert seen_from_head(replace(survey, ship=there), values)[0] == pytest.approx([-30, 0, -40])
     values[2] = -90.0  # the head's forward axis points to port of the bow
     assert seen_from_head(replace(survey, ship=there), values)[0] == pytest.approx([0, 30, -40])
+
+
+def test_late_positions_are_those_of_an_antenna_that_sways_but_not_of_its_noise():
+    """Of 0.6 m in 8 s, as high above a ship that rolls; less noise between two records would look like a latency."""
+    times_s, now_s = np.arange(0, 600, 0.2), np.arange(100.0, 500.0, 2.0)
+
+    def true_m(t):
+        return np.column_stack([1.5 * t, 0.6 * np.sin(2 * np.pi * t / 8)])
+
+    level = np.zeros((len(times_s), 3))
+    exact = ship_motion(times_s, true_m(times_s), times_s, level)
+    assert exact.positions(now_s, 0.3) == pytest.approx(true_m(now_s + 0.3), abs=0.02)
+    noise_m = np.random.default_rng(0).normal(size=(len(times_s), 2))
+    noisy = ship_motion(times_s, noise_m, times_s, level)
+    at_records, between = (np.std(noisy.positions(times_s, late_s)[50:-50]) for late_s in (0.0, 0.1))
+    assert between == pytest.approx(at_records, rel=0.1)
 
 
 GOALS = [0.078, 0.039, 0.026, 0.00039, 0.13]  # roll, pitch, heading, scale, starboard arm: of RMS errors
