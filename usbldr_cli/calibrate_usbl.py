@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from usbldr.io.reports.usbl_calibration import Calibration
     from usbldr_cli.figures.drawing import Picture
 
+    Stated = tuple[float | None, float, float | None]  # the transponder's depth and its sigma, that of latencies
+
 
 @click.command()
 @log_options
@@ -42,6 +44,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="1-sigma of --transponder-depth.",
 )
+@click.option(
+    "--latency-sd",
+    "latency_sd_s",
+    type=click.FloatRange(min=0),
+    metavar="SECONDS",
+    help="1-sigma of the stated latencies: 0.02 if pulses keep the clocks together.  [default: 1]",
+)
 @toml_option("--write", "write_to", help="Write a configuration with the installation that was found.")
 @folder_option("Folder for figures, page and report.json.  [default: none]")
 @json_option("calibration")
@@ -52,6 +61,7 @@ def calibrate_usbl(
     log: str,
     depth_m: float | None,
     depth_sd_m: float,
+    latency_sd_s: float | None,
     write_to: Path | None,
     output: Path | None,
     json_to: str | None,
@@ -73,7 +83,7 @@ def calibrate_usbl(
     $ usbldr calibrate-usbl survey-box --plan
     """
     if plan:
-        _print_plan(log, depth_m, depth_sd_m)
+        _print_plan(log, (depth_m, depth_sd_m, latency_sd_s))
         return 0
     _refuse_scenario(log)
     request = read_request(**selection)
@@ -84,7 +94,7 @@ def calibrate_usbl(
         refuse_file("--json", Path(str(json_to)), force, read, output)
     if output is not None:
         require_free(output, read, force)
-    found, pictures = _calibration(log, request, selection, depth_m, depth_sd_m)
+    found, pictures = _calibration(log, request, selection, (depth_m, depth_sd_m, latency_sd_s))
     if output is not None:
         _write_folder(found, pictures(), output, force)
     if write_to is not None:
@@ -106,21 +116,22 @@ def _refuse_scenario(log: str) -> None:
 
 
 def _calibration(
-    log: str, request: "Request", selection: dict[str, Any], depth_m: float | None, depth_sd_m: float
+    log: str, request: "Request", selection: dict[str, Any], stated: "Stated"
 ) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
     """Return the calibration by a survey, or by a dive if the log has a DVL, and what gives its figures."""
     from usbldr.io.reading.usbl_survey import is_dive
 
     made = request_provenance({"log": log, "selection": selection})
     if is_dive(Path(log), request):
-        if depth_m is not None:
-            raise UsageError(f"--transponder-depth is for a survey; {log} has a DVL, so that it is read as a dive")
+        for option, value in (("--transponder-depth", stated[0]), ("--latency-sd", stated[2])):
+            if value is not None:
+                raise UsageError(f"{option} is for a survey; {log} has a DVL, so that it is read as a dive")
         return _by_dive(log, request, made)
-    return _by_survey(log, request, made, depth_m, depth_sd_m)
+    return _by_survey(log, request, made, stated)
 
 
 def _by_survey(
-    log: str, request: "Request", made: "RunProvenance", depth_m: float | None, depth_sd_m: float
+    log: str, request: "Request", made: "RunProvenance", stated: "Stated"
 ) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import judged, levelled
@@ -128,7 +139,7 @@ def _by_survey(
     from usbldr.io.reports.usbl_calibration import of_survey
 
     read = read_usbl_survey(Path(log), request)
-    known = known_of(read.stated, depth_m, depth_sd_m)
+    known = known_of(read.stated, *stated)
     survey, level = read.survey, read.level
     if level and not read.level_stated:
         survey, level = levelled(survey, read.stated, known)
@@ -191,7 +202,7 @@ def _print(found: "Calibration", json_to: str | None) -> None:
     click.echo("\n\n".join(part for part in parts if part))
 
 
-def _print_plan(scenario: str, depth_m: float | None, depth_sd_m: float) -> None:
+def _print_plan(scenario: str, stated: "Stated") -> None:
     import numpy as np
 
     from usbldr.filters.simulation.usbl_survey import simulate_survey
@@ -206,7 +217,7 @@ def _print_plan(scenario: str, depth_m: float | None, depth_sd_m: float) -> None
     chosen = find_survey(scenario)
     survey = simulate_survey(chosen, 0)
     noise = (chosen.range_sd_m, float(np.radians(chosen.angle_sd_deg)))
-    rows = planned(survey, chosen.true_values, known_of(chosen.true_values, depth_m, depth_sd_m), noise)
+    rows = planned(survey, chosen.true_values, known_of(chosen.true_values, *stated), noise)
     minutes = chosen.duration_s / 60
     click.echo(f"{chosen.name}: {len(survey)} fixes in {minutes:.0f} min, {chosen.about}\n")
     click.echo("\n\n".join(part for part in (aligned(plan_table(rows)), "\n".join(states(rows))) if part))

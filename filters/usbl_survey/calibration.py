@@ -25,6 +25,7 @@ MAX_ROUNDS = 60  # of Gauss-Newton steps, by judgement: ten are usual
 MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
 MIN_FIXES = 40  # four for each parameter that a pattern can settle
 FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
+LATENCIES = slice(6, 8)  # fixed: of attitude and of position in NAMES
 RANGE, ANGLE = 0, 1  # kinds of residuals; bearing and elevation share a sigma
 KINDS = np.array([RANGE, ANGLE, ANGLE])
 
@@ -42,7 +43,6 @@ class Installation:
 
     values: Vector  # (11,) by NAMES
     cov: Array  # (11, 11)
-    prior_sd: Vector  # (11,)
     range_sd_m: float  # of the noise of ranges
     angle_sd_rad: float  # of the noise of bearings and elevations
     good: Mask  # (n,) not a false fix
@@ -107,7 +107,7 @@ def _begun(survey: UsblSurvey, values: Vector) -> Installation:
     r = residuals(survey, values)
     sd = [float(np.nanmedian(np.abs(part)) / 0.6745) for part in (r[:, 0], r[:, 1:])]
     whole = np.ones(len(survey), dtype=bool)
-    return Installation(values, np.eye(len(NAMES)), PRIOR_SD, max(sd[0], 1e-3), max(sd[1], 1e-6), whole)
+    return Installation(values, np.eye(len(NAMES)), max(sd[0], 1e-3), max(sd[1], 1e-6), whole)
 
 
 def _sds(fit: Installation) -> Vector:
@@ -153,7 +153,7 @@ def _with_noise(survey: UsblSurvey, values: Vector, weights: Array, fit: Install
     r = residuals(survey, values)
     parts = [(r[:, 0], weights[:, 0]), (r[:, 1:], weights[:, 1:])]
     sd = [float(np.sqrt(np.nansum(w * part**2) / np.sum(w > 0))) for part, w in parts]
-    return Installation(values, fit.cov, fit.prior_sd, max(sd[0], 1e-4), max(sd[1], 1e-7), fit.good)
+    return Installation(values, fit.cov, max(sd[0], 1e-4), max(sd[1], 1e-7), fit.good)
 
 
 def _derivatives(survey: UsblSurvey, values: Vector) -> Array:
@@ -185,7 +185,7 @@ def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Ins
     good: Mask = np.all(np.abs(z) < FALSE_SIGMAS, axis=1) & np.all(there[:, :2], axis=1)
     values = fit.values.copy()
     values[HEADING] = wrapped(float(values[HEADING]), 180.0)
-    return Installation(values, cov, known.sd, fit.range_sd_m, fit.angle_sd_rad, good)
+    return Installation(values, cov, fit.range_sd_m, fit.angle_sd_rad, good)
 
 
 def long_run(scores: Array) -> Array:
@@ -205,10 +205,14 @@ def halves(fixes: int, count: int = 10) -> tuple[Mask, Mask]:
     return number % 2 == 0, number % 2 == 1
 
 
-def known_of(stated: Vector, depth_m: float | None = None, depth_sd_m: float = 0.0) -> Known:
-    """Return what is known before a survey: the priors, and the depth of the transponder if stated."""
+def known_of(
+    stated: Vector, depth_m: float | None = None, depth_sd_m: float = 0.0, latency_sd_s: float | None = None
+) -> Known:
+    """Return what is known before a survey: the priors, how late records may be, and the transponder's depth."""
     values, sd = stated.copy(), PRIOR_SD.copy()
     values[PLACE] = 0.0
+    if latency_sd_s is not None:
+        sd[LATENCIES] = max(latency_sd_s, 1e-3)
     if depth_m is not None:
         values[10], sd[10] = depth_m, max(depth_sd_m, 1e-3)
     return Known(values, sd)

@@ -13,6 +13,7 @@ import numpy as np
 
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.calibration import (
+    PRIOR_SD,
     Installation,
     Known,
     assumed,
@@ -25,13 +26,13 @@ from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed
 
 SETTLED_SHARE = 0.25  # of the noise of one fix: an error this small adds 3 % to its scatter
 RELATED = 0.5  # by judgement: a correlation that makes another error the likely cause
-SYNCHRONISED_S = 0.02  # [s] 1-sigma of clocks that are kept together by pulses, taken for latencies that stay open
-LATENCIES = (NAMES.index("attitude_latency_s"), NAMES.index("position_latency_s"))  # fixed
-UNCHANGED = 0.5  # of the sigma before: the survey has said nothing
+UNCHANGED = 0.5  # of the usual sigma before: nothing is known
 MAX_FALSE_SHARE = 0.3  # by judgement: so many false fixes are a fault of their own
 DISAGREEMENT = 31.3  # chi-square of 11 differences, 1 in 1000
 MADE_WORSE = 1.1  # by judgement: the scatter after over before
 GENERAL_LEG = "run a box around the transponder at a distance of about its depth, both ways, and pass above it"
+STATE_CLOCKS = "state --latency-sd if the clocks are synchronised"
+AT_OTHER_SPEED = f"run a leg at another speed, or stop, or {STATE_CLOCKS}"
 LEGS: Mapping[frozenset[str], str] = {
     frozenset(pair): leg
     for pair, leg in {
@@ -40,10 +41,10 @@ LEGS: Mapping[frozenset[str], str] = {
         ("mount_roll_deg", "arm_starboard_m"): "run legs at a horizontal distance of about the depth, both ways",
         ("mount_pitch_deg", "arm_forward_m"): "run legs at a horizontal distance of about the depth, both ways",
         ("attitude_latency_s", "mount_heading_deg"): "turn to both sides",
-        ("position_latency_s", "arm_forward_m"): "run a leg at another speed, or stop",
-        ("position_latency_s", "mount_heading_deg"): "run a leg at another speed, or stop",
-        ("position_latency_s",): "run a leg at speed",
-        ("attitude_latency_s",): "turn, or wait for a sea that rolls the ship",
+        ("position_latency_s", "arm_forward_m"): AT_OTHER_SPEED,
+        ("position_latency_s", "mount_heading_deg"): AT_OTHER_SPEED,
+        ("position_latency_s",): f"run a leg at speed, or {STATE_CLOCKS}",
+        ("attitude_latency_s",): f"turn, or wait for a sea that rolls the ship, or {STATE_CLOCKS}",
     }.items()
 }
 
@@ -66,7 +67,6 @@ class Parameter(NamedTuple):
     sd: float
     effect_m: float  # of its sigma, on a fix at the median range
     open: bool
-    assumed: bool  # a latency that the survey cannot settle is taken as stated
     rival: str  # the parameter that it is hardly distinguished from, if it is open
     leg: str  # what would settle it
 
@@ -103,7 +103,7 @@ def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurv
 
 def judged(survey: UsblSurvey, stated: Vector, known: Known) -> SurveyVerdict:
     """Fit the installation and judge it; raise LogError if too few fixes remain or the fit does not converge."""
-    fit, known, assumptions = _with_latencies(survey, stated, known)
+    fit = calibrated(survey, stated, known)
     sides = halves(len(survey))
     fits = [calibrated(survey.part(side), fit.values, known, starts=False) for side in sides]
     difference = fits[0].values - fits[1].values
@@ -113,58 +113,16 @@ def judged(survey: UsblSurvey, stated: Vector, known: Known) -> SurveyVerdict:
         positions[side] = placed(survey.part(side), other.values)
     before = scatter(placed(survey, assumed(survey, stated)), survey.range_m, fit.good)
     after = scatter(positions, survey.range_m, fit.good)
-    parameters = tuple(assumptions.get(one.name, one) for one in described(survey, fit))
+    parameters = tuple(described(survey, fit))
     false_share = 1.0 - float(fit.good.mean())
     result, why = decided(parameters, before, after, false_share, disagreement > DISAGREEMENT)
     return SurveyVerdict(parameters, before, after, false_share, disagreement, result, why, fit)
 
 
-def _with_latencies(
-    survey: UsblSurvey, stated: Vector, known: Known
-) -> tuple[Installation, Known, dict[str, Parameter]]:
-    """Fit the installation with its latencies, but take those as stated that the survey cannot settle.
-
-    At a constant speed a late position is a longer arm, and most clocks are synchronised: what stays is an assumption,
-    returned by its name with its rival and the leg that would settle it.
-    """
-    fit = calibrated(survey, stated, known)
-    rows = described(survey, fit)
-    unsettled = _unsettled(rows)
-    if not unsettled:
-        return fit, known, {}
-    known = _synchronised(known, stated, unsettled)
-    start = fit.values.copy()
-    start[unsettled] = stated[unsettled]
-    fit = calibrated(survey, start, known, starts=False)
-    return fit, known, {NAMES[k]: _assumed(rows[k], float(stated[k])) for k in unsettled}
-
-
 def planned(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> list[Parameter]:
     """Return what `judged` will say of a survey with Student-t errors of these sigmas (metres, radians)."""
-
-    def expected(known: Known) -> list[Parameter]:
-        cov = expected_cov(survey, values, known, sd)
-        return described(survey, Installation(values, cov, known.sd, *sd, np.ones(len(survey), dtype=np.bool_)))
-
-    rows = expected(known)
-    unsettled = _unsettled(rows)
-    settled = expected(_synchronised(known, values, unsettled))
-    return [_assumed(rows[k], float(values[k])) if k in unsettled else one for k, one in enumerate(settled)]
-
-
-def _unsettled(rows: list[Parameter]) -> list[int]:
-    return [k for k in LATENCIES if rows[k].open]
-
-
-def _synchronised(known: Known, stated: Vector, unsettled: list[int]) -> Known:
-    """Return what is known if the latencies with these numbers are as stated."""
-    values, sd = known.values.copy(), known.sd.copy()
-    values[unsettled], sd[unsettled] = stated[unsettled], SYNCHRONISED_S
-    return Known(values, sd)
-
-
-def _assumed(one: Parameter, stated: float) -> Parameter:
-    return one._replace(value=stated, sd=SYNCHRONISED_S, open=False, assumed=True)
+    cov = expected_cov(survey, values, known, sd)
+    return described(survey, Installation(values, cov, *sd, np.ones(len(survey), dtype=np.bool_)))
 
 
 def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:
@@ -195,7 +153,7 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
     sd = fit.sd
     effects = sd * effects_m(survey)
     noise_m = float(np.hypot(fit.range_sd_m, fit.angle_sd_rad * np.median(survey.range_m)))
-    unchanged = sd > UNCHANGED * fit.prior_sd
+    unchanged = sd > UNCHANGED * PRIOR_SD
     correlation = np.abs(fit.cov / np.outer(sd, sd)) - np.eye(len(sd))
     correlation[:, PLACE.start : PLACE.stop - 1] = 0.0  # east and north follow from all others
     found: list[Parameter] = []
@@ -203,7 +161,7 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
         value, unsettled = float(fit.values[k]), bool(effects[k] > SETTLED_SHARE * noise_m or unchanged[k])
         rival = NAMES[int(np.argmax(correlation[k]))] if unsettled and correlation[k].max() > RELATED else ""
         leg = LEGS.get(frozenset((name, rival)) - {""}, GENERAL_LEG) if unsettled else ""
-        found.append(Parameter(name, value, float(sd[k]), float(effects[k]), unsettled, False, rival, leg))
+        found.append(Parameter(name, value, float(sd[k]), float(effects[k]), unsettled, rival, leg))
     return found
 
 
@@ -223,5 +181,4 @@ def decided(
     unsettled = [one for one in parameters if one.open]
     if unsettled:
         return "open", f"the fixes do not settle {', '.join(one.name for one in unsettled)}"
-    assumed = " and ".join(f"{one.name} as stated" for one in parameters if one.assumed)
-    return "good", "the fixes settle every error of the installation" + (f", with {assumed}" if assumed else "")
+    return "good", "the fixes settle every error of the installation"

@@ -148,5 +148,5 @@ def _parameters(
         effect_m = sd * moves_m
         unsettled = sd > UNCHANGED * prior_sd or effect_m > SETTLED_SHARE * noise_m
         rival, leg = RIVALS.get(name, ("", LEG_TILT)) if unsettled else ("", "")
-        rows.append(Parameter(name, value, sd, effect_m, unsettled, False, rival, leg))
+        rows.append(Parameter(name, value, sd, effect_m, unsettled, rival, leg))
     return tuple(rows)

@@ -118,15 +118,15 @@ def value_text(one: Parameter) -> tuple[str, str]:
     """Return the value and its sigma with their unit."""
     _, unit, digits = LABELS[one.name]
     shown = f"{one.value:.{digits}f} {unit}".strip()
-    return shown, "as stated" if one.assumed else f"{one.sd:.{digits}f}"
+    return shown, f"{one.sd:.{digits}f}"
 
 
 def state_text(one: Parameter) -> str:
     """Return what a survey leaves open of a parameter, and what would settle it."""
-    if not (one.open or one.assumed):
+    if not one.open:
         return ""
     rival = f"cannot be separated from {name_of(one.rival)}; " if one.rival else ""
-    return f"{'taken as stated' if one.assumed else 'open'}: {rival}{one.leg}"
+    return f"open: {rival}{one.leg}"
 
 
 def tables(found: Calibration) -> tuple[Table, Table]:
@@ -164,7 +164,7 @@ def notes(found: Calibration) -> list[str]:
 
 
 def states(parameters: Sequence[Parameter]) -> list[str]:
-    """Return which parameters are open or taken as stated, and what would settle them."""
+    """Return which parameters are open, and what would settle them."""
     names: dict[str, list[str]] = {}
     for one in parameters:
         if text := state_text(one):
@@ -215,7 +215,7 @@ def calibrated_configuration(found: Calibration) -> str:
     file = found.configuration
     document: Any = tomlkit.parse("schema = 1\n" if file is None else read_text(file))
     title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.path.name}.")]
-    settled = {one.name: one for one in found.verdict.parameters if not (one.open or one.assumed)}
+    settled = {one.name: one for one in found.verdict.parameters if not one.open}
     title += [
         comment(f"{name_of(one.name)} is left as stated: the fixes do not settle it.")
         for one in found.verdict.parameters
@@ -256,6 +256,5 @@ def plan_table(planned: Sequence[Parameter]) -> Table:
     rows: list[tuple[str, str, str]] = []
     for one in planned:
         _, unit, digits = LABELS[one.name]
-        sigma = "as stated" if one.assumed else f"{one.sd:.{digits}f} {unit}".strip()
-        rows.append((name_of(one.name), sigma, f"{one.effect_m:.3f} m"))
+        rows.append((name_of(one.name), f"{one.sd:.{digits}f} {unit}".strip(), f"{one.effect_m:.3f} m"))
     return Table("installation", ("sigma", "moves a fix by"), tuple(rows))

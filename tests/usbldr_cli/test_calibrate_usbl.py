@@ -37,7 +37,7 @@ def test_a_circle_is_open_and_leaves_its_keys_as_stated(tmp_path):
     run("simulate", "survey-circle", "-o", tmp_path / "circle")
     done = run("calibrate-usbl", tmp_path / "circle", "--write", tmp_path / "found.toml")
     assert done.return_value == 1
-    assert "heading of the head: open: cannot be separated from forward arm" in done.output
+    assert "heading of the head: open: cannot be separated from latency of position" in done.output
     written = (tmp_path / "found.toml").read_text()
     assert "heading of the head is left as stated" in written
     assert "mount_deg" not in written
@@ -70,3 +70,9 @@ def test_nothing_of_the_user_is_replaced(survey, tmp_path):
 
 def test_a_survey_is_a_folder(tmp_path):
     assert "folder of CSV files" in str(run("simulate", "survey-box", "-o", tmp_path / "box.mcap").exception)
+
+
+def test_clocks_that_are_synchronised_can_be_stated():
+    """A circle at one speed separates a late position from a heading only if it is known not to be late."""
+    plans = [run("calibrate-usbl", "survey-circle", "--plan", *more).output for more in ((), ("--latency-sd", 0.02))]
+    assert ["--latency-sd" in plan for plan in plans] == [True, False]
