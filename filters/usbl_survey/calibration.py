@@ -5,7 +5,7 @@ fixes count little. The covariance is that of an M-estimator with correlated res
 distribution, and for errors that last longer than one fix (Newey and West 1987, doi:10.2307/1913610).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,9 @@ PRIOR_SD = np.array([10.0, 10.0, 180.0, 0.05, 30.0, 30.0, 1.0, 1.0, 1e5, 1e5, 1e
 STEP = np.array([0.01, 0.01, 0.01, 1e-5, 0.01, 0.01, 0.25, 0.25, 0.01, 0.01, 0.01])  # of differences, by NAMES
 HEADING = NAMES.index("mount_heading_deg")  # fixed
 STARTS_DEG = tuple(range(0, 360, 45))  # of the mount's heading: within a quarter turn of any
-MAX_ROUNDS = 60  # of Gauss-Newton steps, by judgement: ten are usual
+FITTED = 2  # of the starts, those of the lowest costs: a transponder below has a mirror image
+FIRST_ROUNDS = 15  # of Gauss-Newton steps from each start, by judgement: ten are usual
+MAX_ROUNDS = 400  # of the steps after, and of searches for false fixes
 MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
 MIN_FIXES = 40  # four for each parameter that a pattern can settle
 FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
@@ -80,12 +82,30 @@ def calibrated(survey: UsblSurvey, stated: Vector, known: Known, starts: bool = 
         turned = stated.copy()
         turned[HEADING] += turn_deg
         begun.append(_begun(survey, assumed(survey, turned)))
-    begun = sorted(begun, key=lambda fit: cost(survey, fit, known))[:2] or [_begun(survey, stated)]
-    fits = [_fitted(survey, one, known) for one in begun]
-    best = min((fit for fit in fits if fit is not None), key=lambda fit: cost(survey, fit, known), default=None)
-    if best is None:
-        raise LogError("the fit of the USBL's installation does not converge; check head, heading_topic and axes")
-    return best
+    begun = sorted(begun, key=lambda fit: cost(survey, fit, known))[:FITTED] or [_begun(survey, stated)]
+    fits = [_fitted(survey, one, known, FIRST_ROUNDS)[0] for one in begun]
+    return _without_false(survey, min(fits, key=lambda fit: cost(survey, fit, known)), known)
+
+
+def _without_false(survey: UsblSurvey, fit: Installation, known: Known) -> Installation:
+    """Fit again without the false fixes until they are the same: many of them widen all sigmas, and look good then."""
+    converged = False
+    for _ in range(MAX_ROUNDS):
+        r = residuals(survey, fit.values)
+        good: Mask = ~np.any(np.abs(r) > FALSE_SIGMAS * np.array(_median_sds(r))[KINDS], axis=1)
+        good &= np.isfinite(r[:, :2]).all(axis=1)
+        if np.array_equal(good, fit.good):
+            break
+        if int(good.sum()) < MIN_FIXES:
+            raise LogError(f"{int(good.sum())} of {len(good)} fixes agree with each other; {MIN_FIXES} are needed")
+        fit, converged = _fitted(survey.part(good), fit, known)
+        fit = replace(fit, good=good)
+    if not converged:
+        raise LogError(
+            "the fit of the USBL's installation does not converge; check head, heading_topic and axes, "
+            "and if most fixes are false"
+        )
+    return _with_covariance(survey.part(fit.good), fit, known)
 
 
 def expected_cov(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> Array:
@@ -104,10 +124,14 @@ def _inverse(information: Array) -> Array:
 
 
 def _begun(survey: UsblSurvey, values: Vector) -> Installation:
-    r = residuals(survey, values)
+    none = np.zeros(len(survey), dtype=bool)
+    return Installation(values, np.eye(len(NAMES)), *_median_sds(residuals(survey, values)), none)
+
+
+def _median_sds(r: Array) -> tuple[float, float]:
+    """Return the sigmas of ranges and angles by the medians of residuals (n, 3), which hold with many false fixes."""
     sd = [float(np.nanmedian(np.abs(part)) / 0.6745) for part in (r[:, 0], r[:, 1:])]
-    whole = np.ones(len(survey), dtype=bool)
-    return Installation(values, np.eye(len(NAMES)), max(sd[0], 1e-3), max(sd[1], 1e-6), whole)
+    return max(sd[0], 1e-3), max(sd[1], 1e-6)
 
 
 def _sds(fit: Installation) -> Vector:
@@ -121,10 +145,12 @@ def cost(survey: UsblSurvey, fit: Installation, known: Known) -> float:
     return float(np.nansum(tails) + 0.5 * np.sum(((fit.values - known.values) / known.sd) ** 2))
 
 
-def _fitted(survey: UsblSurvey, begun: Installation, known: Known) -> Installation | None:
-    """Return the fit by reweighted Gauss-Newton steps with Levenberg's damping; None if it does not converge."""
+def _fitted(
+    survey: UsblSurvey, begun: Installation, known: Known, rounds: int = MAX_ROUNDS
+) -> tuple[Installation, bool]:
+    """Return the fit by reweighted Gauss-Newton steps with Levenberg's damping, and whether it converged."""
     fit, lowest, damping = begun, cost(survey, begun, known), 1e-3
-    for _ in range(MAX_ROUNDS):
+    for _ in range(rounds):
         r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
         there = np.isfinite(r) & np.isfinite(J).all(axis=2)
         z = np.where(there, r, 0.0) / _sds(fit)
@@ -136,16 +162,16 @@ def _fitted(survey: UsblSurvey, begun: Installation, known: Known) -> Installati
         values = fit.values + step
         moved = _with_noise(survey, values, w, fit)
         trial = cost(survey, moved, known)
-        if not np.isfinite(trial) or trial > lowest + 1e-9:
+        if not trial < lowest + 1e-9:
             damping = max(damping * 10, 1e-6)
-            if damping > 1e9:
-                return None
+            if damping > 1e9:  # records have noise, and so has the cost: no step lowers it
+                return fit, bool(np.isfinite(lowest))
             continue
         small = np.max(np.abs(step) * np.sqrt(np.diag(H))) < MIN_CHANGE * 10 and lowest - trial < 1e-3
         fit, lowest, damping = moved, trial, damping / 10
         if small:
-            return _with_covariance(survey, fit, known)
-    return None
+            return fit, True
+    return fit, False
 
 
 def _with_noise(survey: UsblSurvey, values: Vector, weights: Array, fit: Installation) -> Installation:
@@ -182,10 +208,9 @@ def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Ins
     bread = _inverse(curvature)
     scores = np.einsum("nk,nki->ni", pull, G)
     cov = bread @ (long_run(scores) + prior) @ bread
-    good: Mask = np.all(np.abs(z) < FALSE_SIGMAS, axis=1) & np.all(there[:, :2], axis=1)
     values = fit.values.copy()
     values[HEADING] = wrapped(float(values[HEADING]), 180.0)
-    return Installation(values, cov, fit.range_sd_m, fit.angle_sd_rad, good)
+    return Installation(values, cov, fit.range_sd_m, fit.angle_sd_rad, fit.good)
 
 
 def long_run(scores: Array) -> Array:

@@ -97,7 +97,9 @@ def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurv
     The better fit decides. Raises LogError as `calibrated` does.
     """
     flat = replace(survey, ship=survey.ship._replace(attitude_deg=survey.ship.attitude_deg * [1, 0, 0]))
-    costs = [cost(one, calibrated(one, stated, known), known) for one in (survey, flat)]
+    fits = [calibrated(one, stated, known) for one in (survey, flat)]
+    good = fits[0].good & fits[1].good
+    costs = [cost(one.part(good), fit, known) for one, fit in zip((survey, flat), fits, strict=True)]
     return (survey, True) if costs[0] <= costs[1] else (flat, False)
 
 

@@ -155,6 +155,21 @@ def test_a_latency_that_one_speed_leaves_open_is_in_the_sigma_of_the_arm():
     assert judged(survey, known, known_of(known, latency_sd_s=0.02)).result == "good"
 
 
+@pytest.mark.parametrize(("share", "result"), [(0.2, "good"), (0.37, "bad")])
+def test_many_false_fixes_are_found_and_do_not_move_the_errors(share, result):
+    """Their ranges are too long, too, as those of echoes."""
+    survey = simulate_survey(replace(BOX, outlier_share=share), 8)
+    rng = np.random.default_rng(8)
+    false = np.linalg.norm(survey.direction - simulate_survey(replace(BOX, outlier_share=0.0), 8).direction, axis=1)
+    echo_m = np.where(false > 0.05, 30 * np.abs(rng.normal(size=len(survey))), 0.0)
+    survey, level = levelled(replace(survey, range_m=survey.range_m + echo_m), STATED, KNOWN)
+    found = judged(survey, STATED, KNOWN)
+    assert (level, found.result) == (True, result)
+    assert found.false_share == pytest.approx(share, abs=0.05)
+    z = (found.installation.values - BOX.true_values) / found.installation.sd
+    assert np.abs(z).max() < 4.0
+
+
 def test_a_head_mounted_backwards_is_found():
     turned = BOX.true_values.copy()
     turned[NAMES.index("mount_heading_deg")] = -178.0
