@@ -90,6 +90,7 @@ class UsblSurvey:
     direction: Array  # (n, 3) unit vectors along starboard, forward, up of the head; NaN if without elevation
     bearing_rad: Vector  # (n,) clockwise from the head's forward axis
     ship: ShipMotion
+    two_way_s: Vector | None = None  # (n,) between question and reply, if fixes are stamped by the reply
     arm_up_m: float = 0.0  # of the head above the antenna, as stated: a survey cannot tell it from the depth
 
     def __len__(self) -> int:
@@ -103,6 +104,7 @@ class UsblSurvey:
             range_m=self.range_m[chosen],
             direction=self.direction[chosen],
             bearing_rad=self.bearing_rad[chosen],
+            two_way_s=None if self.two_way_s is None else self.two_way_s[chosen],
         )
 
 
@@ -143,7 +145,7 @@ def placed(survey: UsblSurvey, values: Vector) -> Array:
     length = np.hypot(flat, down)
     by_bearing = [flat * np.sin(survey.bearing_rad), flat * np.cos(survey.bearing_rad), down] / length
     direction = np.where(np.isfinite(survey.direction), survey.direction, by_bearing.T)
-    measured = survey.range_m[:, None] * direction
+    measured = _way_back_m(survey, values, length)[:, None] * direction
     in_ship = _arm(survey, values) + values[3] * measured @ mount_matrix(values).T
     return antenna + np.einsum("nij,nj->ni", attitude, in_ship)
 
@@ -163,7 +165,7 @@ def residuals(survey: UsblSurvey, values: Vector) -> Array:
     upward = np.column_stack([-up * sin_b, -up * cos_b, flat])
     by_bearing = wrapped(survey.bearing_rad - np.arctan2(line[:, 0], line[:, 1])) * np.hypot(line[:, 0], line[:, 1])
     found = np.empty((len(survey), 3))
-    found[:, 0] = survey.range_m - length
+    found[:, 0] = _way_back_m(survey, values, length) - length
     found[:, 1] = np.where(np.isfinite(flat), line[:, 1] * sin_b - line[:, 0] * cos_b, by_bearing)
     found[:, 2] = -np.sum(line * upward, axis=1)
     return found
@@ -175,6 +177,17 @@ def _ship_at(survey: UsblSurvey, values: Vector) -> tuple[Array, Array]:
     attitude = attitude_matrix(*survey.ship.attitudes(survey.time_s + attitude_latency_s).T)
     antenna = survey.ship.positions(survey.time_s, position_latency_s)
     return attitude, np.column_stack([antenna, np.zeros(len(antenna))])
+
+
+def _way_back_m(survey: UsblSurvey, values: Vector, length_m: Vector) -> Vector:
+    """Return the measured range of the reply, (n,): a range is the mean of both ways, and the ship moved between them.
+
+    ``length_m`` (n,) is that of the reply by the model.
+    """
+    if survey.two_way_s is None:
+        return survey.range_m
+    asked = seen_from_head(replace(survey, time_s=survey.time_s - survey.two_way_s), values)
+    return survey.range_m + (length_m - np.linalg.norm(asked, axis=1)) / 2
 
 
 def _arm(survey: UsblSurvey, values: Vector) -> Vector:

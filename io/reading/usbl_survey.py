@@ -21,6 +21,7 @@ from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl import along_axes
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, gyro_section, ship_choices
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
+from usbldr.io.conventions.usbl_travel import fix_times
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
@@ -109,6 +110,7 @@ class _Fixes(NamedTuple):
     time_ns: Nanoseconds  # (n,)
     along_m: Array  # (n, 3) starboard, forward, up of the head; up is NaN if the fix has no elevation
     range_m: Vector  # (n,)
+    two_way_s: Vector | None  # (n,) between question and reply; None: the fix is of one instant
 
 
 def _fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[_Fixes, list[Finding]]:
@@ -132,9 +134,11 @@ def _fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tupl
             raise raw.fault(f"{raw.topic.name} holds no slant range and no vertical part of its fixes")
     good, invalid = valid_mask(raw, fix_causes(raw), "usbl", "left out")
     good &= np.isfinite(range_m) & (range_m > 0)
-    times = times_of(raw, section.time, section.latency_s)
-    order = np.flatnonzero(good)[np.argsort(times.time_ns[good], kind="stable")]
-    return _Fixes(times.time_ns[order], along[order], range_m[order]), [*findings, *more, *invalid]
+    when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s))
+    time_ns = when.at_head_ns
+    order = np.flatnonzero(good)[np.argsort(time_ns[good], kind="stable")]
+    two_way_s = None if when.asked_ns is None else (time_ns - when.asked_ns)[order] / 1e9
+    return _Fixes(time_ns[order], along[order], range_m[order], two_way_s), [*findings, *more, *invalid]
 
 
 def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, arm_up_m: float) -> UsblSurvey:
@@ -159,6 +163,7 @@ def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, a
         direction=np.where(np.isfinite(direction).all(axis=1, keepdims=True), direction, np.nan),
         bearing_rad=np.arctan2(fixes.along_m[:, 0], fixes.along_m[:, 1]),
         ship=ship,
+        two_way_s=fixes.two_way_s,
         arm_up_m=arm_up_m,
     )
     return survey.part(np.all(np.isfinite(there), axis=1))

@@ -59,6 +59,18 @@ def test_exact_fixes_place_the_transponder_and_leave_no_residual():
     assert placed(lonely, exact) == pytest.approx(placed(survey, exact), abs=0.05)
 
 
+def test_the_range_of_a_reply_is_the_mean_of_both_ways():
+    exact = BOX.true_values * np.where([name.endswith("latency_s") for name in NAMES], 0.0, 1.0)
+    survey = simulate_survey(noiseless(BOX, true_values=exact), 0)
+    two_way_s = np.full(len(survey), 2.0)
+    before = np.linalg.norm(seen_from_head(replace(survey, time_s=survey.time_s - two_way_s), exact), axis=1)
+    replies = replace(survey, range_m=(survey.range_m + before) / 2, two_way_s=two_way_s)
+    replies, survey = (one.part(np.isfinite(before)) for one in (replies, survey))
+    assert np.abs(replies.range_m - survey.range_m).max() > 1.0
+    assert residuals(replies, exact) == pytest.approx(np.zeros((len(replies), 3)), abs=0.005)
+    assert np.ptp(placed(replies, exact), axis=0) == pytest.approx(np.zeros(3), abs=0.02)
+
+
 def test_bearing_and_range_of_a_hand_made_fix():
     """A ship that heads east, listing by nothing, with the transponder 30 m north of it and 40 m down."""
     survey = simulate_survey(noiseless(SPIN), 0).part(np.arange(598) == 0)

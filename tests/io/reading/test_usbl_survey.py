@@ -75,6 +75,12 @@ def test_replay_places_fixes_by_the_same_keys_as_the_calibration(folder):
     assert np.quantile(away, 0.99) < 0.4
 
 
+def test_the_stamps_of_replies_are_honoured(folder):
+    configure(folder, 'stamped_at = "reply"\nturnaround_s = 0.5', 'topic = "gps", heading_topic = "compass"')
+    survey = read_usbl_survey(folder, Request()).survey
+    assert survey.two_way_s == pytest.approx(2 * survey.range_m / 1500.0 + 0.5, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("file", "sentence"),
     [("gps.csv", "ship's positions"), ("compass.csv", "ship's heading"), ("usbl.csv", "fixes of the USBL")],
