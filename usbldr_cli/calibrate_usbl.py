@@ -33,7 +33,11 @@ if TYPE_CHECKING:
 @click.command()
 @log_options
 @click.option(
-    "--transponder-depth", "depth_m", type=click.FloatRange(min=0), metavar="METRES", help="Depth of the transponder."
+    "--transponder-depth",
+    "depth_m",
+    type=click.FloatRange(min=0),
+    metavar="METRES",
+    help="Depth of the transponder below the surface.",
 )
 @click.option(
     "--transponder-depth-sd",
@@ -144,7 +148,7 @@ def _by_survey(
     if level and not read.level_stated:
         survey, level = levelled(survey, read.stated, known)
     verdict = judged(survey, read.stated, known)
-    found = of_survey(read, survey, level, verdict, made)
+    found = of_survey(read, survey, level, verdict, known, made)
 
     def pictures() -> list["Picture"]:
         from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures

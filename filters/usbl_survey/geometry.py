@@ -92,6 +92,7 @@ class UsblSurvey:
     ship: ShipMotion
     two_way_s: Vector | None = None  # (n,) between question and reply, if fixes are stamped by the reply
     arm_up_m: float = 0.0  # of the head above the antenna, as stated: a survey cannot tell it from the depth
+    antenna_up_m: float = 0.0  # of the antenna above the surface, from where the transponder's depth counts
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -176,7 +177,7 @@ def _ship_at(survey: UsblSurvey, values: Vector) -> tuple[Array, Array]:
     attitude_latency_s, position_latency_s = values[6:8]
     attitude = attitude_matrix(*survey.ship.attitudes(survey.time_s + attitude_latency_s).T)
     antenna = survey.ship.positions(survey.time_s, position_latency_s)
-    return attitude, np.column_stack([antenna, np.zeros(len(antenna))])
+    return attitude, np.column_stack([antenna, np.full(len(antenna), survey.antenna_up_m)])
 
 
 def _way_back_m(survey: UsblSurvey, values: Vector, length_m: Vector) -> Vector:

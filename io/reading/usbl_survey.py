@@ -29,7 +29,7 @@ from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, digest_paths, open_configured
 from usbldr.io.reading.role_records import read_roles
 from usbldr.io.reading.sensors import plane_origin, roles_of
-from usbldr.io.settings.sensor_sections import GpsSection, UsblSection
+from usbldr.io.settings.sensor_sections import GpsSection, Head, UsblSection
 from usbldr.io.stages import stage
 
 MAX_GAP_S = 3.0  # [s] across which the ship's position and attitude are interpolated, as max_gap_s of a head
@@ -96,7 +96,7 @@ def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
         path,
         digest_paths(opened.paths),
         opened.file,
-        _survey(fixes, position, attitude, head.lever_arm_m[2] if head else 0.0),
+        _survey(fixes, position, attitude, head or Head()),
         stated_installation(configuration.usbl),
         attitude.attitude is not None,
         configuration.usbl.level,
@@ -141,7 +141,7 @@ def _fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tupl
     return _Fixes(time_ns[order], along[order], range_m[order], two_way_s), [*findings, *more, *invalid]
 
 
-def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, arm_up_m: float) -> UsblSurvey:
+def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, head: Head) -> UsblSurvey:
     """Put fixes and ship on one clock, which begins with the first fix."""
     antenna = time_series(position, "gps", ["east_m", "north_m"])
     heading = time_series(attitude, "compass", ["heading_deg"])
@@ -164,7 +164,8 @@ def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, a
         bearing_rad=np.arctan2(fixes.along_m[:, 0], fixes.along_m[:, 1]),
         ship=ship,
         two_way_s=fixes.two_way_s,
-        arm_up_m=arm_up_m,
+        arm_up_m=head.lever_arm_m[2],
+        antenna_up_m=-head.depth_m - head.lever_arm_m[2],
     )
     return survey.part(np.all(np.isfinite(there), axis=1))
 

@@ -9,6 +9,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import InlineTable
 
+from usbldr.filters.usbl_survey.calibration import Known
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
 from usbldr.filters.usbl_survey.verdict import Parameter, SurveyVerdict, Verdict
 from usbldr.io.findings import Finding
@@ -43,6 +44,7 @@ USBL_KEYS = {
     "scale": "sound_speed_scale",
 }
 HEAD_KEYS = {"attitude_latency_s": "heading_latency_s", "position_latency_s": "latency_s"}
+DEPTHS_APART = 3.0  # sigmas between the depth of the transponder as found and as stated
 
 
 class Calibration(NamedTuple):
@@ -64,7 +66,7 @@ class Calibration(NamedTuple):
 
 
 def of_survey(
-    log: SurveyLog, survey: UsblSurvey, level: bool, found: SurveyVerdict, made: RunProvenance
+    log: SurveyLog, survey: UsblSurvey, level: bool, found: SurveyVerdict, known: Known, made: RunProvenance
 ) -> Calibration:
     """Return the calibration by a survey; ``level``: it was fitted with the ship's roll and pitch."""
     noise = found.installation
@@ -79,6 +81,12 @@ def of_survey(
     remarks: list[str] = []
     if not log.level:
         remarks.append("the ship's records hold no roll and pitch, so its waves are in the noise of the angles")
+    depth, depth_sd = (float(v[-1]) for v in (noise.values, noise.sd))
+    if abs(depth - known.values[-1]) > DEPTHS_APART * np.hypot(depth_sd, known.sd[-1]):
+        remarks.append(
+            f"the transponder lies {depth:.1f} m deep, but {known.values[-1]:.1f} m by --transponder-depth: "
+            "both count from the surface if depth_m in head says how deep the head is"
+        )
     if log.origin is not None:
         east, north = (np.array([v]) for v in noise.values[PLACE][:2])
         lat, lon = to_geodetic(log.origin, east, north)
@@ -221,6 +229,8 @@ def calibrated_configuration(found: Calibration) -> str:
         for one in found.verdict.parameters
         if one.name not in settled
     ]
+    if "depth_m" not in document.get("usbl", {}).get("head", {}):
+        title.append(comment("A dive needs depth_m in head, how deep the head is: a survey does not find it."))
     usbl = document.setdefault("usbl", tomlkit.table())
     usbl["level"] = found.level
     for name, key in USBL_KEYS.items():

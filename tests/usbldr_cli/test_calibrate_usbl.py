@@ -53,6 +53,18 @@ def test_a_configuration_with_an_inline_table_is_completed(survey, tmp_path):
     assert "mount_deg" in (tmp_path / "found.toml").read_text()
 
 
+def test_depths_count_from_the_surface_and_one_that_is_stated_wrong_is_said(survey, tmp_path):
+    deep = (survey / "usbldr.toml").read_text().replace('"compass" }', '"compass", depth_m = 5.0 }')
+    (tmp_path / "deep.toml").write_text(deep)
+    stated = ("calibrate-usbl", survey, "--transponder-depth", 100)
+    assert "by --transponder-depth" not in run(*stated).output
+    done = run(*stated, "--config", tmp_path / "deep.toml", "--write", tmp_path / "found.toml")
+    assert "the transponder lies 105.0 m deep, but 100.0 m by --transponder-depth" in done.output
+    assert "A dive needs depth_m" not in (tmp_path / "found.toml").read_text()
+    run(*stated, "--write", tmp_path / "shallow.toml")
+    assert "A dive needs depth_m" in (tmp_path / "shallow.toml").read_text()
+
+
 def test_a_plan_needs_a_survey():
     done = run("calibrate-usbl", "survey-spin", "--plan")
     assert done.return_value == 0
