@@ -7,6 +7,7 @@ of the head and the scale s of its ranges, a fix v of the head places the transp
 
     T = A + R (a + s M v)
 
+A head that takes off roll and pitch itself gives a v that is turned by the heading alone; the arm is turned as before.
 The attitude is that of the ship's record ``attitude_latency_s`` after the fix, the position that of the record
 ``position_latency_s`` after it: records that arrive late.
 """
@@ -93,6 +94,7 @@ class UsblSurvey:
     two_way_s: Vector | None = None  # (n,) between question and reply, if fixes are stamped by the reply
     arm_up_m: float = 0.0  # of the head above the antenna, as stated: a survey cannot tell it from the depth
     antenna_up_m: float = 0.0  # of the antenna above the surface, from where the transponder's depth counts
+    level: bool = False  # the head has taken off the ship's roll and pitch from its fixes
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -128,11 +130,9 @@ def mount_matrix(values: Vector) -> Array:
 
 def seen_from_head(survey: UsblSurvey, values: Vector) -> Array:
     """Return where the transponder lies from the head, (n, 3) along its axes, in metres of its own ranges."""
-    attitude, antenna = _ship_at(survey, values)
+    turning, head = _head_at(survey, values)
     east, north, depth = values[PLACE]
-    away = np.array([east, north, -depth]) - antenna
-    in_ship = np.einsum("nji,nj->ni", attitude, away) - _arm(survey, values)
-    return in_ship @ mount_matrix(values) / values[3]
+    return np.einsum("nji,nj->ni", turning, [east, north, -depth] - head) @ mount_matrix(values) / values[3]
 
 
 def placed(survey: UsblSurvey, values: Vector) -> Array:
@@ -140,15 +140,14 @@ def placed(survey: UsblSurvey, values: Vector) -> Array:
 
     A fix without elevation takes that of the transponder's place in ``values``.
     """
-    attitude, antenna = _ship_at(survey, values)
+    turning, head = _head_at(survey, values)
     seen = seen_from_head(survey, values)
     flat, down = np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]
     length = np.hypot(flat, down)
     by_bearing = [flat * np.sin(survey.bearing_rad), flat * np.cos(survey.bearing_rad), down] / length
     direction = np.where(np.isfinite(survey.direction), survey.direction, by_bearing.T)
     measured = _way_back_m(survey, values, length)[:, None] * direction
-    in_ship = _arm(survey, values) + values[3] * measured @ mount_matrix(values).T
-    return antenna + np.einsum("nij,nj->ni", attitude, in_ship)
+    return head + np.einsum("nij,nj->ni", turning, values[3] * measured @ mount_matrix(values).T)
 
 
 def residuals(survey: UsblSurvey, values: Vector) -> Array:
@@ -172,12 +171,16 @@ def residuals(survey: UsblSurvey, values: Vector) -> Array:
     return found
 
 
-def _ship_at(survey: UsblSurvey, values: Vector) -> tuple[Array, Array]:
-    """Return attitudes (n, 3, 3) and the antenna's east, north, up (n, 3) at the times of the fixes."""
+def _head_at(survey: UsblSurvey, values: Vector) -> tuple[Array, Array]:
+    """Return the matrices (n, 3, 3) that turn the fixes to the map, and the head's east, north, up (n, 3) at each."""
     attitude_latency_s, position_latency_s = values[6:8]
-    attitude = attitude_matrix(*survey.ship.attitudes(survey.time_s + attitude_latency_s).T)
+    attitudes = survey.ship.attitudes(survey.time_s + attitude_latency_s)
     antenna = survey.ship.positions(survey.time_s, position_latency_s)
-    return attitude, np.column_stack([antenna, np.full(len(antenna), survey.antenna_up_m)])
+    turning = attitude = attitude_matrix(*attitudes.T)
+    if survey.level:
+        turning = attitude_matrix(*(attitudes * [1, 0, 0]).T)
+    arm = np.array([values[4], values[5], survey.arm_up_m])
+    return turning, np.column_stack([antenna, np.full(len(antenna), survey.antenna_up_m)]) + attitude @ arm
 
 
 def _way_back_m(survey: UsblSurvey, values: Vector, length_m: Vector) -> Vector:
@@ -189,7 +192,3 @@ def _way_back_m(survey: UsblSurvey, values: Vector, length_m: Vector) -> Vector:
         return survey.range_m
     asked = seen_from_head(replace(survey, time_s=survey.time_s - survey.two_way_s), values)
     return survey.range_m + (length_m - np.linalg.norm(asked, axis=1)) / 2
-
-
-def _arm(survey: UsblSurvey, values: Vector) -> Vector:
-    return np.array([values[4], values[5], survey.arm_up_m])

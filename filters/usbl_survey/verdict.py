@@ -92,11 +92,11 @@ class SurveyVerdict(Verdict):
 
 
 def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurvey, bool]:
-    """Return the survey with the ship's roll and pitch, or without them if its fixes are level already, and which.
+    """Return the survey as it is, or with fixes that are level already, and whether roll and pitch turn them.
 
     The better fit decides. Raises LogError as `calibrated` does.
     """
-    flat = replace(survey, ship=survey.ship._replace(attitude_deg=survey.ship.attitude_deg * [1, 0, 0]))
+    flat = replace(survey, level=True)
     fits = [calibrated(one, stated, known) for one in (survey, flat)]
     good = fits[0].good & fits[1].good
     costs = [cost(one.part(good), fit, known) for one, fit in zip((survey, flat), fits, strict=True)]

@@ -13,6 +13,7 @@ from usbldr.filters.usbl_survey.geometry import (
     NAMES,
     PLACE,
     attitude_matrix,
+    mount_matrix,
     placed,
     residuals,
     seen_from_head,
@@ -195,6 +196,20 @@ def test_fixes_that_are_level_already_are_not_turned_again():
     compensated = replace(simulate_survey(level, 4), ship=rolling.ship)
     assert levelled(rolling, STATED, KNOWN)[1]
     assert not levelled(compensated, STATED, KNOWN)[1]
+
+
+def test_of_level_fixes_roll_and_pitch_turn_the_arm_alone():
+    """What a head that takes off roll and pitch shows of fixes places them where the fixes themselves do."""
+    survey = replace(simulate_survey(noiseless(BOX), 4), arm_up_m=-19.0)
+    angles = survey.ship.attitudes(survey.time_s + BOX.true_values[NAMES.index("attitude_latency_s")])
+    upright = np.einsum("nji,njk->nik", attitude_matrix(*(angles * [1, 0, 0]).T), attitude_matrix(*angles.T))
+    in_ship = survey.direction @ mount_matrix(BOX.true_values).T
+    unmounted = np.append(np.zeros(3), BOX.true_values[3:])
+    direction = np.einsum("nij,nj->ni", upright, in_ship)
+
+    level = replace(survey, direction=direction, bearing_rad=np.arctan2(*direction[:, :2].T), level=True)
+
+    assert placed(level, unmounted) == pytest.approx(placed(survey, BOX.true_values), abs=1e-6)
 
 
 def test_a_transponder_that_moves_is_bad():
