@@ -11,9 +11,8 @@ import numpy as np
 
 from usbldr.filters.types import Array, Mask, Truth, Vector
 
-NEAR_S = 60.0  # [s] of the search in small steps, as that of the doctor for the clock of fixes
+FARTHEST_S = 60.0  # [s] the search ends here, as that of the doctor for the clock of fixes
 STEP_S = 1.0  # [s] of the search: a vehicle moves a metre or two in it
-FARTHEST_S, FAR_STEP_S = 1800.0, 10.0  # [s] beyond: within such a step a vehicle hardly turns round
 POINTS = 1000  # [points] of the track that the search uses: more do not change where its minimum is
 PARTS = 8  # [-] of the track, left out one by one
 LEAST_POINTS = 40  # [points] five in each part
@@ -57,14 +56,12 @@ def time_offset(time_s: Vector, track_m: Array, truth: Truth) -> TimeOffset | No
     time_s, track_m = time_s[known], track_m[known]
     some = np.unique(np.linspace(0, max(len(time_s) - 1, 0), min(POINTS, len(time_s))).astype(np.intp))
     t, points_m = time_s[some], track_m[some]
-    far_s = np.arange(NEAR_S, FARTHEST_S + FAR_STEP_S, FAR_STEP_S)
-    offsets_s = np.concatenate([np.arange(-NEAR_S, NEAR_S + STEP_S, STEP_S), far_s, -far_s])
+    offsets_s = np.arange(-FARTHEST_S, FARTHEST_S + STEP_S, STEP_S)
     tried = {float(s): rms for s in offsets_s if (rms := _rms_m(t, points_m, truth, s)) is not None}
     unmoved_m = _rms_m(time_s, track_m, truth, 0.0)
     if unmoved_m is None or not tried:
         return None
-    # a far one by chance, as on a way that repeats, is hardly better than the best near one
-    late_s = min(tried, key=lambda s: (tried[s] ** 2 / (1.0 if abs(s) <= NEAR_S else 1 - EXPLAINED_SHARE), abs(s)))
+    late_s = min(tried, key=lambda s: (tried[s], abs(s)))
     for _ in range(3):  # quadratic convergence from within a step
         used, apart_m, velocity_mps = _apart(time_s, track_m, truth, late_s)
         if used.sum() < LEAST_POINTS or not np.any(velocity_mps):

@@ -45,7 +45,7 @@ FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 2.0  # [-] on the sigma of a settled error: the fixes that showed it come again, and are hardly counted twice
-OF_RIVAL = 0.5  # [-] by judgement: how often a lever arm of the DVL is one of the transponder, a latency one of the DVL
+OF_RIVAL = 0.5  # [-] by judgement: share of the cases in which the explanation that is not taken is the right one
 OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
 
 

@@ -106,12 +106,13 @@ def _check_gap(log: Log, time_s: Vector) -> None:
     """Raise LogError if the records of a log, at times (n,) in order, leave most of its span empty."""
     gaps_s = np.diff(time_s)
     gap_s = float(gaps_s.max(initial=0.0))
-    if gap_s > max(MIN_GAP_S, LONGEST_GAP_SHARE * (time_s[-1] - time_s[0] - gap_s)):
+    rest_s = float(gaps_s.sum()) - gap_s
+    if gap_s > max(MIN_GAP_S, LONGEST_GAP_SHARE * rest_s):
         before_ns = log.start_ns + round(time_s[int(gaps_s.argmax())] * 1e9)
         roles = [role for role in ("dvl", "compass", "usbl") if role in log.provenance]
         topic = ", ".join(log.provenance[role].topic for role in roles) or "the log"
         text = f"{topic}: no sensor has a record for {gap_s / 86400:.1f} days after {utc(before_ns)}, but for"
-        text += f" {(time_s[-1] - time_s[0] - gap_s) / 60:.0f} minutes around; the dates must be wrong (time_format)"
+        text += f" {rest_s / 60:.0f} minutes around; the dates must be wrong (time_format)"
         raise LogError(f"{text}, else take one side of it with --start or --end", path=log.path)
 
 
