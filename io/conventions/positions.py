@@ -31,21 +31,41 @@ VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
 IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
+FULL_CIRCLE = 360.0  # fixed: degrees
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
 def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
-    """Return latitude and longitude in degrees, (n,) each; GGA's may be ddmm.mmmm, with N, S, E or W beside it.
+    """Return latitude and longitude in degrees, (n,) each; they may be ddmm.mmmm, with N, S, E or W beside them.
 
-    Without these letters they are NaN.
+    If they have columns for these letters, values without a letter are NaN.
     """
     lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
+    if in_degrees_and_minutes(raw):
+        lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
     if "lat_side" not in raw.values:
         return lat, lon
-    if np.any(np.abs(lat) > 90) or np.any(np.abs(lon) > 180):
-        lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
     south, west = ([in_hemisphere(1.0, str(side)) for side in raw.text(name)] for name in ("lat_side", "lon_side"))
     return np.abs(lat) * south, np.abs(lon) * west
+
+
+def in_degrees_and_minutes(raw: RawRecords) -> bool:
+    """Tell whether latitudes and longitudes are ddmm.mmmm: they cannot be degrees.
+
+    Without letters beside them most latitudes must be larger than any angle, and all minutes less than 60.
+    """
+    places = np.abs(np.column_stack([raw.number("lat_deg"), raw.number("lon_deg")]))  # (n, 2)
+    if "lat_side" in raw.values:
+        return bool(np.any(places > [90, 180]))
+    places = places[np.isfinite(places).all(axis=1)]
+    possible = (places <= [90_00, 180_00]) & (np.fmod(places, 100) < 60)
+    return len(places) > 0 and bool(possible.all()) and bool(np.median(places[:, 0]) > FULL_CIRCLE)
+
+
+def notation_of(raw: RawRecords) -> list[Convention]:
+    """Return that angles are degrees and minutes if their values alone tell."""
+    by_values = "lat_side" not in raw.values and in_degrees_and_minutes(raw)
+    return [Convention("unit", "ddmm.mmmm", "values")] if by_values else []
 
 
 def _pair(raw: RawRecords) -> tuple[Vector, Vector]:
@@ -218,7 +238,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     columns |= pose_columns(raw, str(frame))
     times = times_of(raw, section.time, section.latency_s)
-    chosen = [Convention("frame", frame, frame_by), sd_chosen]
+    chosen = [Convention("frame", frame, frame_by), *(notation_of(raw) if latlon else ()), sd_chosen]
     on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid, *on_grid])
     return keep_valid(replace(made, geodetic=frame == "latlon"), good)

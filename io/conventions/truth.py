@@ -15,11 +15,13 @@ from usbldr.io.conventions.grids import grid_to_geodetic
 from usbldr.io.conventions.positions import heading_of_quaternion
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
+from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
+from usbldr.io.messages.field_names import named_column
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
-from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, seconds
-from usbldr.io.tables.csv_sheets import plain
+from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
+from usbldr.io.tables.csv_sheets import keys_since_1970, plain
 from usbldr.io.tables.csv_text import column, read_texts
 from usbldr.io.tables.text_table import cut_findings, row_findings
 
@@ -235,16 +237,19 @@ def _heading(more: Mapping[str, Column], frame: str) -> dict[str, Vector]:
 def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
     if section.columns is not None:
         columns = {str(key): plain(name) for key, name in section.columns.items()}
-        times = [key for key in columns if key.startswith("time")]
-        if len(times) != 1 or "x" not in columns or "y" not in columns:
-            raise UsageError("[truth] columns must name x, y and one of time_ns, time_unix_s, time_s", path=file)
+        clocks = [key for key in columns if key in TIME_UNITS_NS]
+        if len(clocks) != 1 or not ({"x", "y"} <= columns.keys() or {"lat_deg", "lon_deg"} <= columns.keys()):
+            keys = ", ".join(TIME_UNITS_NS)
+            raise UsageError(f"[truth] columns must name x and y, or lat_deg and lon_deg, and one of {keys}", path=file)
         for name in columns.values():
             column(texts, name, file)
+        if "lat_deg" in columns:
+            return {**columns, "x": columns["lat_deg"], "y": columns["lon_deg"]}, "latlon"
         return columns, section.frame or "ENU"
-    times = [(key, name) for name, key in TIMES.items() if name in texts]
+    clocks = [(key, name) for name, key in TIMES.items() if name in texts] or _times_by_unit(texts)
     places = [place for place in PLACES if {place.x, place.y} <= set(texts)]
-    if times and places:
-        (key, name), place = times[0], places[0]
+    if clocks and places:
+        (key, name), place = clocks[0], places[0]
         more = {"sd_m": "sd_m"} if "sd_m" in texts else {}
         return {key: name, "x": place.x, "y": place.y} | more, place.frame or section.frame or "ENU"
     example = '{ time_unix_s = "...", x = "...", y = "..." }'
@@ -255,12 +260,23 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
     )
 
 
+def _times_by_unit(texts: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Return key and name of the columns whose names state a time and its unit, such as timestamp_us."""
+    named = [one for one in map(named_column, texts) if one and one.rule.key == "time" and one.known]
+    return [
+        (key, one.name)
+        for one in named
+        for key in keys_since_1970(next(iter(texts[one.name]), ""))
+        if TIME_UNITS_NS[key] == one.factor
+    ]
+
+
 def _times(cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int) -> ParsedColumn:
-    if "time_ns" in columns:
-        return nanoseconds(cells["time_ns"], columns["time_ns"])
-    key = "time_unix_s" if "time_unix_s" in columns else "time_s"
-    times = seconds(cells[key], columns[key])
-    return times if key == "time_unix_s" else times._replace(values=times.values + start_ns)
+    key = next(key for key in TIME_UNITS_NS if key in columns)
+    if key == "time_ns":
+        return nanoseconds(cells[key], columns[key])
+    found = times(cells[key], columns[key], TIME_UNITS_NS[key], AT_1970.get(key, 0))
+    return found._replace(values=found.values + start_ns) if key == "time_s" else found
 
 
 def _on_plane(file: Path, frame: str, x: Vector, y: Vector, origin: Origin | None) -> tuple[Vector, Vector]:

@@ -20,7 +20,7 @@ from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
 from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.map_north import on_plane_north
-from usbldr.io.conventions.positions import exchanged_advice, grid_findings, off_plane_causes, on_plane
+from usbldr.io.conventions.positions import exchanged_advice, grid_findings, notation_of, off_plane_causes, on_plane
 from usbldr.io.conventions.time_series import TimeSeries
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl_covariance import (
@@ -139,7 +139,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
 def _by_latitude(raw: RawRecords, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
     position = np.column_stack(on_plane(raw, "latlon", origin))
     R = stated_covariance(raw, "latlon", np.eye(2), np.zeros(len(position)))
-    return PlacedFixes(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), [], [])
+    return PlacedFixes(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), notation_of(raw), [])
 
 
 def _by_position(

@@ -6,24 +6,26 @@ user to fill in.
 
 import os
 import tomllib
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from types import MappingProxyType
+from typing import cast
 
-from usbldr.filters.errors import LogError
 from usbldr.io.doctor.doctor import Examination
-from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, in_radians, usbl_lines
+from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, usbl_lines
 from usbldr.io.doctor.map_origin import propose_origin
-from usbldr.io.doctor.proposed_columns import Proposal
+from usbldr.io.doctor.proposed_columns import Draft
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
-from usbldr.io.messages.roles import ROLES
+from usbldr.io.messages.roles import ROLES, SENSORS
+from usbldr.io.reader import TopicInfo
+from usbldr.io.reading.opening import ConfigurationFile
 from usbldr.io.settings.configuration import own_configuration, parse_configuration
-from usbldr.io.settings.toml_text import comment, quoted
+from usbldr.io.settings.toml_text import comment, inline, quoted
+from usbldr.io.tables.text_table import listed
 
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
+MAX_TOPICS = 20  # of those that no sensor uses
 
 COLUMNS = {
     "dvl": 'x = "?", y = "?"',
@@ -31,36 +33,24 @@ COLUMNS = {
     "usbl": 'lat_deg = "?", lon_deg = "?"',
     "gps": 'lat_deg = "?", lon_deg = "?"',
     "depth": 'depth_m = "?"',
+    "truth": 'lat_deg = "?", lon_deg = "?"',
 }
 """What a sensor's ``columns`` name at least, besides the time."""
 
 
-def initial_configuration(
-    examination: Examination,
-    joined: tuple[str, ...] = (),
-    proposals: Mapping[str, Proposal] = MappingProxyType({}),
-    unread: Mapping[str, str] = MappingProxyType({}),
-) -> str:
-    """Return the text of a configuration for a log, with which it can be replayed if nothing is ``unread``.
+def initial_configuration(drafted: Draft, joined: tuple[str, ...] = ()) -> str:
+    """Return the text of a configuration for a log, with which it can be replayed if the draft has no fault.
 
-    ``proposals`` were used to read it; what is missing of ``unread``, sensor -> why it cannot be read, is asked for.
-    Raises LogError with what is missing if no configuration could help.
+    Keys that the log's configuration states are kept; for what is missing the file asks.
     """
+    examination, proposals = drafted.examination, drafted.proposals
     log, path = examination.log, examination.path
-    fatal = [d.text for d in examination.findings if d.code in ("UNUSABLE", "SENSOR-MISSING")]
-    if log is not None and "usbl" in log.tables:  # raw fixes can be judged without DVL and compass
-        fatal = [d.text for d in examination.findings if d.code == "UNUSABLE"]
-    if (log is None or fatal) and not (unread or (log is None and proposals)):
-        raise LogError(fatal[0], path=path)
-    if in_radians(examination):
-        examination = replace(examination, sensor_check=None)  # its headings were read in another unit
     sections: dict[str, list[ConfigLine]] = {"map": _map(examination, log) if log else []}
     for role in ROLES:
         if role in proposals:
             sections[role] = proposals[role].lines
-        elif role in unread:
-            columns = f'time_unix_s = "?", {COLUMNS[role]}'
-            sections[role] = [(f"# columns = {{ {columns} }}", f"CHECK: {unread[role]}")]
+        elif role in drafted.unread:
+            sections[role] = _asked(drafted, role)
         elif log is not None:
             sections[role] = _topic(examination, log, role)
     lines = [
@@ -72,11 +62,14 @@ def initial_configuration(
         for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
             sections[role] += lines_of(examination, log) if role in log.tables else []
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
-        sections["truth"] = _truth(log)
+        sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
-    elif not unread:
-        lines.append(comment(f"CHECK: {fatal[0]}"))
+    if drafted.fault and drafted.fault not in drafted.unread.values():
+        lines.append(comment(f"CHECK: {drafted.fault}"))
+    if any(role not in proposals and (log is None or role not in log.tables) for role in SENSORS):
+        lines += _unused_topics(drafted.unused)
     lines.append("schema = 1")
+    lines += _keep_stated(sections, drafted.stated)
     for name, rows in sections.items():
         if rows:
             empty = all(entry.startswith("#") for entry, _ in rows)  # a section without a key may not be allowed
@@ -89,6 +82,43 @@ def initial_configuration(
     return text
 
 
+def _asked(drafted: Draft, role: str) -> list[ConfigLine]:
+    """Return the lines that ask for the topic of a sensor, unless a file is named for it, and for its columns."""
+    named = any(topic.type == f"usbldr/{role}" for topic in drafted.unused)
+    topic = quoted(drafted.unused[0].name if len(drafted.unused) == 1 else "?")
+    keys = [] if named else ['# file = "?"' if role == "truth" else f"# topic = {topic}"]
+    first, *others = [*keys, f'# columns = {{ time_unix_s = "?", {COLUMNS[role]} }}']
+    return [(first, f"CHECK: {drafted.unread[role]}"), *((key, "") for key in others)]
+
+
+def _unused_topics(topics: Sequence[TopicInfo]) -> list[str]:
+    """Return the topics of no sensor with their fields, for which a section may ask."""
+    fields = {one.name: [name for name, _ in one.first_row] or one.shown_fields for one in topics}
+    lines = [comment(f"  {name}: {listed(fields[name])}") for name in list(fields)[:MAX_TOPICS] if fields[name]]
+    return ["# Topics that no sensor uses, with the fields that topic and columns can name:", *lines] if lines else []
+
+
+def _keep_stated(sections: dict[str, list[ConfigLine]], stated: ConfigurationFile) -> list[str]:
+    """Put the keys that a configuration states in place of those found; return its lines outside sections."""
+    who = f"stated in {stated.file.name}" if stated.file else "stated by --set"
+    outside: list[str] = []
+    for name, content in (stated.content or {}).items():
+        if isinstance(content, dict):
+            rows = sections.setdefault(name, [])
+            for key, value in cast("dict[str, object]", content).items():
+                _keep(rows, f"{key} = {inline(value)}", key, who)
+        elif name != "schema":
+            outside.append(_row(f"{name} = {inline(content)}", who))
+    return outside
+
+
+def _keep(rows: list[ConfigLine], entry: str, key: str, who: str) -> None:
+    """Put a stated key in its place, with the value found if that is another one."""
+    place = next((i for i, row in enumerate(rows) if row[0].removeprefix("# ").partition(" = ")[0] == key), len(rows))
+    found, why = rows[place] if place < len(rows) else (entry, "")
+    rows[place : place + 1] = [(entry, who if found == entry else f"{who}; found: {found.removeprefix('# ')} ({why})")]
+
+
 def _row(entry: str, why: str) -> str:
     return f"{entry:{COMMENT_COLUMN - 2}}  {comment(why)}" if why else entry
 
@@ -97,8 +127,6 @@ def _convention_comments(examination: Examination) -> list[str]:
     result = examination.sensor_check.result if examination.sensor_check else None
     if result is None:
         why = "too few fixes, or they move unlike dead reckoning"
-        if in_radians(examination):
-            why = "headings were read as degrees, but are radians; run doctor with this file"
         return [f"# CHECK: axes, convention and frame could not be checked against the fixes: {why}."]
     best, read = result.best, result.as_read
     as_read = "" if best == read else f"; by types and names: {read.residual_m:.2f} m"

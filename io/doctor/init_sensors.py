@@ -87,11 +87,8 @@ def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     """Return the lines of [compass] after its topic."""
     result = examination.sensor_check.result if examination.sensor_check else None
     unit = recorded_line(log, "compass", "unit")
-    if in_radians(examination):
-        unit = (
-            'unit = "rad"',
-            f"by the fixes, instead of deg ({chosen_by_text(log.convention('compass', 'unit'))})",
-        )
+    if any(one.code == "HEADING-RADIANS" for one in examination.findings):
+        unit = ('unit = "rad"', "by the fixes, instead of deg")
     lines = [_convention(log, result, "compass", "convention"), unit]
     lines.append(("bias_deg = 0.0", "the log does not distinguish it from mount_deg"))
     found = examination.sensor_check.identification if examination.sensor_check else None
@@ -123,11 +120,6 @@ def _deviation(found: Identification | None) -> list[ConfigLine]:
         )
         for name in names
     ]
-
-
-def in_radians(examination: Examination) -> bool:
-    """Tell whether headings were read as degrees, but are radians."""
-    return any(d.code == "HEADING-RADIANS" for d in examination.findings)
 
 
 def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
@@ -168,7 +160,8 @@ def _convention(log: Log, result: InterpretationResult | None, role: str, key: s
     """Return a convention as it should be: as it was read, unless another fits the fixes better."""
     value, who = recorded_value(log, role, key), chosen_by_text(log.convention(role, key))
     if result is None or not value:
-        return recorded_line(log, role, key)
+        line, why = recorded_line(log, role, key)
+        return (f"# {line}", f"{why}, not checked") if why == "default" else (line, why)
     best = _fitting(result)[role, key]
     if best != value and _names_differ(log, result):
         return f'# {key} = "{value}"', f"CHECK: {who}, but {best} fits the fixes better; {FIXED_ADVICE}"

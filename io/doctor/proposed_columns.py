@@ -6,6 +6,7 @@ A proposal, which the user has to confirm: a name states neither axes nor, in mo
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import msgspec
 
@@ -14,10 +15,10 @@ from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.messages.configured import TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
-from usbldr.io.messages.roles import ROLES, SENSORS
+from usbldr.io.messages.roles import ROLES, SENSORS, Roles
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.reader import TopicInfo
-from usbldr.io.reading.opening import ConfigurationFile, Request, open_configured
+from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, open_configured
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
@@ -25,16 +26,22 @@ from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, dated_columns, 
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
-    "x": "surge|along(_track|ship)?|longitudinal",
-    "y": "sway|(across|athwart)(_track|ships?)?|transversal|lateral",
-    "z": "heave",
+    "x": "u|surge|along(_track|ship)?|longitudinal",
+    "y": "v|sway|(across|athwart)(_track|ships?)?|transversal|lateral",
+    "z": "w|heave",
 }
 VECTORS = tuple(
     Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})|{named}")
     for number, (axis, named) in enumerate(NAMES_OF_AXES.items())
 )
+PLACES = (
+    Rule("usbl", "east_m", "length", "x"),  # the doctor finds the frame
+    Rule("usbl", "north_m", "length", "y"),
+    Rule("", "east_m", "length", "e"),
+    Rule("", "north_m", "length", "n"),
+)
 YAW = Rule("compass", "heading_deg", "angle", "yaw")  # whose sense the doctor finds
-FLAG = Rule("", "valid", None, "valid|bottom_lock|locked")
+FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
 KEYS = {
     "x_mps": "x",
     "y_mps": "y",
@@ -62,6 +69,12 @@ class Proposal:
     others: tuple[str, ...] = ()  # topics that look like the sensor, too
 
     @property
+    def keys(self) -> dict[str, object]:
+        """Return the proposal as keys of the sensor's section."""
+        axes = {"axes": self.axes} if self.axes else {}
+        return {"topic": self.topic.name, "columns": dict(self.columns), **axes}
+
+    @property
     def lines(self) -> list[tuple[str, str]]:
         """Return the keys and their reasons for a configuration."""
         text = ", ".join(f"{key} = {quoted(path)}" for key, path in self.columns.items())
@@ -73,50 +86,93 @@ class Proposal:
         ]
 
 
-def examine_with_proposals(
-    path: Path, request: Request
-) -> tuple[Examination, Mapping[str, Proposal], Mapping[str, str]]:
-    """Examine a log without a configuration, with proposed columns for the sensors that it lacks.
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A log as far as it can be read by what its configuration states and by what names of columns suggest."""
 
-    If these cannot be used, the log is examined without them; then also why, for each sensor without which it cannot be
-    replayed. Raises LogError if the log cannot be opened.
+    examination: Examination
+    stated: ConfigurationFile
+    proposals: Mapping[str, Proposal]
+    unread: Mapping[str, str]  # sensor that the configuration has to name -> why it is not read
+    unused: tuple[TopicInfo, ...]  # topics of no sensor
+    fault: str  # why the log cannot be replayed as drafted, empty if it can
+
+
+def draft(path: Path, request: Request) -> Draft:
+    """Examine a log, with proposed columns for the sensors that it lacks; without them if they cannot be used.
+
+    A truth that cannot be read is left out. Raises LogError if the log cannot be opened, UsageError if its
+    configuration is invalid.
     """
-    proposals = proposed_columns(path, request)
-    sections = {
-        role: {"topic": one.topic.name, "columns": dict(one.columns), **({"axes": one.axes} if one.axes else {})}
-        for role, one in proposals.items()
-    }
-    tried, fault = None, ""
-    if proposals:
-        stated = ConfigurationFile(None, msgspec.convert(sections, Configuration))
-        try:
-            tried = examine(path, replace(request, configuration=stated))
-        except UsbldrError as err:  # the names misled
-            fault = err.text_beside(path)
-        if tried is not None and tried.log is not None:
-            return tried, proposals, {}
-    without = examine(path, request)
-    if tried is not None and without.log is None:
-        return tried, proposals, {}
-    if tried is not None:
-        fault = next((one.text for one in tried.findings if one.code == "UNUSABLE"), "")
-    why = f"the columns that the names suggest cannot be used: {fault}"
-    return without, {}, {role: why for role in proposals if role in SENSORS and fault}
+    found = _draft(path, request)
+    if found.examination.log is None and request.truth != "none":
+        without = _draft(path, replace(request, truth="none"))
+        if without.examination.log is not None:
+            return replace(without, unread={**without.unread, "truth": found.fault}, fault=without.fault or found.fault)
+    return found
 
 
-def unread_sensors(path: Path, request: Request) -> Mapping[str, str]:
-    """Return sensor -> why the topic that is named for it cannot be read."""
-    opened = open_configured(path, request)
-    unresolved = roles_of(opened.reader.topics(), request, opened).unresolved
-    faults = {role: fault for role, fault in unresolved.items() if isinstance(fault, LogError)}
-    return {role: fault.text_beside(path).removesuffix(f"; {PROPOSED}") for role, fault in faults.items()}
-
-
-def proposed_columns(path: Path, request: Request) -> dict[str, Proposal]:
-    """Return role -> proposal for the roles that no topic fills and no option names."""
+def _draft(path: Path, request: Request) -> Draft:
+    stated = configuration_of(path, request)
+    request = replace(request, configuration=stated, set_keys=())
     opened = open_configured(path, request)
     topics = opened.reader.topics()
     roles = roles_of(topics, request, opened)
+    proposals = proposed_columns(topics, roles, request)
+    faults = {role: why for role, why in roles.unresolved.items() if isinstance(why, LogError)}
+    unread = {role: why.text_beside(path) for role, why in faults.items() if role not in proposals}
+    examination, fault = _with_proposals(path, request, stated, proposals) if proposals else (None, "")
+    if examination is None or examination.log is None:
+        without = _examined(path, request, stated)
+        if examination is None or without.log is not None:
+            why = f"the columns that the names suggest cannot be used: {fault}"
+            unread |= {role: why for role in proposals if role in SENSORS}
+            examination, proposals = without, {}
+    used = {role: choice.topic.name for role, choice in roles.chosen.items()}
+    used |= {role: one.topic.name for role, one in proposals.items()}
+    present = used if examination.log is None else examination.log.tables
+    unusable = [one.text for one in examination.findings if one.code == "UNUSABLE"]
+    missing = [role for role in SENSORS if role not in present and role not in unread and "usbl" not in present]
+    absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""  # raw fixes alone can be judged
+    unread |= dict.fromkeys(missing, absent)
+    unread = {role: why.removesuffix(f"; {PROPOSED}") for role, why in unread.items()}
+    fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
+    unused = tuple(topic for topic in topics if topic.first_row or topic.name not in used.values())
+    return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"))
+
+
+def _with_proposals(
+    path: Path, request: Request, stated: ConfigurationFile, proposals: Mapping[str, Proposal]
+) -> tuple[Examination | None, str]:
+    """Return what the doctor finds with proposed columns, and why the log cannot be read with them."""
+    proposed = _stating(stated, {role: one.keys for role, one in proposals.items()})
+    try:
+        found = _examined(path, replace(request, configuration=proposed), proposed)
+    except UsbldrError as err:  # the names misled
+        return None, err.text_beside(path)
+    return found, next((one.text for one in found.findings if one.code == "UNUSABLE"), "")
+
+
+def _examined(path: Path, request: Request, stated: ConfigurationFile) -> Examination:
+    """Examine a log, again with headings in radians if the fixes show that they are; the first finding stays."""
+    found = examine(path, request)
+    radians = tuple(one for one in found.findings if one.code == "HEADING-RADIANS")
+    if not radians:
+        return found
+    again = examine(path, replace(request, configuration=_stating(stated, {"compass": {"unit": "rad"}})))
+    return replace(again, findings=(*radians, *again.findings))
+
+
+def _stating(stated: ConfigurationFile, sections: Mapping[str, Mapping[str, object]]) -> ConfigurationFile:
+    """Return a configuration with further keys."""
+    content = dict(stated.content or {})
+    for name, keys in sections.items():
+        content[name] = {**cast("dict[str, object]", content.get(name, {})), **keys}
+    return ConfigurationFile(stated.file, msgspec.convert(content, Configuration), content)
+
+
+def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request) -> dict[str, Proposal]:
+    """Return role -> proposal for the roles that no topic fills and no option names."""
     unknown = [topic for topic in topics if _unknown(topic)]
     found: dict[str, Proposal] = {}
     for role in ROLES:
@@ -134,7 +190,7 @@ def _unknown(topic: TopicInfo) -> bool:
     name = topic.name.lower()
     known = any(message_layout_of(role, topic) for role in LAYOUTS)
     readable = bool(topic.count) and not topic.problem
-    named = not NO_SENSOR.search(name) and not SHIP.search(name)
+    named = not NO_SENSOR.search(name) and (not SHIP.search(name) or "usbl" in suggested_sensors(name))
     return (readable or bool(topic.first_row)) and not known and named
 
 
@@ -145,14 +201,17 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
-    columns = [column for path in paths if (column := named_column(path, (*VECTORS, *RULES, YAW, FLAG)))]
+    columns = [column for path in paths if (column := named_column(path, (*VECTORS, *RULES, YAW, FLAG, *PLACES)))]
     times = [column for column in columns if column.rule.key == "time"]
     if topic.first_row:
         others = (column for column in columns if column not in times)
         columns = [*dated_columns(dict(topic.first_row), times), *others]
+    of_all = bool(topic.first_row) and not suggested_sensors(topic.name)  # one table of all sensors
     for column in columns:
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
-        hinted = role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
+        certain = column.rule in RULES and column.known and column.rule.dimension == "velocity"  # forward_kn
+        certain = certain or (of_all and column.rule in VECTORS)
+        hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         if of_any or (hinted and column.rule.sensor in (role, "")):
             if topic.first_row and column.rule.key in found:
                 return {}  # two columns of one quantity

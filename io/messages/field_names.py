@@ -26,12 +26,14 @@ TIME_OF_WEEK = (
     "i?tow|sow|(gps_?)?(time|seconds?|secs?)_(of|in)_(the_)?(gps_)?week|(week|gps)_?(time|seconds?|secs?)"  # GPS time
 )
 RULES: Sequence[Rule] = (
-    Rule("", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|t|sod|seconds?_of_(the_)?day|elapsed|datenum"),
+    Rule(
+        "", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|ts?|sod|seconds?_of_(the_)?day|elapsed|datenum"
+    ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(received|arrival)(_time)?"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd"),
-    Rule("dvl", "starboard_mps", "velocity", "starboard|stbd"),
-    Rule("dvl", "starboard_mps", "velocity", "port", -1.0),
+    Rule("dvl", "starboard_mps", "velocity", "starboard|stbd|right"),
+    Rule("dvl", "starboard_mps", "velocity", "port|left", -1.0),
     Rule("dvl", "up_mps", "velocity", "up|upward"),
     Rule("dvl", "up_mps", "velocity", "down|downward", -1.0),
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
@@ -45,7 +47,7 @@ RULES: Sequence[Rule] = (
     Rule("depth", "depth_m", "length", "depth"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
-    Rule("", "lon_deg", "angle", "lon|long|longitude"),
+    Rule("", "lon_deg", "angle", "lon|long|lng|longitude"),
     Rule("", "east_m", "length", "east(ing)?"),
     Rule("", "north_m", "length", "north(ing)?"),
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),

@@ -9,6 +9,8 @@ from datetime import date
 from pathlib import Path
 from typing import Literal
 
+import msgspec
+
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.file_access.open_file import opened, real_path
@@ -75,11 +77,22 @@ def configuration_of(log: Path, request: Request) -> ConfigurationFile:
     found = ConfigurationFile()
     if file is not None:
         content = read_document(file)
-        found = ConfigurationFile(file, parse_configuration(content, file), content)
+        found = ConfigurationFile(file, _with_own_paths(parse_configuration(content, file), file.parent), content)
     if request.set_keys:
         content = with_set_keys(found.content or {"schema": 1}, request.set_keys)
         found = ConfigurationFile(file, parse_configuration(content, f"--set {' '.join(request.set_keys)}"), content)
     return found
+
+
+def _with_own_paths(stated: Configuration, folder: Path) -> Configuration:
+    """Return a configuration whose paths count from its folder; those that are not there, from the log's."""
+
+    def from_here(name: str) -> str:
+        return str((folder / name).resolve()) if (folder / name).exists() else name
+
+    truth = msgspec.structs.replace(stated.truth, file=stated.truth.file and from_here(stated.truth.file))
+    files = tuple(msgspec.structs.replace(one, path=from_here(one.path)) for one in stated.file)
+    return msgspec.structs.replace(stated, truth=truth, file=files)
 
 
 def with_configuration(log: Path, request: Request) -> Request:

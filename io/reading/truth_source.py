@@ -17,6 +17,7 @@ from usbldr.io.provenance import Provenance
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request
 from usbldr.io.settings.sensor_sections import Configuration, GpsSection
+from usbldr.io.tables.csv_text import text_files
 
 KINDS_BY_NAME = {
     "slam": re.compile(r"slam|graph_vertices|pose_graph"),
@@ -61,8 +62,14 @@ def truth_source(
     if section.topic is not None:
         return TruthSource(topic=topic_named(path, topics, "truth", section.topic, "configuration"))
     own = [topic for topic in topics if topic.type == "usbldr/truth"]
-    return TruthSource(
-        topic=topic_named(path, topics, "truth", own[0].name, "type and name") if len(own) == 1 else None
+    if len(own) != 1:
+        return TruthSource()
+    files = text_files(path) if own[0].problem and path.is_dir() else ()  # its columns are not usbldr's own
+    file = next((file for file in files if file.stem == "truth"), None)
+    return (
+        TruthSource(file, chosen_by="name")
+        if file
+        else TruthSource(topic=topic_named(path, topics, "truth", own[0].name, "type and name"))
     )
 
 

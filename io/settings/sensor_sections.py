@@ -263,6 +263,22 @@ class DepthSection(Section, frozen=True, kw_only=True):
     latency_s: Latency = 0.0
 
 
+TruthColumn: TypeAlias = Literal[
+    "time_ns",
+    "time_unix_us",
+    "time_unix_ms",
+    "time_unix_s",
+    "time_s",
+    "time_datenum",
+    "time_excel",
+    "x",
+    "y",
+    "lat_deg",
+    "lon_deg",
+    "sd_m",
+]
+
+
 class TruthSection(Section, frozen=True, kw_only=True):
     """The reference that errors are measured against."""
 
@@ -278,7 +294,7 @@ class TruthSection(Section, frozen=True, kw_only=True):
     max_gap_s: Gap = 30.0
     latency_s: Latency = 0.0
     lever_arm_m: Lever = (0.0, 0.0, 0.0)
-    columns: dict[Literal["time_ns", "time_unix_s", "time_s", "x", "y", "sd_m"], str] | None = None
+    columns: dict[TruthColumn, str] | None = None
 
     def __post_init__(self) -> None:
         if self.topic is not None and self.file is not None:

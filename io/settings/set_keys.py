@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
 from usbldr.filters.errors import UsageError
+from usbldr.io.settings.toml_text import inline
 
 
 class SetKey(NamedTuple):
@@ -26,9 +27,7 @@ class SetKey(NamedTuple):
 
     def texts(self) -> list[str]:
         """Return KEY=VALUE of each value."""
-        import tomlkit
-
-        return [f"{self.key}={tomlkit.item(value).as_string()}" for value in self.values]
+        return [f"{self.key}={inline(value)}" for value in self.values]
 
 
 def with_set_keys(content: Mapping[str, object], texts: Sequence[str]) -> dict[str, object]:

@@ -5,7 +5,7 @@ Names of topics and files are foreign text: the library of the format quotes the
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from usbldr.filters.errors import printable
 from usbldr.filters.models.noise import FAMILIES, NoiseFamily
@@ -29,6 +29,17 @@ def quoted(text: str) -> str:
     import tomlkit
 
     return tomlkit.string(text).as_string()
+
+
+def inline(value: object) -> str:
+    """Return a value of a configuration as TOML on one line."""
+    import tomlkit
+
+    if isinstance(value, dict):
+        table = tomlkit.inline_table()
+        table.update(cast("dict[str, object]", value))
+        return table.as_string()
+    return tomlkit.item(value).as_string()
 
 
 def comment(text: str) -> str:

@@ -53,11 +53,6 @@ def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
     return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
 
 
-def seconds(texts: Sequence[str], name: str) -> ParsedColumn:
-    """Return a column of seconds with decimals, or of dates and times, as nanoseconds."""
-    return times(texts, name, SECOND_NS)
-
-
 def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> ParsedColumn:
     """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds since 1970.
 

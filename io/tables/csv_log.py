@@ -19,13 +19,13 @@ from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plai
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
-from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, TimeColumn, holds_values, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import foreign_time, orders_of, parted_time, week_and_time, with_iso_times
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
-from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
+from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
 Value = TypeVar("Value")
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
@@ -158,7 +158,7 @@ class CsvLog:
     def _info(self, topic: str, source: CsvSource) -> TopicInfo:
         sheet = source.sheet
         if sheet is None:
-            problem = f"its columns match no sensor ({listed(source.header)}); {ADVICE}"
+            problem = f"its columns match no sensor ({listed(source.header)}); {PROPOSED}"
             problem = f"{source.file.name} {NO_HEADER}" if holds_values(source.header) else problem
             return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
         if sheet.received is None:
@@ -217,7 +217,7 @@ class CsvLog:
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         source, sheet = self._sources[topic], self._sources[topic].sheet
         if sheet is None or sheet.received is None:
-            raise LogError(f"{topic} cannot be read: its columns match no sensor; {ADVICE}", path=self.path)
+            raise LogError(f"{topic} cannot be read: its columns match no sensor; {PROPOSED}", path=self.path)
         received = self._times(source, sheet.received)
         columns = {path: self._column(source, sheet, path) for path in paths}
         faults: dict[int, str] = {}

@@ -24,7 +24,7 @@ from usbldr.io.units import NamedUnit, spellings
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
 DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer, in general
-PROPOSED = "usbldr init proposes the key columns, if their names are unambiguous"
+PROPOSED = "name them with the key columns of the sensor's section in usbldr.toml; usbldr init writes a draft"
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
 NO_HEADER = "has no header: its first line holds values; insert a line with the names of its columns"

@@ -21,10 +21,10 @@ from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import named_column, sensors_by_name
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
-from usbldr.io.tables.csv_sheets import Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.tables.table_library import reading
 from usbldr.io.tables.text_table import listed
-from usbldr.io.tables.topic_sheets import ADVICE, TableHead, TopicSheet, topic_sheets
+from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
 Mask: TypeAlias = NDArray[np.bool_]
@@ -122,7 +122,7 @@ class TableLog:
     def _info(self, topic: str, one: TopicSheet) -> TopicInfo:
         table, sheet = self._tables[one.table], one.sheet
         if sheet is None or sheet.received is None:
-            unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {ADVICE}"
+            unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {PROPOSED}"
             problem = f"{table.topic} {sheet.problem}" if sheet else unknown
             row = () if one.by_name else self._first_row(table)
             kind = sheet.type if sheet else ""
@@ -163,7 +163,7 @@ class TableLog:
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
         table, sheet = self._tables[self._topics[topic].table], self._topics[topic].sheet
         if sheet is None or sheet.received is None:
-            raise LogError(f"{topic} cannot be read: its columns match no sensor; {ADVICE}", path=self.path)
+            raise LogError(f"{topic} cannot be read: its columns match no sensor; {PROPOSED}", path=self.path)
         received, good = self._times(table, sheet.received)
         columns: dict[str, Column] = {}
         for path in paths:

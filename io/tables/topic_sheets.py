@@ -8,8 +8,6 @@ from typing import NamedTuple
 from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
 from usbldr.io.tables.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
 
-ADVICE = "name them with the key columns in the sensor's section of usbldr.toml, which usbldr init proposes"
-
 
 @dataclass(frozen=True, slots=True)
 class TableHead:

@@ -111,8 +111,8 @@ def test_headings_that_the_fixes_show_to_be_radians_are_written_as_such(tmp_path
     run("init", log)
 
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
-    assert re.search(r'^unit = "rad" +# by the fixes, instead of deg \(default\)$', text, re.MULTILINE)
-    assert "headings were read as degrees, but are radians" in text
+    assert re.search(r'^unit = "rad" +# by the fixes, instead of deg$', text, re.MULTILINE)
+    assert "# Dead-reckoning-to-fix residual: " in text  # in radians, everything else could be checked
     assert tomllib.loads(text)["dvl"]["mount_deg"] == 0.0
     cured = findings(log)
     assert {"HEADING-RADIANS", "DVL-MOUNT"}.isdisjoint(cured)
@@ -131,14 +131,70 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
     assert "mirror image (axes FRD, convention NED, frame NED) fits as well" in text
 
 
-def test_a_log_that_no_configuration_can_mend_gets_none(tmp_path: Path) -> None:
+def test_sensors_of_no_known_topic_are_asked_for(tmp_path: Path) -> None:
     compass = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] == "/imu"])
 
     done = run("init", compass)
 
+    file = tmp_path / "dive.usbldr.toml"
     assert isinstance(done.exception, LogError)
-    assert "no dvl data (sensors in this log: compass)" in str(done.exception)
-    assert not (tmp_path / "dive.usbldr.toml").exists()
+    assert str(done.exception) == (
+        f"{compass}: no topic is known to be dvl or usbl; {file} is written: complete the lines marked CHECK"
+    )
+    text = file.read_text(encoding="utf-8")
+    assert tomllib.loads(text)["compass"]["topic"] == "/imu"
+    assert re.search(
+        r'^# \[usbl\]\n# topic = "\?" +# CHECK: no topic is known to be dvl or usbl\n# col', text, re.MULTILINE
+    )
+
+
+def test_a_table_whose_columns_say_nothing_gets_a_file_to_complete(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "made", a="Zeit;vor;rechts;Kurs;Ost;Nord\n1;2;3;4;5;6")
+    file = tmp_path / "made.toml"
+
+    done = run("init", log / "a.csv", "--output", file)
+
+    assert isinstance(done.exception, LogError)
+    assert "init" not in str(done.exception)
+    text = file.read_text(encoding="utf-8")
+    assert "#   /a: Zeit, vor, rechts, Kurs, Ost, Nord\n" in text
+    assert re.findall(r'^# \[(\w+)\]\n# topic = "/a"', text, re.MULTILINE) == ["dvl", "compass", "usbl"]
+
+
+def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> None:
+    late = [(ns + 7200 * SECOND * (topic == "/dvl"), topic, kind, values | {"header.stamp": ns + 7200 * SECOND})
+            if topic == "/dvl" else (ns, topic, kind, values) for ns, topic, kind, values in curved_dive()]  # fmt: skip
+    log = write_mcap(tmp_path / "dive.mcap", sorted(late, key=lambda row: row[0]))
+
+    done = run("init", log)
+
+    assert isinstance(done.exception, LogError)
+    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
+    assert "# CHECK: the sensors do not overlap in time" in text
+
+
+def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp_path: Path) -> None:
+    stated = tmp_path / "stated.toml"
+    stated.write_text(
+        'schema = 1\n[dvl]\naxes = "FLU"\nlever_arm_m = [0.1, 0.2, 0.0]\n[process]\nposition_m = 0.05\n'
+        '[usbl]\nnoise = { kind = "gaussian" }\n',
+        encoding="utf-8",
+    )
+    target = tmp_path / "found.toml"
+
+    output_of("init", log, "--config", stated, "--set", "compass.sd_deg=2", "--output", target)
+
+    text = target.read_text(encoding="utf-8")
+    found = tomllib.loads(text)
+    assert (found["dvl"]["axes"], found["dvl"]["lever_arm_m"], found["compass"]["sd_deg"]) == (
+        "FLU",
+        [0.1, 0.2, 0.0],
+        2,
+    )
+    assert (found["process"], found["usbl"]["noise"]) == ({"position_m": 0.05}, {"kind": "gaussian"})
+    assert found["compass"]["convention"] == "NED"
+    assert re.search(r'^axes = "FLU" +# stated in stated.toml; found: axes = "FRD"', text, re.MULTILINE)
+    accepted(log, target)
 
 
 LOCK, GYRO, ACOUSTIC = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker", "new_msgs/msg/Acoustic"
@@ -317,3 +373,43 @@ def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(tmp_path:
     assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
     assert '# [gps]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }' in text
     assert "CHECK: /gps cannot be read as gps: gps.csv has no column lat_deg, lon_deg, time_ns" in text
+
+
+def test_positions_without_direction_and_time_in_other_units_are_proposed(tmp_path: Path) -> None:
+    """A tracking program's x and y, a truth in microseconds, one table whose columns have the words of ships."""
+    rows = in_radians(curved_dive(dvl="FRD"), float(np.degrees(1.0)))
+    dvl = [f"{ns // 1000},{v['twist.linear.x']},{v['twist.linear.y']},,,," for ns, at, _, v in rows if at == "/dvl"]
+    heading = [f"{ns // 1000},,,{v['data']},,," for ns, at, _, v in rows if at == "/heading"]
+    fixes = [f"{ns // 1000},,,,{v['point.x']},{v['point.y']},1" for ns, _, _, v in rows if "point.x" in v]
+    truth = [f"{ns // 1000},{v['point.x']},{v['point.y']}" for ns, _, _, v in rows if "point.x" in v]
+    log = write_csv(
+        tmp_path / "dive",
+        log="\n".join(["t_us,u,v,hdg,usbl_x,usbl_y,usbl_z", *sorted([*dvl, *heading, *fixes])]),
+        truth="\n".join(["timestamp_us,x,y", *truth]),
+    )
+
+    _, found = initialised(log, tmp_path / "found.toml")
+
+    assert found["dvl"]["columns"] == {"time_unix_us": "t_us", "x": "u", "y": "v"}
+    assert found["usbl"]["columns"] == {"time_unix_us": "t_us", "x": "usbl_x", "y": "usbl_y"}
+    assert found["dvl"]["axes"] == "FRD"
+    accepted(log, tmp_path / "found.toml")
+
+
+def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_stated(tmp_path: Path) -> None:
+    log = without_units(tmp_path / "dive")
+    rows = [f"{(T0 + k * SECOND) // 10**6},{45 + k * 1e-6},7" for k in range(30)]
+    (log / "truth.csv").write_text("\n".join(["clock,phi,lambda", *rows, ""]), encoding="utf-8")
+    file = log / "usbldr.toml"
+
+    done = run("init", log)
+
+    assert isinstance(done.exception, LogError)
+    text = file.read_text(encoding="utf-8")
+    assert tomllib.loads(text)["dvl"]["axes"] == "FRD"
+    asked = '# [truth]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }'
+    assert asked in text
+    stated = '[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n[truth]\nfile = "truth.csv"\n'
+    stated += 'columns = { time_unix_ms = "clock", lat_deg = "phi", lon_deg = "lambda" }'
+    file.write_text(text.replace(asked, stated), encoding="utf-8")
+    accepted(log, file)

@@ -95,6 +95,28 @@ FIXES: dict[str, tuple[Mapping[str, Any], Mapping[str, Any], str]] = {  # in Ber
 }
 
 
+@pytest.mark.parametrize(
+    ("lat", "lon", "expected"),
+    [
+        ((-3215.5, -3216.0), (6445.0, 6446.5), [[-(32 + 15.5 / 60), 64.75], [-(32 + 16 / 60), 64 + 46.5 / 60]]),
+        ((3215.5, 3265.0), (6445.0, 6446.5), None),  # no 65 minutes
+        ((120.5, 121.5), (6445.0, 6446.5), None),  # may be degrees, and latitude and longitude exchanged
+    ],
+)
+def test_angles_that_can_only_be_degrees_and_minutes_are_read_as_such(
+    tmp_path: Path, lat: tuple[float, float], lon: tuple[float, float], expected: list[list[float]] | None
+) -> None:
+    rows = [row("sensor_msgs/msg/NavSatFix", place("", *one), k) for k, one in enumerate(zip(lat, lon, strict=True))]
+
+    log = logged(tmp_path, rows)
+
+    if expected is None:
+        assert "2 beyond 90 or 360 degrees" in only(log, "GPS-INVALID")
+    else:
+        assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy() == pytest.approx(np.array(expected), abs=1e-12)
+        assert log.convention("gps", "unit") == Convention("unit", "ddmm.mmmm", "values")
+
+
 @pytest.mark.parametrize("kind", FIXES)
 def test_each_kind_of_fix_is_a_latitude_and_a_longitude_unless_it_calls_itself_none(tmp_path: Path, kind: str) -> None:
     good, change, cause = FIXES[kind]

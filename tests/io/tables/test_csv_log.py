@@ -67,7 +67,8 @@ def test_headers_may_carry_a_mark_blanks_and_rostopics_prefixes(tmp_path: Path, 
     [
         ("dvl", "time_ns,starboard_mps,fwd\n1,2,3",
          "{folder}: /dvl cannot be read as dvl: dvl.csv has no column forward_mps (its columns: time_ns, "
-         "starboard_mps, fwd); usbldr init proposes the key columns, if their names are unambiguous"),
+         "starboard_mps, fwd); name them with the key columns of the sensor's section in usbldr.toml; usbldr init "
+         "writes a draft"),
         ("compass", "time_ns,heading_deg\n1,south\n2,north", '{file}: line 2: heading_deg is "south", not a number'),
         ("compass", "time_ns,heading_deg,heading_deg\n1,2,3",
          "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg)"),
