@@ -37,7 +37,7 @@ class CarrierHeading:
 
     heading_deg: Vector  # (n,) NaN: not known
     sd_deg: Vector  # (n,)
-    vertical: Array | None = None  # (n, 3) direction of up along its starboard, forward, up; None: not used
+    vertical: Array | None = None  # (n, 3) direction of up along its starboard, forward, up; None: not recorded
     conventions: tuple[Convention, ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -167,6 +167,8 @@ def _ship(
     ]
     if any(head.lever_arm_m):
         chosen.append(Convention("lever_arm_m", str(list(head.lever_arm_m)), "configuration", "m", of="head"))
+        if turning.vertical is not None:
+            chosen.append(Convention("lever_arm", "roll and pitch of the ship", "records", of="head"))
     return UsblReference(
         place_m=place,
         sd_m=sd,
@@ -191,8 +193,9 @@ def _arm(head: Head, turning: CarrierHeading, antenna_m: Array, plane_lat_deg: f
     if not any(head.lever_arm_m[:2] if turning.vertical is None else head.lever_arm_m):
         return np.zeros((count, 2))
     arm_m = np.tile(head.lever_arm_m, (count, 1))
-    if turning.vertical is not None:
-        arm_m = along_level_axes(arm_m, turning.vertical)
+    if turning.vertical is not None:  # the system may have levelled its fixes, but not the arm
+        tilted_m = along_level_axes(arm_m, turning.vertical)
+        arm_m = np.where(np.isfinite(tilted_m), tilted_m, arm_m)
     arm_m = rotated_clockwise(arm_m[:, :2], turning.heading_deg)
     return on_plane_north(arm_m, antenna_m, plane_lat_deg)
 
@@ -204,7 +207,7 @@ def _turning(
     up = None
     if made is not None:
         there = time_series(made, "compass", ["heading_deg", "sd_deg"]).at(time_ns, longest_gap_s)
-        if section.level and made.attitude is not None:
+        if made.attitude is not None:
             up = time_series(made.attitude, "compass", VERTICAL).at(time_ns, longest_gap_s)
     sd = there[:, 1] if section.heading_sd_deg is None else np.full(len(there), section.heading_sd_deg)
     return CarrierHeading(there[:, 0], sd, up)

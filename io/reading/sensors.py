@@ -125,7 +125,8 @@ def _tilted(configuration: Configuration, choices: Mapping[str, TopicChoice]) ->
     """Return whether roll and pitch of the compass may be used: to turn velocities or lever arms level."""
     levelled = configuration.dvl.level is not False and ("depth" in choices or configuration.dvl.level is True)
     levelled = levelled or (configuration.usbl.level and "usbl" in choices)
-    return levelled or any((*configuration.usbl.lever_arm_m, *configuration.gps.lever_arm_m))
+    head_m = configuration.usbl.head.lever_arm_m if configuration.usbl.head else ()
+    return levelled or any((*configuration.usbl.lever_arm_m, *configuration.gps.lever_arm_m, *head_m))
 
 
 def _converted(

@@ -33,6 +33,11 @@ BOW = 'frame = "body"\naxes = "FSD"\n'
 BY_IMU = MAP + "[usbl]\n" + BOW + 'head = {{ topic = "/ship/fix", heading_topic = "/ship/imu"{} }}\n'
 EASTWARD = [ship(T0 + k * SECOND, 10.0 * k, 5.0) for k in range(4)]
 SHIP_IMU = T0, "/ship/imu", IMU, {"header.stamp": T0, "orientation.z": 0.0, "orientation.w": 1.0}
+ROLLED_IMU = T0, "/ship/imu", IMU, {
+    "header.stamp": T0,
+    "orientation.x": math.sin(math.pi / 12),
+    "orientation.w": math.cos(math.pi / 12),
+}
 SOUND = "[usbl]\nsound_speed_scale = 0.98\nhead = { east_m = 100.0, north_m = 0.0 }\n"
 
 
@@ -57,6 +62,10 @@ def anchored(east_m: float, heading_deg: float) -> list[Row]:
         # mounted 30 deg clockwise: dead ahead of the instrument is 30 deg to starboard of the bow, and the bow is north
         ([point(T0, 100.0, 0.0)], f"[usbl]\n{BOW}mount_deg = 30\nhead = {{ east_m = 0, north_m = 0, heading_deg = 0 }}",
          [50, 100 * math.cos(math.pi / 6)]),
+        # rolled by 30 deg to starboard, heading east: the head, 8 m below the antenna, hangs to port, which is north
+        ([ship(T0, 0, 0), ROLLED_IMU, point(T0, 10.0, 0.0)],
+         MAP + '[usbl]\nhead = { topic = "/ship/fix", heading_topic = "/ship/imu", lever_arm_m = [0.0, 0.0, -8.0] }\n',
+         [10, 4]),
         # an Imu on the ship counts from east unless stated
         ([ship(T0, 0, 0), SHIP_IMU, point(T0, 10.0, 0.0)], BY_IMU.format(""), [10, 0]),
         ([ship(T0, 0, 0), SHIP_IMU, point(T0, 10.0, 0.0)],
