@@ -39,6 +39,7 @@ from usbldr.io.doctor.sensor_errors import (
     log_odds_text,
     sensor_error_findings,
 )
+from usbldr.io.doctor.single_errors import single_error_findings, single_errors
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -82,8 +83,12 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     """Compare DVL, heading and fixes; ``sources`` as of `compare_interpretations`."""
     result = compare_interpretations(log, timeline, sources)
     if result is None:
-        text = "too few fixes within valid dead reckoning to check the conventions"
+        text = "too few fixes within valid dead reckoning, or too far from the map's origin, to check the conventions"
         return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
+    errors, rms_m = single_errors(log, timeline, result)
+    if errors:
+        found = single_error_findings(log, result, errors, rms_m)
+        return CrossCheck(tuple(found), result, _identified(log, errors[0].line, result))
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
     moving = motion_findings(log, timeline, result)
@@ -171,6 +176,9 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     result = compare_interpretations(log, timeline, sources) if len(timeline.fix_time_s) else None
     if result is None:
         return []
+    errors, rms_m = single_errors(log, timeline, result)
+    if errors:
+        return single_error_findings(log, result, errors, rms_m)
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":

@@ -21,6 +21,7 @@ from usbldr.filters.identification.dr_usbl_fit import (
     segment_numbers,
 )
 from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.io.conventions.sanity import MAX_SEPARATION_M
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
 from usbldr.io.provenance import chosen_by_text
@@ -110,10 +111,15 @@ def compare_interpretations(
 ) -> InterpretationResult | None:
     """Fit each interpretation to the fixes; None if too few fixes are near valid dead reckoning.
 
+    Also None if they are latitudes so far from the origin that the plane is distorted.
+
     ``sources`` are those that the log's tables do not hold, such as gravity, the most reliable first.
     """
     group = segment_numbers(timeline, timeline.fix_time_s)
     if np.sum(group >= 0) < MIN_FIXES or not np.ptp(np.abs(dead_reckoned(timeline, timeline.fix_time_s))) > 0:
+        return None
+    latlon = recorded_value(log, "usbl", "kind") == "latlon"
+    if latlon and np.median(np.abs(as_points(timeline.fix_m))) > MAX_SEPARATION_M:
         return None
     settings = log.settings
     interpretations = [

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pymap3d
 import pytest
 
 from commands import findings, run
@@ -57,13 +58,16 @@ def replayed(log: Path, *options: str) -> tuple[int, str]:
     return code, f"{result.output}{fault or ''}"
 
 
+EXCHANGED = {"lat_deg": "lon_deg", "lon_deg": "lat_deg"}
+
+
 def later(table: pd.DataFrame, seconds: float) -> pd.DataFrame:
     moved = ["time_ns", "received_ns"]
     return table.assign(**{name: table[name] + round(seconds * 1e9) for name in moved})
 
 
 def swapped(table: pd.DataFrame) -> pd.DataFrame:
-    return table.drop(columns=["east_m", "north_m"]).rename(columns={"lat_deg": "lon_deg", "lon_deg": "lat_deg"})
+    return table.drop(columns=["east_m", "north_m"]).rename(columns=EXCHANGED)
 
 
 @pytest.mark.long
@@ -172,10 +176,17 @@ def scattered(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(east_m=table["east_m"] + more_m[:, 0], north_m=table["north_m"] + more_m[:, 1])
 
 
+def in_degrees(table: pd.DataFrame, lon_deg: int = 1) -> pd.DataFrame:
+    east_m, north_m = table["east_m"].to_numpy(), table["north_m"].to_numpy()
+    lat, lon, _ = pymap3d.enu2geodetic(east_m, north_m, 0 * east_m, 60.0, 10.0, 0.0)
+    return table[["time_ns"]].assign(lat_deg=lat, lon_deg=lon_deg * lon)
+
+
 def in_ms(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(time_ns=table["time_ns"] // 1_000_000).drop(columns="received_ns")
 
 
+HORIZONTAL = ["starboard_mps", "forward_mps"]
 CAUSES = {
     "a clock of the truth": ({"gps": lambda table: later(table, 18.0)}, r"\(GPS time and UTC are 18 s apart\)"),
     "milliseconds": (dict.fromkeys(("dvl", "compass", "usbl", "gps"), in_ms), "stamps are probably milliseconds"),
@@ -183,6 +194,14 @@ CAUSES = {
     "a wrong sign": (
         {"dvl": lambda table: table.assign(starboard_mps=-table["starboard_mps"])},
         r"read as axes SFU, but PFD fits better; .* check them, and the signs of their values \[DVL-AXES\]",
+    ),
+    "headings of the wrong sign": (
+        {"compass": lambda table: table.assign(heading_deg=-table["heading_deg"])},
+        r"its headings have the wrong sign: .* correct them in the log \[HEADING-CONVENTION\]",
+    ),
+    "exchanged velocities": (
+        {"dvl": lambda table: table.rename(columns=dict(zip(HORIZONTAL, reversed(HORIZONTAL), strict=True)))},
+        r"its first two velocities are exchanged: .* exchange their columns \[DVL-AXES\]",
     ),
     "two fixes": ({"usbl": lambda table: table.iloc[[0, 82]]}, r"not comparable with raw USBL \(2 common epochs\)"),
     "a truth at the surface": ({"gps": at_the_ends}, r"in the \d+ % of the epochs that have a truth"),
@@ -224,6 +243,25 @@ def test_each_cause_is_said_of_a_made_and_of_a_real_log(
     said = replayed(edited(configuration, tables, **edits), "--gps", "/gps", *options)[1]
 
     assert re.search(sentence, said), said
+
+
+@pytest.mark.parametrize(
+    ("edit", "what"),
+    [
+        (lambda table: in_degrees(table, lon_deg=-1), "its longitudes have the wrong sign"),
+        (lambda table: in_degrees(table).rename(columns=EXCHANGED), "latitude and longitude are exchanged"),
+    ],
+)
+@pytest.mark.long
+def test_wrong_latitudes_of_fixes_are_no_wrong_axes(
+    edited: Callable[..., Path], edit: Callable[[pd.DataFrame], pd.DataFrame], what: str
+) -> None:
+    alone = replayed(edited("", usbl=edit))[1]
+    far_from_map = replayed(edited(LIMITS, usbl=edit))[1]
+
+    assert re.search(rf"/usbl: {what}: .* \[MAP-FRAME\]", alone)
+    assert "[PLACES-APART]" in far_from_map
+    assert not re.search(r"\[(DVL|HEADING|MAP|CONVENTION)-", alone.replace("[MAP-FRAME]", "") + far_from_map)
 
 
 @pytest.mark.long

@@ -33,11 +33,16 @@ BOW = 'frame = "body"\naxes = "FSD"\n'
 BY_IMU = MAP + "[usbl]\n" + BOW + 'head = {{ topic = "/ship/fix", heading_topic = "/ship/imu"{} }}\n'
 EASTWARD = [ship(T0 + k * SECOND, 10.0 * k, 5.0) for k in range(4)]
 SHIP_IMU = T0, "/ship/imu", IMU, {"header.stamp": T0, "orientation.z": 0.0, "orientation.w": 1.0}
-ROLLED_IMU = T0, "/ship/imu", IMU, {
-    "header.stamp": T0,
-    "orientation.x": math.sin(math.pi / 12),
-    "orientation.w": math.cos(math.pi / 12),
-}
+ROLLED_IMU = (
+    T0,
+    "/ship/imu",
+    IMU,
+    {
+        "header.stamp": T0,
+        "orientation.x": math.sin(math.pi / 12),
+        "orientation.w": math.cos(math.pi / 12),
+    },
+)
 SOUND = "[usbl]\nsound_speed_scale = 0.98\nhead = { east_m = 100.0, north_m = 0.0 }\n"
 
 

@@ -422,12 +422,12 @@ def test_replay_warns_of_reversed_or_exchanged_axes(tmp_path: Path, first: str, 
         for axis, other in (("x", first), ("y", second))
     }
     log = written(tmp_path, changed(curved_dive(gps=True), "/dvl", **wrong))
-    cure = "[dvl]\nmount_deg = 180.0\n" if first == "x" else '[dvl]\naxes = "FRD"\nmount_deg = -90.0\n'
+    key, value, code = ("mount_deg", "180.0", "DVL-MOUNT") if first == "x" else ("axes", '"LFU"', "DVL-AXES")
 
-    said, cured = replayed(log), replayed(log, "--config", stating(log, cure))
+    said, cured = replayed(log), replayed(log, "--config", stating(log, f"[dvl]\n{key} = {value}\n"))
 
-    assert "[DVL-MOUNT]" in said
-    assert ("[DVL-AXES]" in said) == (first == "y")
+    assert re.findall(r"\[(DVL-\w+)\]", said) == [code]
+    assert f"state {key} = {value.removeprefix('-')} under [dvl]" in said.replace("-180.0", "180.0")
     assert "[DVL-" not in cured
 
 
