@@ -12,6 +12,9 @@ import numpy as np
 from usbldr.filters.types import Array, Mask, Truth, Vector
 
 FARTHEST_S = 60.0  # [s] the search ends here, as that of the doctor for the clock of fixes
+WIDEST_S = 1800.0  # [s] of the second search: hours are a time zone, and such sensors do not overlap
+LEAST_APART_M = 10.0  # [m] a clock that is off by more than a minute moves a vehicle by more
+FAR_RATIO = 0.25  # of the distance of the same points: among so many offsets half of it may vanish by chance
 STEP_S = 1.0  # [s] of the search: a vehicle moves a metre or two in it
 POINTS = 1000  # [points] of the track that the search uses: more do not change where its minimum is
 PARTS = 8  # [-] of the track, left out one by one
@@ -51,12 +54,26 @@ class TimeOffset(NamedTuple):
 
 
 def time_offset(time_s: Vector, track_m: Array, truth: Truth) -> TimeOffset | None:
-    """Return the offset of a truth against a track, (n,) ascending and (n, 2); None if too few points overlap."""
+    """Return the offset of a truth against a track, (n,) ascending and (n, 2); None if too few points overlap.
+
+    If offsets up to a minute leave a large distance, larger ones are tried that explain nearly all of it.
+    """
     known = np.isfinite(track_m).all(axis=1)
     time_s, track_m = time_s[known], track_m[known]
+    near = _offset(time_s, track_m, truth, FARTHEST_S)
+    left_m = np.inf if near is None else near.corrected_m if near.notable else near.rms_m
+    if left_m < LEAST_APART_M:
+        return near
+    far = _offset(time_s, track_m, truth, WIDEST_S)
+    clear = far is not None and far.notable and far.corrected_m < FAR_RATIO * min(far.rms_m, left_m)
+    return far if clear else near
+
+
+def _offset(time_s: Vector, track_m: Array, truth: Truth, farthest_s: float) -> TimeOffset | None:
+    """Return the offset that explains most, up to the farthest; distances are those of the points that it keeps."""
     some = np.unique(np.linspace(0, max(len(time_s) - 1, 0), min(POINTS, len(time_s))).astype(np.intp))
     t, points_m = time_s[some], track_m[some]
-    offsets_s = np.arange(-FARTHEST_S, FARTHEST_S + STEP_S, STEP_S)
+    offsets_s = np.arange(-farthest_s, farthest_s + STEP_S, STEP_S)
     tried = {float(s): rms for s in offsets_s if (rms := _rms_m(t, points_m, truth, s)) is not None}
     unmoved_m = _rms_m(time_s, track_m, truth, 0.0)
     if unmoved_m is None or not tried:
@@ -72,9 +89,11 @@ def time_offset(time_s: Vector, track_m: Array, truth: Truth) -> TimeOffset | No
     without = [_gain(np.delete(apart_m, part, 0), np.delete(velocity_mps, part, 0)) for part in parts]
     corrected_m = _rms_m(time_s, track_m, truth, late_s)
     sd_s = float(np.sqrt((PARTS - 1) * np.var(without)))
-    if corrected_m is None or abs(late_s) > FARTHEST_S:  # no minimum
+    if corrected_m is None or abs(late_s) > farthest_s:  # no minimum
         return None
-    return TimeOffset(late_s, sd_s, unmoved_m, corrected_m)
+    if farthest_s > FARTHEST_S:
+        unmoved_m = _rms_m(time_s[used], track_m[used], truth, 0.0)
+    return None if unmoved_m is None else TimeOffset(late_s, sd_s, unmoved_m, corrected_m)
 
 
 def _apart(time_s: Vector, track_m: Array, truth: Truth, late_s: float) -> tuple[Mask, Array, Array]:

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
 from usbldr.filters.frames import rotated, wrapped
@@ -102,11 +104,13 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         latency = identification.estimates.get("usbl_latency_s")
         delay_s = latency.value if latency else 0.0
     valid_s = timeline.fix_time_s - delay_s  # by the DVL's clock
-    by_fixes = _truth_offset(log, timeline, valid_s + clock_offset_s) if clock_offset_s else None
+    by_fixes = _truth_offset(log, timeline, result, valid_s + clock_offset_s) if clock_offset_s else None
     as_fixes = by_fixes is not None and not by_fixes.notable
     findings += clock_offset_findings(log, clock_offset_s + delay_s, as_fixes) if clock_offset_s else ()
     findings += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
-    findings += (() if as_fixes else _truth_clock_findings(log, _truth_offset(log, timeline, valid_s))) or moving
+    findings += (
+        () if as_fixes else _truth_clock_findings(log, _truth_offset(log, timeline, result, valid_s))
+    ) or moving
     if identification is not None:
         findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
         findings += change_findings(log, line, identification)
@@ -131,9 +135,13 @@ def moves_alike(log: Log) -> bool:
     return not motion_findings(log, line, result)
 
 
-def _truth_offset(log: Log, timeline: Timeline, valid_s: Vector) -> TimeOffset | None:
-    """Return the offset of the truth's stamps against fixes that were valid at times, (F,)."""
-    return None if log.truth is None else time_offset(valid_s, timeline.fix_m, log.truth)
+def _truth_offset(log: Log, timeline: Timeline, result: InterpretationResult, valid_s: Vector) -> TimeOffset | None:
+    """Return the offset of the truth's stamps against fixes that were valid at times, (F,), without outliers."""
+    if log.truth is None:
+        return None
+    apart_m = result.best.fit.residual_m
+    sound = ~(apart_m > THRESHOLDS.gross_sigmas * np.nanmedian(apart_m))
+    return time_offset(valid_s[sound], timeline.fix_m[sound], log.truth)
 
 
 def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import (
+    MIN_FIXES,
     dead_reckoned,
     fit_rotation,
     fix_points,
@@ -111,12 +112,38 @@ def correct_clock_offset(
     group = segment_numbers(timeline, timeline.fix_time_s)
     lines = [reinterpret(log, timeline, flips) for flips in {result.best.flips, result.as_read.flips}]
     far = min((fit_rotation(line, group, _clock_offsets_s()) for line in lines), key=lambda turn: turn.rms_m)
-    shifted = replace(timeline, fix_time_s=timeline.fix_time_s - far.latency_s)
-    found = far.rms_m < result.best.residual_m and abs(far.latency_s) < THRESHOLDS.max_clock_offset_s
-    corrected = compare_interpretations(log, shifted, sources) if found else None
-    if corrected is None or corrected.best.residual_m > THRESHOLDS.gross_residual_ratio * result.best.residual_m:
+    late_s, most_m = far.latency_s, THRESHOLDS.gross_residual_ratio * result.best.residual_m
+    if not (far.rms_m < result.best.residual_m and abs(late_s) < THRESHOLDS.max_clock_offset_s):
+        late_s, most_m = (
+            _far_clock_offset(lines) if result.best.residual_m > THRESHOLDS.min_far_residual_m else (0.0, 0.0)
+        )
+    shifted = replace(timeline, fix_time_s=timeline.fix_time_s - late_s)
+    corrected = compare_interpretations(log, shifted, sources) if late_s else None
+    if corrected is None or corrected.best.residual_m > most_m:
         return 0.0, result, timeline
-    return far.latency_s, corrected, shifted
+    return late_s, corrected, shifted
+
+
+def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
+    """Return the offset of the fixes' clock, beyond a minute, that explains most, and the most that it may leave, in m.
+
+    Both are of the fixes that lie within dead reckoning with and without it; 0 if there are too few of them.
+    """
+    limits = THRESHOLDS
+    best_s, least_m, unmoved_m = 0.0, np.inf, 0.0
+    for line in lines:
+        group = segment_numbers(line, line.fix_time_s)
+        for late_s in np.arange(-limits.max_far_offset_s, limits.max_far_offset_s + 1, limits.far_offset_step_s):
+            valid_s = line.fix_time_s - late_s
+            inside = (valid_s >= line.time_s[0]) & (valid_s <= line.time_s[-1]) & (segment_numbers(line, valid_s) >= 0)
+            there = np.where(inside, group, -1)
+            if np.sum(there >= 0) < max(MIN_FIXES, len(group) // 4):
+                continue
+            there = np.unique(there, return_inverse=True)[1] - int(np.any(there < 0))
+            rms_m = fit_rotation(line, there, [float(late_s)]).rms_m
+            if rms_m < least_m:
+                best_s, least_m, unmoved_m = float(late_s), rms_m, fit_rotation(line, there, [0.0]).rms_m
+    return best_s, limits.far_residual_ratio * unmoved_m
 
 
 def _clock_offsets_s() -> list[float]:

@@ -32,6 +32,12 @@ class Thresholds:
     gross_residual_ratio: float = 0.5  # of the residual: more must vanish before another clock or unit is reported
     clock_step_residual_ratio: float = 0.7  # half of the squared residual must vanish before a clock step is reported
     max_clock_offset_s: float = 60.0  # the search ends here: beyond, too few fixes overlap the dead reckoning
+    max_far_offset_s: float = 1800.0  # of a second search; hours are a time zone, and such sensors do not overlap
+    far_offset_step_s: float = 4.0  # of that search: the fit of the latency covers the rest
+    min_far_residual_m: float = 10.0  # a clock that is off by more than a minute moves a vehicle by more
+    far_residual_ratio: float = (
+        0.25  # of the residual of the same fixes: among so many offsets half may vanish by chance
+    )
     clock_offset_step_s: float = 2.0  # of that search; the fit of the latency covers the rest
     min_clock_offset_s: float = 4.0  # an acoustic delay and its processing explain less
     leap_second_tolerance_s: float = 1.5  # an offset so near to GPS time minus UTC is probably that

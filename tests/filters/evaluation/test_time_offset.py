@@ -38,6 +38,21 @@ def test_the_offset_is_found_within_its_sigma_beside_a_shift(late_s: float, east
     assert found.notable or abs(late_s) < 2.0
 
 
+@pytest.mark.parametrize("late_s", [-290.0, 150.0, 300.0])
+def test_an_offset_of_minutes_is_found_over_the_part_that_both_have(late_s: float) -> None:
+    found = time_offset(SECONDS, turning_m(SECONDS) + NOISE_M, truth_of(SECONDS + late_s, turning_m(SECONDS)))
+
+    assert found is not None
+    assert found.notable
+    assert found.late_s == pytest.approx(late_s, abs=0.7)
+
+
+def test_a_mirror_image_has_no_offset() -> None:
+    found = time_offset(SECONDS, turning_m(SECONDS) * [-1, 1] + NOISE_M, truth_of(SECONDS, turning_m(SECONDS)))
+
+    assert found is None or not found.notable or abs(found.late_s) < 60
+
+
 def test_a_clock_of_18_s_is_said_and_proposed_and_a_right_one_is_not() -> None:
     track = Trajectory("adf", ("x", "y"), SECONDS, turning_m(SECONDS) + NOISE_M, np.tile(np.eye(2), (600, 1, 1)))
 

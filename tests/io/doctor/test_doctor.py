@@ -375,7 +375,7 @@ def ahead(topic: str, by_s: float) -> list[Row]:
     return changed(curved_dive(gps=True), topic, header__stamp=lambda values: values["header.stamp"] + by_ns)
 
 
-@pytest.mark.parametrize("ahead_s", [-18.0, 37.0])
+@pytest.mark.parametrize("ahead_s", [-18.0, 37.0, 150.0])
 @pytest.mark.long
 def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float) -> None:
     """GPS time is 18 s ahead of UTC."""
