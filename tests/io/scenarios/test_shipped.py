@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import get_args, get_type_hints
 
+import msgspec
 import pytest
 
 from checkout import ROOT
@@ -15,6 +16,7 @@ from usbldr.filters.simulation.scenario import RandomWalkMotion
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.scenarios.sections import ScenarioFile
 from usbldr.io.scenarios.shipped import find_scenario, read_scenario, scenario_names
+from usbldr.io.scenarios.survey_scenarios import SurveyFile
 
 
 def _file(folder: Path, text: str, name: str = "mine.toml") -> Path:
@@ -125,3 +127,20 @@ def test_the_documentation_has_every_scenario_and_every_key() -> None:
     assert len(keys) > 40
     for key in keys:
         assert key in named or re.sub("_(mps|deg|m)$", "_*", key) in text, key
+
+
+def test_the_documentation_has_every_key_of_a_survey_with_its_default() -> None:
+    rows = re.findall(
+        r"^\| `\[(ship|transponder|installation|fixes)\]` (.*?) \|.*\| (.*?) \|$", _documented(), re.MULTILINE
+    )
+    shown: dict[str, dict[str, str]] = {}
+    for section, keys, defaults in rows:
+        names, values = re.findall(r"`(\w+)`", keys), defaults.split("; ")
+        values = values * len(names) if len(values) == 1 else values
+        shown.setdefault(section, {}).update(zip(names, values, strict=True))
+
+    stated = {name: part for name, part in get_type_hints(SurveyFile).items() if name in shown}
+    assert {name: {key: float(value) for key, value in keys.items()} for name, keys in shown.items()} == {
+        name: msgspec.structs.asdict(part()) for name, part in stated.items()
+    }
+    assert len(stated) == 4

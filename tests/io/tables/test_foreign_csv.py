@@ -70,6 +70,15 @@ def test_a_row_without_a_value_of_a_sensor_is_no_record_of_it(tmp_path: Path, na
     assert "1 of 2 records are invalid" in invalid  # a value is missing
 
 
+def test_what_two_sensors_of_one_topic_have_in_common_is_said_once(tmp_path: Path) -> None:
+    rows = [f"{second % 86_400},1.5,0.25,30.5" for second in range(86_370, 86_430)]
+
+    log = logged_csv(tmp_path, BY_KEYS.replace("time_unix_s", "time_s"), dive="\n".join(["t,vf,vs,hdg", *rows]))
+
+    assert {one.topic for one in log.provenance.values()} == {"/dive"}
+    assert [one.code for one in log.findings].count("CLOCK-WRAP") == 1
+
+
 def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
     log = logged_csv(
         tmp_path,
