@@ -65,6 +65,15 @@ def test_a_log_cut_before_its_first_message_says_both(tmp_path: Path) -> None:
     )
 
 
+def test_sensors_of_another_time_zone_are_named_together(tmp_path: Path) -> None:
+    later = T0 + 7200 * SECOND
+    rows = [point(T0, 0, 0), twist(later, 1, 0), yaw(later, 0)]
+
+    said = refusal(LogError, read_log, write_mcap(tmp_path / "dive.mcap", rows))
+
+    assert "(7200 under [dvl] and [compass], if these times are of a time zone 2 h ahead)" in said
+
+
 def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Path) -> None:
     later = T0 + 3600 * SECOND
     rows = [twist(T0, 1, 0), twist(T0 + SECOND, 1, 0), yaw(T0, 0), yaw(T0 + SECOND, 0), point(later, 0, 0)]
@@ -75,8 +84,8 @@ def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Pa
         "dvl 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
         "compass 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
         "usbl 2020-09-13T13:26:40.000Z to 2020-09-13T13:26:40.000Z; "
-        'if a clock is wrong, try time = "log" or state latency_s (3600 under [usbl], if its times are of a time zone '
-        "1 h ahead)"
+        'if a clock is wrong, try time = "log" or state latency_s (3600 under [usbl], if these times are of a time '
+        "zone 1 h ahead)"
     )
 
 
