@@ -241,9 +241,11 @@ def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
 def _gps_evidence(log: Log, timeline: Timeline, best: Interpretation, group: Indices) -> list[HandednessEvidence]:
     """Compare the track and its mirror image with GPS up to a shift; only which fits better is used.
 
-    GPS of another place decides nothing: exchanged coordinates are a mirror image themselves.
+    GPS of another place decides nothing: exchanged coordinates are a mirror image themselves. Nor does one whose own
+    frame is only the default.
     """
-    if any(finding.code == "PLACES-APART" for finding in log.findings):
+    apart = any(finding.code == "PLACES-APART" for finding in log.findings)
+    if apart or log.convention("gps", "frame").chosen_by == "default":
         return []
     reinterpreted = reinterpret(log, timeline, best.flips)
     rotation = best.fit

@@ -110,6 +110,19 @@ def test_replay_and_doctor_exclude_the_mirror_image_by_the_same_evidence(tmp_pat
     assert found["MAP-FRAME"]["text"] in run("replay", log, "-f", "dr", "-o", tmp_path / "run").stderr
 
 
+@pytest.mark.parametrize("stated", ["", 'frame = "NED"\n'])
+def test_a_gps_whose_own_frame_is_only_the_default_decides_no_mirror_image(tmp_path: Path, stated: str) -> None:
+    """A program writes fixes and GPS alike as x and y, which are north and east."""
+    rows = curved_dive(**MIRRORED)
+    rows += [point(ns, v["point.x"], v["point.y"], topic="/gps") for ns, at, _, v in rows if at == "/usbl"]
+    log = written(tmp_path, sorted(rows, key=lambda row: row[0]))
+    toml = f'[gps]\ntopic = "/gps"\ncolumns = {{ x = "point.x", y = "point.y" }}\n{stated}'
+
+    found = findings(log, "--config", stating(log, toml))
+
+    assert set(found) & CONVENTIONS == (FLIPPED if stated else {"CONVENTION-UNDECIDED"})
+
+
 @pytest.mark.parametrize("conventions", [{"imu": "NED"}, {"dvl": "FRD"}])
 def test_the_mount_is_found_whatever_else_is_wrong(tmp_path: Path, conventions: Mapping[str, Any]) -> None:
     found = findings(written(tmp_path, mount_deg=-50.0, gps=True, **conventions))
