@@ -61,6 +61,9 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...] = ()) -> str:
     if log is not None:
         for role, lines_of in (("dvl", dvl_lines), ("compass", compass_lines), ("usbl", usbl_lines)):
             sections[role] += lines_of(examination, log) if role in log.tables else []
+        for role, one in proposals.items():
+            for key, (value, why) in one.words.items():
+                _keep(sections[role], f"{key} = {quoted(value)}", key, why)
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]

@@ -4,7 +4,7 @@ A proposal, which the user has to confirm: a name states neither axes nor, in mo
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
@@ -56,6 +56,7 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
+WHY_MM = "CHECK: in m/s its velocities are impossible"
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -65,14 +66,14 @@ class Proposal:
 
     topic: TopicInfo
     columns: Mapping[str, str]
-    axes: str = ""  # that the names state
     others: tuple[str, ...] = ()  # topics that look like the sensor, too
+    words: Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])  # key -> value, and why
 
     @property
     def keys(self) -> dict[str, object]:
         """Return the proposal as keys of the sensor's section."""
-        axes = {"axes": self.axes} if self.axes else {}
-        return {"topic": self.topic.name, "columns": dict(self.columns), **axes}
+        words = {key: value for key, (value, _) in self.words.items()}
+        return {"topic": self.topic.name, "columns": dict(self.columns), **words}
 
     @property
     def lines(self) -> list[tuple[str, str]]:
@@ -122,6 +123,12 @@ def _draft(path: Path, request: Request) -> Draft:
     faults = {role: why for role, why in roles.unresolved.items() if isinstance(why, LogError)}
     unread = {role: why.text_beside(path) for role, why in faults.items() if role not in proposals}
     examination, fault = _with_proposals(path, request, stated, proposals) if proposals else (None, "")
+    if "dvl" in proposals and (examination is None or examination.log is None):
+        dvl = proposals["dvl"]
+        in_mm = {**proposals, "dvl": replace(dvl, words={**dvl.words, "unit": ("mm/s", WHY_MM)})}
+        again, _ = _with_proposals(path, request, stated, in_mm)
+        if again is not None and again.log is not None:
+            examination, proposals = again, in_mm
     if examination is None or examination.log is None:
         without = _examined(path, request, stated)
         if examination is None or without.log is not None:
@@ -257,5 +264,6 @@ def _proposal(topic: TopicInfo, found: Mapping[str, NamedColumn], others: tuple[
     columns |= side_columns(columns, dict(topic.first_row))
     signs = {key: round(column.rule.sign) for key, column in found.items()}
     named = [(key, signs.get(key, 1)) for key in ("forward_mps", "starboard_mps", "up_mps")]
-    axes = "".join(AXES.get(one, "D") for one in named) if "forward_mps" in found else ""
-    return Proposal(topic, columns, axes, others)
+    axes = "".join(AXES.get(one, "D") for one in named)
+    words = {"axes": (axes, "by the names of its columns")} if "forward_mps" in found else {}
+    return Proposal(topic, columns, others, words)

@@ -31,7 +31,7 @@ RULES: Sequence[Rule] = (
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(received|arrival)(_time)?"),
-    Rule("dvl", "forward_mps", "velocity", "forward|fwd"),
+    Rule("dvl", "forward_mps", "velocity", "forward|fwd|surge"),
     Rule("dvl", "starboard_mps", "velocity", "starboard|stbd|right"),
     Rule("dvl", "starboard_mps", "velocity", "port|left", -1.0),
     Rule("dvl", "up_mps", "velocity", "up|upward"),

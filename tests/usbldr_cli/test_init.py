@@ -285,6 +285,18 @@ def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
     return {name: {str(label): values.to_numpy() for label, values in sheet.items()} for name, sheet in sheets.items()}
 
 
+def test_velocities_that_are_impossible_in_metres_are_proposed_in_millimetres(tmp_path: Path) -> None:
+    log = without_units(tmp_path / "dive")
+    dvl = pd.read_csv(log / "dvl.csv").assign(vx=lambda table: table["vx"] * 1000, vy=lambda table: table["vy"] * 1000)
+    dvl.to_csv(log / "dvl.csv", index=False)
+
+    text, found = initialised(log, tmp_path / "found.toml")
+
+    assert (found["dvl"]["unit"], found["dvl"]["axes"]) == ("mm/s", "FRD")
+    assert "# CHECK: in m/s its velocities are impossible" in text
+    accepted(log, tmp_path / "found.toml")
+
+
 @pytest.mark.parametrize("form", ["Parquet", "HDF5", "MATLAB"])
 def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_files(tmp_path: Path, form: str) -> None:
     csv = without_units(tmp_path / "csv")
