@@ -11,6 +11,9 @@ import pytest
 
 from commands import findings, run
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.doctor.cross_check import convention_warnings
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.reading.read import read_log
 from usbldr_cli.main import cli
 
 RIVER = Path(__file__).parents[2] / "docs" / "real_log"
@@ -252,16 +255,15 @@ def test_each_cause_is_said_of_a_made_and_of_a_real_log(
         (lambda table: in_degrees(table).rename(columns=EXCHANGED), "latitude and longitude are exchanged"),
     ],
 )
-@pytest.mark.long
 def test_wrong_latitudes_of_fixes_are_no_wrong_axes(
     edited: Callable[..., Path], edit: Callable[[pd.DataFrame], pd.DataFrame], what: str
 ) -> None:
-    alone = replayed(edited("", usbl=edit))[1]
-    far_from_map = replayed(edited(LIMITS, usbl=edit))[1]
+    alone, far_from_map = (read_log(edited(toml, usbl=edit)) for toml in ("", LIMITS))
 
-    assert re.search(rf"/usbl: {what}: .* \[MAP-FRAME\]", alone)
-    assert "[PLACES-APART]" in far_from_map
-    assert not re.search(r"\[(DVL|HEADING|MAP|CONVENTION)-", alone.replace("[MAP-FRAME]", "") + far_from_map)
+    (found,) = convention_warnings(alone, timeline(alone))
+    assert (found.code, found.text.split(": ")[1]) == ("MAP-FRAME", what)
+    assert convention_warnings(far_from_map, timeline(far_from_map)) == []
+    assert "PLACES-APART" in [one.code for one in far_from_map.findings]
 
 
 @pytest.mark.long
