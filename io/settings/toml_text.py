@@ -35,10 +35,11 @@ def inline(value: object) -> str:
     """Return a value of a configuration as TOML on one line."""
     import tomlkit
 
+    if isinstance(value, list):
+        return f"[{', '.join(inline(one) for one in cast('list[object]', value))}]"
     if isinstance(value, dict):
-        table = tomlkit.inline_table()
-        table.update(cast("dict[str, object]", value))
-        return table.as_string()
+        entries = cast("dict[str, object]", value).items()
+        return f"{{ {', '.join(f'{tomlkit.key(key).as_string()} = {inline(one)}' for key, one in entries)} }}"
     return tomlkit.item(value).as_string()
 
 

@@ -162,8 +162,12 @@ def test_a_table_whose_columns_say_nothing_gets_a_file_to_complete(tmp_path: Pat
 
 
 def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> None:
-    late = [(ns + 7200 * SECOND * (topic == "/dvl"), topic, kind, values | {"header.stamp": ns + 7200 * SECOND})
-            if topic == "/dvl" else (ns, topic, kind, values) for ns, topic, kind, values in curved_dive()]  # fmt: skip
+    late: list[Row] = [
+        (ns + 7200 * SECOND, *row, {**values, "header.stamp": ns + 7200 * SECOND})
+        if row[0] == "/dvl"
+        else (ns, *row, values)
+        for ns, *row, values in curved_dive()
+    ]
     log = write_mcap(tmp_path / "dive.mcap", sorted(late, key=lambda row: row[0]))
 
     done = run("init", log)
@@ -174,13 +178,13 @@ def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> 
 
 
 def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp_path: Path) -> None:
-    stated = tmp_path / "stated.toml"
+    stated = log.with_name("stated.toml")
     stated.write_text(
         'schema = 1\n[dvl]\naxes = "FLU"\nlever_arm_m = [0.1, 0.2, 0.0]\n[process]\nposition_m = 0.05\n'
-        '[usbl]\nnoise = { kind = "gaussian" }\n',
+        '[usbl]\nnoise = { kind = "gaussian" }\n[[file]]\npath = "dive.mcap"\nclock_offset_s = 0.0\n',
         encoding="utf-8",
     )
-    target = tmp_path / "found.toml"
+    target = log.with_name("found.toml")
 
     output_of("init", log, "--config", stated, "--set", "compass.sd_deg=2", "--output", target)
 
@@ -193,6 +197,7 @@ def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp
     )
     assert (found["process"], found["usbl"]["noise"]) == ({"position_m": 0.05}, {"kind": "gaussian"})
     assert found["compass"]["convention"] == "NED"
+    assert found["file"] == [{"path": "dive.mcap", "clock_offset_s": 0.0}]
     assert re.search(r'^axes = "FLU" +# stated in stated.toml; found: axes = "FRD"', text, re.MULTILINE)
     accepted(log, target)
 

@@ -9,7 +9,7 @@ from moos_recordings import COUNT, HEAD, line, write_alog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.doctor.proposed_columns import proposed_columns
+from usbldr.io.doctor.proposed_columns import draft
 from usbldr.io.formats.detect import open_log
 from usbldr.io.instruments.alog_log import AlogLog
 from usbldr.io.limits import VARIABLE
@@ -57,7 +57,7 @@ def test_topics_are_applications_and_fields_their_numbers(tmp_path: Path) -> Non
 
 
 def test_columns_are_proposed_for_the_usual_names(tmp_path: Path) -> None:
-    found = proposed_columns(write_alog(tmp_path / "a.alog"), Request())
+    found = draft(write_alog(tmp_path / "a.alog"), Request()).proposals
 
     assert {role: dict(one.columns) for role, one in found.items()} == {
         "dvl": {"x": "DVL_VEL_X", "y": "DVL_VEL_Y"},
