@@ -162,12 +162,10 @@ def test_a_table_whose_columns_say_nothing_gets_a_file_to_complete(tmp_path: Pat
 
 
 def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> None:
-    late: list[Row] = [
-        (ns + 7200 * SECOND, *row, {**values, "header.stamp": ns + 7200 * SECOND})
-        if row[0] == "/dvl"
-        else (ns, *row, values)
-        for ns, *row, values in curved_dive()
-    ]
+    late: list[Row] = []
+    for ns, topic, kind, values in curved_dive():
+        at_ns = ns + 7200 * SECOND * (topic == "/dvl")
+        late.append((at_ns, topic, kind, {**values, "header.stamp": at_ns} if topic == "/dvl" else values))
     log = write_mcap(tmp_path / "dive.mcap", sorted(late, key=lambda row: row[0]))
 
     done = run("init", log)
