@@ -56,11 +56,7 @@ STRUCT: Mapping[str, str] = {
     "H": "H",
     "L": "i",
     "e": "i",
-} | {
-    "Z": "64s",
-    "N": "16s",
-    "n": "4s",
-}
+} | {"Z": "64s", "N": "16s", "n": "4s"}
 
 
 def fmt(number: int, name: str, codes: str, columns: str) -> bytes:

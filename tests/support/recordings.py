@@ -53,11 +53,7 @@ int64 time_of_validity
 int64 time_of_transmission
 string form
 """
-EXTRA = {
-    "marine_acoustic_msgs/msg/Dvl": MARINE_DVL,
-    "old_dvl_msgs/msg/DVL": OLD_DVL,
-    "dvl_msgs/msg/DVL": NEW_DVL,
-}
+EXTRA = {"marine_acoustic_msgs/msg/Dvl": MARINE_DVL, "old_dvl_msgs/msg/DVL": OLD_DVL, "dvl_msgs/msg/DVL": NEW_DVL}
 
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 

@@ -11,14 +11,7 @@ import pytest
 
 from everything import SCENARIO
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
-from usbldr.filters.simulation.scenario import (
-    Accuracy,
-    Compass,
-    Dvl,
-    Gps,
-    Timing,
-    Usbl,
-)
+from usbldr.filters.simulation.scenario import Accuracy, Compass, Dvl, Gps, Timing, Usbl
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.reading.read import read_log

@@ -247,10 +247,7 @@ def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
     log = dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0)
     line = timeline(log)
     kept = (line.fix_time_s < 151.5) | (line.fix_time_s > 164.5)  # two fixes between the silences
-    line = replace(
-        line.with_fixes(kept),
-        outages=(*line.outages, Outage("usbl", 151.0, 165.0)),
-    )
+    line = replace(line.with_fixes(kept), outages=(*line.outages, Outage("usbl", 151.0, 165.0)))
 
     (one,) = run("adf", line, log.parameters).recoveries
 

@@ -21,15 +21,7 @@ from usbldr_cli.runs.workers import Job
 PAPER = find_scenario("paper")
 
 CHOICES = RunChoices(
-    particles=10,
-    gate=None,
-    seed=0,
-    start=None,
-    end=None,
-    align="none",
-    dr_from="start",
-    fast_hz=5.0,
-    slow_hz=1.0,
+    particles=10, gate=None, seed=0, start=None, end=None, align="none", dr_from="start", fast_hz=5.0, slow_hz=1.0
 )
 
 

@@ -186,10 +186,7 @@ def test_at_one_speed_the_sigma_covers_lever_arm_and_latency() -> None:
 
 @pytest.mark.parametrize(
     ("key", "columns", "name"),
-    [
-        (DVL_CLOCK, ("dvl_mps", "dr_mps"), "dvl_clock_s"),
-        (COMPASS_CLOCK, ("yaw_rad", "dr_yaw_rad"), "compass_clock_s"),
-    ],
+    [(DVL_CLOCK, ("dvl_mps", "dr_mps"), "dvl_clock_s"), (COMPASS_CLOCK, ("yaw_rad", "dr_yaw_rad"), "compass_clock_s")],
 )
 def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
     key: str, columns: tuple[str, ...], name: str

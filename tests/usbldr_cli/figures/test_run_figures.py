@@ -96,9 +96,7 @@ def test_a_particle_filter_has_seven_pictures_and_a_single_gaussian_no_particles
 def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_truth_no_errors(tmp_path: Path) -> None:
     blind = Run(dataclasses.replace(LOG, truth=None), TIMELINE, Identification(LOG.parameters), ScoredTrack(CPF, None))
 
-    assert drawn(tmp_path, a_run(USBL)) == [
-        *("track.png", "errors.png", "error_cdf.png", "error_distance.png"),
-    ]
+    assert drawn(tmp_path, a_run(USBL)) == [*("track.png", "errors.png", "error_cdf.png", "error_distance.png")]
     assert drawn(tmp_path, blind) == ["track.png", "innovations.png", "fixes.png", "ess.png"]
 
 
