@@ -180,17 +180,6 @@ def test_a_state_that_is_known_stays_known_and_the_others_have_the_bound_without
     np.testing.assert_allclose(got.filtered, want.filtered, atol=1e-9)
 
 
-def test_the_future_never_widens_a_bound_and_the_last_epoch_has_none() -> None:
-    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
-    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
-    steps, truth = wriggling_dives(5, process, prior_cov)
-    got = bounds(steps, VehicleMotion(StateLayout(), process), truth, prior_cov)
-
-    assert np.linalg.eigvalsh(got.filtered - got.smoothed).min() > -1e-10
-    np.testing.assert_array_equal(got.smoothed[-1], got.filtered[-1])
-    assert got.smoothed[12, 4, 4] < 0.9 * got.filtered[12, 4, 4]
-
-
 def test_truths_that_differ_have_no_bound_where_the_motion_bends_without_noise() -> None:
     process = ProcessNoise(0.0, 0.05, 0.08, 0.04)
     prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
