@@ -10,7 +10,7 @@ import pytest
 from turning import TURNING
 from usbldr.filters.frames import rotation
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, Leg, Outliers, Scenario, Timing
+from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, Leg, Scenario, Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.simulation.true_motion import leg_motion
 from usbldr.io.scenarios.shipped import find_scenario, scenario_names
@@ -105,24 +105,6 @@ def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_
         assert high - 0.05 * (high - low) < drawn.max() <= high + 1e-9
         np.testing.assert_allclose(drawn * 1000, np.round(drawn * 1000), atol=1e-6)  # whole milliseconds
     np.testing.assert_array_equal(fixes.value, leg_motion(TURNING, fixes.time_s).position_m)
-
-
-def test_noise_outliers_jitter_and_delay_leave_each_other_alone() -> None:
-    still = dataclasses.replace(PAPER, legs=(Leg(1000.0, 0.0, 0.0),))  # jitter moves the vehicle nowhere
-    all_at_once = dataclasses.replace(
-        still,
-        usbl=dataclasses.replace(
-            PAPER.usbl,
-            timing=Timing(jitter_s=0.3, delay_s=0.5, delay_spread_s=1.0),
-            outliers=Outliers(0.1, 500.0, 600.0),
-        ),
-    )
-
-    plain, rich = simulate(still, 4).usbl.value, simulate(all_at_once, 4).usbl.value[:1000]
-
-    spared = np.hypot(*(rich - plain[: len(rich)]).T) < 400
-    assert 0.85 < spared.mean() < 0.95
-    np.testing.assert_array_equal(rich[spared], plain[: len(rich)][spared])
 
 
 def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
