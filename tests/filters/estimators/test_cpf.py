@@ -212,15 +212,3 @@ def test_effective_size_runs_from_one_to_n() -> None:
 
 def test_weights_too_small_for_a_float_still_normalise() -> None:
     assert np.exp(normalised(np.array([-5000.0, -5001.0]))).sum() == pytest.approx(1)
-
-
-def test_with_heavy_tails_a_bootstrap_filter_tends_to_the_posterior_over_all_mode_histories() -> None:
-    rng = np.random.default_rng(1)
-    noise = Mixture(0.3, 60.0).modes(np.array([[0.2]]))
-    z = np.cumsum(np.ones(8)) + rng.normal(size=8) * np.where(rng.random(8) < 0.3, 3.5, 0.45)
-    mean, cov = exact_mixture(z, noise, np.array(Q))
-
-    ends = [end(BootstrapParticleFilter(MOTION, 20_000, start_seed=s), position_steps(z, noise), s) for s in range(6)]
-
-    np.testing.assert_allclose(np.mean([e.mean for e in ends], axis=0), mean, atol=0.02)
-    np.testing.assert_allclose(np.mean([e.cov for e in ends], axis=0), cov, rtol=0.08, atol=0.01)

@@ -96,16 +96,6 @@ def test_on_a_bent_model_ckf_and_ukf_are_those_of_another_library(rule) -> None:
         np.testing.assert_allclose(bank.mean[:, 0], np.ravel(other.x), atol=2e-6)
 
 
-def test_collapsing_one_mode_is_the_kalman_filter() -> None:
-    z = np.random.default_rng(2).normal(size=30)
-    noise = Gaussian().modes(np.array([[0.8]]))
-    plain = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, noise))
-    collapsed = run(OurKalmanFilter(Drift(Q), cubature, collapse), position_steps(z, noise))
-    for a, b in zip(plain, collapsed, strict=True):
-        np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
-        np.testing.assert_allclose(a.cov, b.cov, atol=1e-12)
-
-
 def test_matched_takes_the_mixture_for_one_wide_gaussian() -> None:
     z = np.random.default_rng(3).normal(size=30)
     mixture = run(OurKalmanFilter(Drift(Q), cubature, moment_matched), position_steps(z, Mixture().modes(np.eye(1))))
