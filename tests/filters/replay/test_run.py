@@ -13,7 +13,7 @@ from usbldr.filters.models.noise import Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Parameters, Start
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.methods import METHODS, FilterSettings
+from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.prior import find_anchor, prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
@@ -111,20 +111,6 @@ def test_time_passes_from_epoch_to_epoch_and_not_in_the_first_step() -> None:
     assert all(a[1] == b[0] for a, b in itertools.pairwise(spans))
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, method in METHODS.items() if method.is_filter and name != "pf"]
-)  # which has to hit the start by chance
-def test_every_filter_follows_a_clean_track(name: str) -> None:
-    line = timeline(30.0, tuple(np.arange(0.0, 30.0) + 0.05))
-    track = run(name, line, Parameters(), FilterSettings(particles=50))
-
-    north = track.position_m[:, 1]
-    assert np.abs(north - line.time_s)[50:].max() < 0.3
-    assert np.abs(track.position_m[:, 0]).max() < 0.3
-    assert track.cov is not None
-    assert len(track.updates) == 151 * 3 + 30
-
-
 def test_the_start_is_the_stated_one_else_the_fixes_say_it_and_without_both_it_is_a_fault() -> None:
     stated = prior(timeline(), Parameters(start=Start(5.0, -2.0, 0.01)), StateLayout())
     reported = prior(timeline(), Parameters(), StateLayout())
@@ -177,14 +163,6 @@ def test_the_truths_own_lever_arm_does_not_shift_an_anchor_on_it() -> None:
 def test_settings_that_do_not_fit_the_filter_are_a_sentence(name: str, settings: FilterSettings, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         run(name, timeline(), Parameters(), settings)
-
-
-def test_gps_never_reaches_a_filter() -> None:
-    """The track is the same to the bit whatever GPS says."""
-    line = timeline()
-    lying = replace(line, gps_time_s=line.time_s, gps_m=np.full((len(line.time_s), 2), 1e3))
-    a, b = (run("cpf", x, Parameters(), FilterSettings(20)) for x in (line, lying))
-    np.testing.assert_array_equal(a.mean, b.mean)
 
 
 def test_a_gross_first_fix_does_not_spoil_the_run() -> None:
