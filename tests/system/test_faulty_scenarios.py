@@ -71,13 +71,20 @@ def test_a_faulty_dive_reads_back_as_it_was_simulated(tmp_path: Path, name: str)
 
     read = read_log(tmp_path / name)
 
-    assert (read.start_ns, read.parameters) == (written.start_ns, written.parameters)
+    assert (read.start_ns, read.origin, read.parameters) == (written.start_ns, written.origin, written.parameters)
+    assert list(read.tables) == list(written.tables)
     for sensor, table in without_implausible(written).tables.items():  # DVL and compass have spikes
         columns = [column for column in table.columns if column != "up_mps"]
         pd.testing.assert_frame_equal(
             read.tables[sensor][columns], table[columns], rtol=1e-12, atol=1e-8 if sensor == "gps" else 1e-9
         )
     assert not read.tables["dvl"]["valid"].all()
+    assert read.truth is not None
+    assert written.truth is not None
+    assert (read.truth.kind, read.truth.max_gap_s) == (written.truth.kind, written.truth.max_gap_s)
+    np.testing.assert_array_equal(read.truth.time_s, written.truth.time_s)
+    np.testing.assert_allclose(read.truth.position_m, written.truth.position_m, atol=1e-8)
+    np.testing.assert_array_equal(read.truth.sd_m, written.truth.sd_m)
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -87,7 +94,7 @@ def test_every_scenario_reads_back_as_the_filters_are_given_it_in_memory(tmp_pat
 
     read = read_log(tmp_path / "dive.mcap")
 
-    assert read.parameters == written.parameters
+    assert (read.configuration, read.parameters) == (configuration, written.parameters)
     for sensor, table in written.tables.items():
         pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-11)
     reported = tomllib.loads(configuration.read_text(encoding="utf-8"))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pymap3d
 import pytest
 from mcap.reader import make_reader
@@ -20,7 +19,6 @@ from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, Studen
 from usbldr.filters.simulation.scenario import Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.log import COLUMNS
-from usbldr.io.reading.read import read_log
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
@@ -146,35 +144,6 @@ def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) ->
     angles_deg = {"heading_deg": math.degrees(2.2e-4), "turn_rate_dps": math.degrees(2.2e-5)}
     assert {key: process.pop(key) for key in angles_deg} == pytest.approx(angles_deg, rel=1e-14)
     assert process == {"position_m": 0.0022, "uncalibrated_m": 0.067, "velocity_mps": 2.2e-3}
-
-
-def test_the_configuration_hides_every_true_error() -> None:
-    # misalignment .0123, bias .0234, latency .345 and delay 1.25 of SHORT must change nothing that is written
-    plain = dataclasses.replace(PAPER, duration_s=20.0)
-    scaled = dataclasses.replace(SHORT, dvl=dataclasses.replace(SHORT.dvl, scale_error=0.07))
-
-    assert configuration_text(scaled, 0, {}) == configuration_text(plain, 0, {})
-
-
-@pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])
-def test_what_is_written_reads_back_as_the_log_in_memory(tmp_path: Path, name: str) -> None:
-    delayed = dataclasses.replace(PAPER, usbl=dataclasses.replace(PAPER.usbl, timing=Timing(delay_s=1.25)))
-    written, configuration = write_scenario(delayed, 5, tmp_path / name)
-
-    read = read_log(tmp_path / name)
-
-    assert read.configuration == configuration
-    assert (read.start_ns, read.origin, read.findings) == (written.start_ns, written.origin, ())
-    assert read.parameters == written.parameters
-    assert list(read.tables) == list(written.tables)
-    for sensor, table in written.tables.items():
-        pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-12)
-    assert read.truth is not None
-    assert written.truth is not None
-    assert (read.truth.kind, read.truth.max_gap_s) == (written.truth.kind, written.truth.max_gap_s)
-    np.testing.assert_array_equal(read.truth.time_s, written.truth.time_s)
-    np.testing.assert_allclose(read.truth.position_m, written.truth.position_m, atol=1e-8)
-    np.testing.assert_array_equal(read.truth.sd_m, written.truth.sd_m)
 
 
 def test_every_noise_family_has_its_keys() -> None:
