@@ -1,6 +1,5 @@
 """Topics of types that nobody here knows: the configuration names their fields."""
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -8,10 +7,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
@@ -20,8 +15,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from damage import recorded
 from damaged_formats import FORMATS
-from logs import codes, logged, logged_csv, refusal
-from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads, write_rosbag2
+from logs import logged, logged_csv, refusal
+from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_rosbag2
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -161,33 +156,6 @@ def test_fields_of_an_unknown_type_have_the_values_that_rosbags_decodes(tmp_path
     assert {p.type.replace("/msg/", "/") for p in log.provenance.values()} == {"acme_msgs/InsOutput"}
 
 
-def test_fields_of_json_and_protobuf_are_named_in_the_same_way(tmp_path: Path) -> None:
-    speeds = [(1.0 + k, -0.5 * k, k != 3) for k in range(6)]
-    file = FileDescriptorProto(name="acme.proto", package="acme", syntax="proto3")
-    report = file.message_type.add(name="Report")
-    for number, (name, kind) in enumerate((("vel", Field.TYPE_DOUBLE), ("ok", Field.TYPE_BOOL)), start=1):
-        repeated = Field.LABEL_REPEATED if name == "vel" else Field.LABEL_OPTIONAL
-        report.field.append(Field(name=name, number=number, type=kind, label=repeated))
-    pool = DescriptorPool()
-    pool.Add(file)
-    made: Any = GetMessageClass(pool.FindMessageTypeByName("acme.Report"))
-    schema = {"properties": {"vel": {"items": {"type": "number"}}, "ok": {"type": "boolean"}}}
-    cases = {
-        "json": (("acme.Report", "jsonschema", json.dumps(schema).encode()),
-                 [json.dumps({"vel": [x, y], "ok": ok}).encode() for x, y, ok in speeds]),
-        "protobuf": (("acme.Report", "protobuf", FileDescriptorSet(file=[file]).SerializeToString()),
-                     [made(vel=[x, y], ok=ok).SerializeToString() for x, y, ok in speeds]),
-    }  # fmt: skip
-    columns = '[dvl]\ntopic = "/lock"\ncolumns = { x = "vel[0]", y = "vel[1]", valid = "ok" }\naxes = "FSD"\n'
-    (tmp_path / "usbldr.toml").write_text(columns, encoding="utf-8")
-    for encoding, (definition, payloads) in cases.items():
-        log = read_log(write_payloads(tmp_path / f"{encoding}.mcap", "/lock", encoding, definition, payloads))
-
-        table = log.tables["dvl"]
-        np.testing.assert_array_equal(table[["forward_mps", "starboard_mps", "valid"]].to_numpy(float), speeds)
-        assert "NO-HEADER" in codes(log)  # log time, for there is no other
-
-
 def ins_with(tmp_path: Path, toml: str) -> Log:
     return logged(tmp_path, rows(), toml)
 
@@ -227,12 +195,6 @@ FIELDS = (
 )  # fmt: skip
 def test_columns_that_do_not_fit_are_one_sentence(tmp_path: Path, toml: str, sentence: str) -> None:
     assert refusal(UsageError, ins_with, tmp_path, toml) == f"{tmp_path / 'dive.mcap'}: {sentence}"
-
-
-def test_the_only_topic_that_has_the_fields_needs_no_name(tmp_path: Path) -> None:
-    log = ins_with(tmp_path, '[dvl]\ncolumns = { x = "speeds.along[0]", y = "speeds.along[1]" }\nunit = "mm/s"')
-
-    assert log.provenance["dvl"].topic == "/ins"
 
 
 def test_a_unit_that_a_name_ends_in_holds_unless_the_section_states_one(tmp_path: Path) -> None:

@@ -62,13 +62,6 @@ def test_usbl_fixes_are_in_radians(tmp_path: Path, kind: str, more: dict[str, An
     np.testing.assert_allclose(north_m - north_m[0], np.arange(5) * 1e-7 * radius_m, rtol=0, atol=1e-3)
 
 
-def test_the_target_of_a_usbl_fix_may_be_named(tmp_path: Path) -> None:
-    fixes = [{"target": 30 + k % 2, "lat": LAT + k * 1e-7, "lon": LON} for k in range(6)]
-    (tmp_path / "usbldr.toml").write_text('[usbl]\ntarget = "31"\n')
-
-    assert dive(tmp_path, "UsblFix", *fixes).tables["usbl"]["time_s"].tolist() == [0.0, 2.0, 4.0]
-
-
 def test_a_heading_turns_clockwise_from_north_in_radians(tmp_path: Path) -> None:
     angles = [{"psi": psi, "psi_magnetic": 3.0, "theta": 0.2, "phi": 0.1} for psi in (0.0, np.pi / 2, -np.pi / 2)]
 
@@ -82,28 +75,6 @@ def test_what_is_no_measurement_over_ground_is_not_used(tmp_path: Path, kind: st
     fields = {"validity": imcpy.WaterVelocity.ValidityBits(7)} if kind == "WaterVelocity" else {"lat": LAT, "u": 1.0}
 
     assert dive(tmp_path, kind, fields, fields).tables == {}
-
-
-def test_what_the_vehicle_estimated_may_be_named(tmp_path: Path) -> None:
-    toml = """
-[compass]
-columns = { heading = "psi" }
-unit = "rad"
-convention = "compass"
-[depth]
-columns = { depth_m = "depth" }
-[dvl]
-columns = { x = "u", y = "v", z = "w" }
-axes = "FSD"
-"""
-    (tmp_path / "usbldr.toml").write_text(toml)
-    state = {"lat": LAT, "lon": LON, "psi": 0.5, "u": 1.25, "v": -0.5, "w": 0.25, "vx": 9.0, "depth": 3.0, "alt": 7.0}
-
-    tables = dive(tmp_path, "EstimatedState", state, state).tables
-
-    assert tables["dvl"][["forward_mps", "starboard_mps", "up_mps"]].to_numpy().tolist() == [[1.25, -0.5, -0.25]] * 2
-    np.testing.assert_allclose(tables["compass"]["heading_deg"], np.degrees(0.5), rtol=0, atol=1e-6)
-    assert tables["depth"]["depth_m"].tolist() == [3.0, 3.0]
 
 
 def test_a_bit_that_is_none_is_no_field(tmp_path: Path) -> None:

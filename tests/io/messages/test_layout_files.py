@@ -92,14 +92,6 @@ def test_a_line_of_water_linkeds_serial_protocol_is_a_dvl_record(tmp_path: Path)
     assert "water_linked_dvl.toml (usbldr, sha256 " in codes(log)["LAYOUT-FILE"]
 
 
-def test_a_wrong_checksum_of_such_a_line_is_counted(tmp_path: Path) -> None:
-    (tmp_path / "a.log").write_text(f"1600000000 {WRZ}\n1600000001 {WRZ.replace('0.120', '0.121')}\n", encoding="utf-8")
-    log = open_log(tmp_path / "a.log")
-
-    assert [topic.count for topic in log.topics()] == [1]
-    assert [finding.code for finding in log.findings()] == ["NMEA-CHECKSUM"]
-
-
 def test_an_evologics_fix_is_east_and_north_of_the_head(tmp_path: Path) -> None:
     line = "USBLLONG,1600000001.0,1600000000.5,2,1,2,3,30.0,40.0,-5.0,0.0,0.0,1.57,20000,-30,200,0.25"
 
