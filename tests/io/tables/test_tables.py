@@ -36,24 +36,6 @@ def test_a_log_of_tables_is_the_log_of_the_csv_files_that_it_equals(tmp_path: Pa
         pd.testing.assert_frame_equal(log.tables[sensor], table, check_exact=True)
 
 
-@pytest.mark.parametrize("form", WRITERS)
-def test_columns_of_any_name_are_named_by_the_configuration(tmp_path: Path, form: str) -> None:
-    seconds = T0 / SECOND + np.arange(COUNT) / 4
-    nav = {"t": seconds, "u_mm_s": 1500.0 + np.arange(COUNT), "w": np.full(COUNT, 0.25), "psi": np.full(COUNT, 0.5)}
-    (tmp_path / "usbldr.toml").write_text("")
-    settings = tmp_path / "own.toml"
-    settings.write_text(
-        '[dvl]\ntopic = "nav"\ncolumns = { time_unix_s = "t", x = "u_mm_s", y = "w" }\naxes = "FSU"\n'
-        '[compass]\ncolumns = { time_unix_s = "t", heading = "psi" }\nunit = "rad"\n'
-    )
-    log = read_log(WRITERS[form](tmp_path, {"nav": nav}), Request(configuration=str(settings)))
-
-    np.testing.assert_allclose(log.tables["dvl"]["forward_mps"], 1.5 + np.arange(COUNT) / 1000, rtol=1e-12)
-    np.testing.assert_array_equal(log.tables["dvl"]["starboard_mps"], 0.25)
-    np.testing.assert_allclose(log.tables["compass"]["heading_deg"], np.degrees(0.5), rtol=1e-12)
-    np.testing.assert_array_equal(log.tables["dvl"]["time_s"], np.arange(COUNT) / 4)
-
-
 def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> None:
     """A timestamp is a time whatever its unit; an empty whole number stays exact in the other rows."""
     never = np.iinfo(np.int64).min
