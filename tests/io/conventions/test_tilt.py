@@ -7,11 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from logs import logged
-from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap, yaw
+from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.io.log import Log
-from usbldr.io.messages import layouts
 from usbldr.io.reading import role_records
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
@@ -109,14 +108,6 @@ def test_levelling_by_an_attitude_that_no_record_holds_is_a_sentence(tmp_path: P
         logged(tmp_path, [twist(T0, 1.0, 0.0), heading], "[dvl]\nlevel = true", {"compass": "/compass_hdg"})
 
 
-def test_an_upright_vehicle_moves_as_recorded(tmp_path: Path) -> None:
-    rows = [row for k in range(9) for row in (twist(T0 + k * SECOND, 1.0, 0.5, 0.1), yaw(T0 + k * SECOND, 30.0))]
-
-    turned, plain = (logged(tmp_path, rows, f"[dvl]\nlevel = {key}").tables["dvl"] for key in ("true", "false"))
-
-    np.testing.assert_allclose(turned.to_numpy(dtype=float), plain.to_numpy(dtype=float), atol=1e-12)
-
-
 def test_an_export_is_level_and_stays_so(tmp_path: Path) -> None:
     write_mcap(tmp_path / "dive.mcap", dive(-0.4))
     (tmp_path / "usbldr.toml").write_text(settings(), encoding="utf-8")
@@ -143,15 +134,6 @@ def test_the_lever_arm_of_a_tilted_vehicle_tilts_with_it(tmp_path: Path, pitch_d
 
     expected = np.array([7.0, 3.0]) + flat[:2]  # where the filters, which know the heading alone, expect the fix
     np.testing.assert_allclose(log.tables["usbl"][["east_m", "north_m"]], np.tile(expected, (9, 1)), atol=1e-6)
-
-
-def test_attitudes_are_the_same_in_blocks_of_any_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = logged(tmp_path, dive(up_mps=0.3), settings()).tables["dvl"]
-
-    monkeypatch.setattr(layouts, "BLOCK_RECORDS", 7)
-    in_blocks = logged(tmp_path, dive(up_mps=0.3), settings()).tables["dvl"]
-
-    np.testing.assert_array_equal(in_blocks.to_numpy(dtype=float), whole.to_numpy(dtype=float))
 
 
 @pytest.mark.parametrize("most", [5000, 200])
