@@ -1,13 +1,11 @@
 """Files of one dive, each with its own clock, are one log."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from commands import output_of
 from logs import refusal
 from recordings import T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
@@ -121,12 +119,3 @@ def test_an_unknown_key_of_a_file_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(UsageError, match="clock_s"):
         read_log(vehicle)
-
-
-def test_info_takes_files_with_the_log(tmp_path: Path) -> None:
-    vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
-    ship = write_bag(tmp_path / "ship.bag", of(SHIP))
-
-    described = json.loads(output_of("info", vehicle, "--with", ship, "--json"))["logs"][0]
-    assert described["fault"] is None
-    assert list(described["sensors"]) == ["dvl", "compass", "usbl"]
