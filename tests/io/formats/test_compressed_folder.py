@@ -1,6 +1,5 @@
 """CSV files that are compressed inside their folder: the folder is the log that it would be with them decompressed."""
 
-import gc
 import gzip
 from pathlib import Path
 
@@ -121,15 +120,3 @@ def test_a_file_that_decompresses_to_too_much_is_named(tmp_path: Path, monkeypat
 
     with pytest.raises(LogError, match=r"big.csv.gz: .*--limits 10 raises the limits tenfold"):
         open_log(folder)
-
-
-def test_the_copies_go_with_the_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
-    (tmp_path / "temporary").mkdir()
-    packed(dive(tmp_path / "dive"), "dvl.csv")
-    log = open_log(tmp_path / "dive")
-
-    assert len(list((tmp_path / "temporary").iterdir())) == 1
-    del log
-    gc.collect()
-    assert list((tmp_path / "temporary").iterdir()) == []

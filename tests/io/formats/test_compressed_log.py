@@ -87,15 +87,6 @@ def test_a_run_names_the_file_that_the_user_has(tmp_path: Path) -> None:
     assert refusal(LogError, read_log, file, Request(topics={"dvl": "/absent"})).startswith(f"{file}: ")
 
 
-def test_the_columns_of_a_compressed_csv_file_are_named_by_the_configuration(tmp_path: Path) -> None:
-    file = tmp_path / "dvl.csv.gz"
-    file.write_bytes(gzip.compress(DVL.replace("forward_mps", "ahead").replace("starboard_mps", "right").encode()))
-    toml = '[dvl]\ncolumns = { time_ns = "time_ns", x = "ahead", y = "right" }\n'
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-
-    assert read_log(file).tables["dvl"]["forward_mps"].tolist() == pytest.approx([1 + k / 7 for k in range(60)])
-
-
 @pytest.mark.parametrize("ending", ["bz2", "xz"])
 def test_a_compressed_log_with_a_wrong_checksum_is_reported(tmp_path: Path, ending: str) -> None:
     """As those of gzip and zstd, which are among the formats of test_damage."""

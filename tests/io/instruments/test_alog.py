@@ -100,17 +100,6 @@ def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
     np.testing.assert_array_equal(others["POLYGON.edge"], [nan, nan, 3.0])
 
 
-def test_positions_within_a_text_are_fixes(tmp_path: Path) -> None:
-    rows = [line(k + 0.5, "USBL_REPORT", "iUSBL", f"T={T0 // SECOND + k},X={k},Y={-2 * k}") for k in range(COUNT)]
-    columns = '{ time_unix_s = "USBL_REPORT.T", x = "USBL_REPORT.X", y = "USBL_REPORT.Y" }'
-    (tmp_path / "usbldr.toml").write_text(f"[usbl]\ncolumns = {columns}\n")
-
-    fixes = read_log(saved(tmp_path, *rows)).tables["usbl"]
-
-    np.testing.assert_array_equal(fixes[["east_m", "north_m"]], [[k, -2 * k] for k in range(COUNT)])
-    np.testing.assert_array_equal(np.diff(fixes["time_s"]), 1.0)
-
-
 def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path) -> None:
     """Of five readings the second lacks Y, the third X; the others are 5 ms apart: no record has values of two."""
     rows = [(0.0, "X", 1), (0.001, "Y", 2), (0.1, "X", 3), (0.2, "Y", 4)]

@@ -98,13 +98,6 @@ def test_a_day_that_is_missing_beside_dated_files_is_named_with_its_key(tmp_path
         read_log(dive, Request(joined=(str(file),)))
 
 
-def test_a_clock_offset_is_subtracted_from_the_dated_times(tmp_path: Path) -> None:
-    file = dated(write_pd45(tmp_path / "a.pd4", 4))
-    (tmp_path / "usbldr.toml").write_text((tmp_path / "usbldr.toml").read_text() + "clock_offset_s = 2.5\n")
-
-    assert read_log(file).start_ns == MIDNIGHT + FIRST - 2_500_000_000
-
-
 def test_a_day_for_times_that_have_dates_is_refused(tmp_path: Path) -> None:
     log = dated(write_mcap(tmp_path / "dive.mcap", short_dive()))
 
