@@ -244,12 +244,9 @@ def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> N
     assert (tmp_path / "out" / "errors.png").stat().st_size > 10_000
 
 
-def test_finished_runs_against_unlike_windows_are_refused(dive: Path, tmp_path: Path) -> None:
+def test_finished_runs_beside_a_log_or_without_their_report_are_refused(dive: Path, tmp_path: Path) -> None:
     output_of("replay", dive, "--filter", "usbl", "-o", tmp_path / "whole")
-    output_of("replay", dive, "--filter", "dr", "--start", "10", "-o", tmp_path / "late")
 
-    with pytest.raises(UsageError, match="usbl has window start to end, dr has 10 s to end"):
-        output_of("compare", tmp_path / "whole", tmp_path / "late")
     with pytest.raises(UsageError, match="cannot be mixed"):
         output_of("compare", tmp_path / "whole", dive)
 

@@ -1,22 +1,18 @@
 """What is exported reads back as it was, in every format, and replays to the same track."""
 
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from checkout import FIELD_CONFIGURATIONS
 from commands import output_of
 from commands import run as call
 from recordings import SECOND, T0, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.replay.run import run
 from usbldr.io.log import Log
-from usbldr.io.reading.epochs import timeline
-from usbldr.io.reading.read import Request, read_log
+from usbldr.io.reading.read import read_log
 from usbldr.io.writers.export import cut_log, export
 
 NAMES = ["out.mcap", "out.bag", "out.db3", "out_db3", "out"]
@@ -131,21 +127,6 @@ def test_the_same_log_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
     )
     assert a
     assert a == b
-
-
-@pytest.mark.parametrize("name", ["uib_field.mcap", "uib_field.bag"])
-def test_replaying_an_export_of_uib_field_gives_the_same_track(field_logs: Path, tmp_path: Path, name: str) -> None:
-    log = read_log(field_logs / "uib_field" / name, Request(str(FIELD_CONFIGURATIONS / "uib_field.toml")))
-    export(log, tmp_path / "out.mcap")
-    export(log, tmp_path / "folder")
-    track = run("adf", timeline(log), replace(log.parameters, calibrate=())).position_m
-
-    for written in (tmp_path / "out.mcap", tmp_path / "folder"):
-        back = read_log(written)
-        assert_same(back, log)
-        assert back.parameters.calibrate == log.parameters.calibrate == ("auto",)
-        found = run("adf", timeline(back), replace(back.parameters, calibrate=())).position_m
-        np.testing.assert_allclose(found, track, rtol=0, atol=1e-6)
 
 
 def test_a_gps_without_a_place_on_earth_stays_on_the_plane(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from commands import run as call
 from recordings import FIX, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError
 
 PAGE = """\
 {folder}/dive.mcap: MCAP, 34 messages, 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:50.000Z (10.0 s)
@@ -100,16 +100,6 @@ def test_a_log_with_unclear_roles_is_still_listed_with_the_sensors_that_are_deci
     assert "\nusbl: " not in page
 
 
-def test_a_cut_log_is_listed_with_exit_code_3(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", short_dive() * 40, chunk_size=4096)
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-
-    code, page = run(file)
-
-    assert code == 3
-    assert "TRUNCATED: the file is truncated or damaged at byte" in page
-
-
 def test_a_log_without_sensors_says_so(tmp_path: Path) -> None:
     code, page = run(write_mcap(tmp_path / "dive.mcap", [twist(T0, 1, 2, topic="/cmd_vel")]))
 
@@ -131,14 +121,6 @@ def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> N
 
     assert "and 10 more topics (--all lists them)" in run(file)[1]
     assert "/vehicle/049" in run(file, "--all")[1]
-
-
-def test_a_wrong_configuration_is_a_usage_error(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", short_dive())
-    (tmp_path / "usbldr.toml").write_text("[dvll]", encoding="utf-8")
-
-    with pytest.raises(UsageError, match="there is no section dvll"):
-        run(file)
 
 
 def test_a_scenario_is_a_log_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,25 +46,20 @@ def fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     return run_as_the_shell
 
 
-def test_lost_data_is_said_on_stderr_and_ends_in_exit_3(dive: Path, fault: Fault) -> None:
+def test_lost_data_is_said_on_stderr_and_ends_in_exit_3_and_without_a_run_if_it_is_strict(
+    dive: Path, fault: Fault
+) -> None:
     dive.write_bytes(dive.read_bytes()[:200_000])
 
+    strict, fault_said = fault("replay", dive, "--strict", "-o", dive.parent / "run")
+    assert not (dive.parent / "run").exists()
     code, said = fault("replay", dive, "-f", "dr", "-q", "-o", dive.parent / "run")
 
-    assert code == 3
+    assert (strict, code) == (3, 3)
+    assert "truncated or damaged" in fault_said
     assert said.startswith("usbldr: paper.mcap: the file is truncated or damaged")
     assert said.endswith("[TRUNCATED]\n")
     assert (dive.parent / "run" / "report.json").is_file()
-
-
-def test_a_strict_replay_of_a_cut_log_writes_nothing(dive: Path, fault: Fault) -> None:
-    dive.write_bytes(dive.read_bytes()[:200_000])
-
-    code, said = fault("replay", dive, "--strict", "-o", dive.parent / "run")
-
-    assert code == 3
-    assert "truncated or damaged" in said
-    assert not (dive.parent / "run").exists()
 
 
 def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
@@ -72,17 +67,6 @@ def test_numbers_on_almost_nothing_are_called_that(dive: Path) -> None:
 
     assert done.return_value == 0
     assert "these numbers rest on 2 of the track's epochs alone" in " ".join(done.stdout.split())
-
-
-def test_a_folder_with_a_dot_in_its_name_gives_its_whole_name_to_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shutil.copytree(SAMPLES / "lawnmower_csv", tmp_path / "dive2.1")
-    monkeypatch.chdir(tmp_path)
-
-    run("replay", "dive2.1", "-f", "usbl", "-q")
-
-    assert (tmp_path / "dive2.1-usbl" / "report.json").is_file()
 
 
 def test_a_quiet_run_still_warns(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pytest
 from click.testing import CliRunner
 
 from recordings import short_dive, write_mcap
@@ -39,12 +38,3 @@ def test_options_reach_the_reader(tmp_path: Path) -> None:
 
 def test_without_configuration_nothing_is_said(tmp_path: Path) -> None:
     assert opened(str(write_mcap(tmp_path / "dive.mcap", short_dive()))).configuration is None
-
-
-def test_a_scenario_is_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-    log = opened("paper")
-
-    assert log.format == "simulated"
-    assert log.convention("dvl", "seed").value == 7

@@ -8,7 +8,7 @@ import pytest
 
 from checkout import SAMPLES
 from commands import output_of
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import UsageError
 from usbldr_cli.options.window_options import aid_windows
 
 SAMPLE = SAMPLES / "lawnmower.mcap"
@@ -65,12 +65,3 @@ def test_compare_says_it_too_and_refuses_to_set_it_beside_a_run_without(tmp_path
     assert "from 500 to 520 s of the log" in " ".join(reported.split())
     with pytest.raises(UsageError, match=r"has aid 500 to 520 s, .* has none"):
         output_of("compare", str(aided), str(alone))
-
-
-def test_a_log_without_gps_there_leaves_no_run_directory(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-
-    with pytest.raises(LogError, match=r"lawnmower.mcap: no GPS fix to aid a filter from 2000 to 2060 s of the log"):
-        output_of("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@2000:2060", "-o", str(folder))
-
-    assert not folder.exists()
