@@ -9,7 +9,7 @@ import pandas as pd
 import pymap3d
 import pytest
 
-from commands import findings, run
+from commands import run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.reading.epochs import timeline
@@ -71,19 +71,6 @@ def later(table: pd.DataFrame, seconds: float) -> pd.DataFrame:
 
 def swapped(table: pd.DataFrame) -> pd.DataFrame:
     return table.drop(columns=["east_m", "north_m"]).rename(columns=EXCHANGED)
-
-
-@pytest.mark.long
-def test_gps_time_instead_of_utc_is_proposed_and_the_proposal_is_right(edited: Callable[..., Path]) -> None:
-    ahead = edited(gps=lambda table: later(table, 18.0))
-    code, said = replayed(ahead)
-    assert code == 0
-    assert "(GPS time and UTC are 18 s apart)" in said
-    assert "TRUTH-CLOCK" in findings(ahead)
-
-    latency_s = said.partition("state latency_s = ")[2].partition(" under [gps]")[0]
-    ahead = edited(LIMITS + f"[gps]\nlatency_s = {latency_s}\n", gps=lambda table: later(table, 18.0))
-    assert re.search(r"mean horizontal error 0\.[12]", replayed(ahead)[1])
 
 
 def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..., Path]) -> None:

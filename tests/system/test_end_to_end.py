@@ -54,22 +54,6 @@ def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) 
 
 
 @pytest.mark.long
-def test_a_run_is_replaced_only_with_force(tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    assert _usbldr("replay", TURN, "-f", "dr", "-o", out, "-q").returncode == 0
-    before = {file.name: file.read_bytes() for file in out.iterdir()}
-
-    refused = _usbldr("replay", TURN, "-f", "usbl", "-o", out, "-q")
-
-    assert refused.returncode == 2
-    assert refused.stderr.startswith(f"usbldr: {out} exists already")
-    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
-    assert _usbldr("replay", TURN, "-f", "usbl", "-o", out, "-q", "--force").returncode == 0
-    assert _report(out)["filter"] == "usbl"
-    assert [file.name for file in tmp_path.iterdir()] == ["run"]
-
-
-@pytest.mark.long
 def test_ctrl_c_leaves_nothing_of_a_replay_and_exits_130(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "paper.mcap", tmp_path)
     asked = ("replay", tmp_path / "paper.mcap", "-N", "5000", "-o", tmp_path / "run")

@@ -7,7 +7,6 @@ import numpy as np
 import pymap3d
 import pytest
 
-from commands import output_of
 from recordings import SECOND, T0, Row, sentence, twist, write_mcap, yaw
 from usbldr.io.reading.read import Request, read_log
 
@@ -96,13 +95,3 @@ def test_fixes_of_a_ship_that_turns_lie_on_the_vehicles_way(dive: Path) -> None:
     assert usbl["time_s"].to_numpy() == pytest.approx(0.5 + 2.0 * np.arange(60))
     assert (usbl["received_s"] - usbl["time_s"]).to_numpy() == pytest.approx(1.5)
     np.testing.assert_allclose(usbl[["east_m", "north_m"]].to_numpy(), truth, atol=0.03)
-
-
-def test_the_dive_is_replayed_from_both_files(dive: Path) -> None:
-    """No start is stated; the ship's receiver is neither its GPS nor its truth."""
-    output_of("replay", dive, "--filter", "ekf", "--output", dive.parent / "run", "--quiet")
-
-    track = np.genfromtxt(dive.parent / "run" / "track_5hz.csv", delimiter=",", names=True)
-    late = track["time_s"] > 30
-    away = np.hypot(track["east_m"] - 30.0, track["north_m"] - track["time_s"])[late]
-    assert away.max() < 0.3
