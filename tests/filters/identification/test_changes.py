@@ -164,15 +164,6 @@ def test_a_track_is_what_it_is_without_the_change_and_a_warning_says_when() -> N
     assert "headings read -8." in warning  # clockwise
 
 
-@pytest.mark.long
-def test_false_fixes_are_no_change() -> None:
-    T = DIVE.fix_time_s
-    for rows in (T < 60, (T > 150) & (T < 240)):
-        line = replace(DIVE, fix_m=np.where(rows[:, None], DIVE.fix_m + np.array([40.0, -30.0]), DIVE.fix_m))
-        found = identify(line, ASSUMED).parameters
-        assert (found.changes, found.false_fixes) == ((), tuple(np.flatnonzero(rows).tolist()))
-
-
 def test_what_changes_do_not_explain_is_none() -> None:
     """After 60 s without fixes the false ones are 50, 14 m off: two jumps of the position, no other factor."""
     T = DIVE.fix_time_s

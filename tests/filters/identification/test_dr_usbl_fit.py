@@ -117,14 +117,6 @@ def test_dead_reckoning_freed_of_its_errors_leaves_the_noise_of_the_fixes() -> N
     assert np.mean(raw**2) > 4 * np.mean(freed**2)
 
 
-def test_dead_reckoning_freed_of_its_heading_bias_need_not_be_rotated() -> None:
-    line = without_errors(weaving_dive(Faults(**ERRORS)), identified(ERRORS))
-
-    turn = fit_rotation(line, segment_numbers(line, line.fix_time_s))
-
-    assert np.degrees(turn.rotation_rad) == pytest.approx(0.0, abs=0.3)
-
-
 @pytest.mark.parametrize("name", sorted(ERRORS.keys() - {"heading_bias_deg"}))
 def test_each_error_counts_in_what_is_left(name: str) -> None:
     line = weaving_dive(Faults(**ERRORS))

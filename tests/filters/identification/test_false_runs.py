@@ -52,6 +52,7 @@ def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
     found = identify(line, ASSUMED)
 
     assert found.parameters.false_fixes == tuple(np.flatnonzero(RUNS[name]).tolist())
+    assert found.parameters.changes == ()
     assert sum(one.fixes for one in found.false_runs) == RUNS[name].sum()
     assert [one.last for one in found.false_runs][-1] == RUNS[name][-1]
     assert str(RUNS[name].sum()) in found.warnings[0]
