@@ -77,13 +77,6 @@ def test_the_lost_bottom_lock_of_tanana_is_found(field_logs: Path, name: str) ->
     assert found["worst"] > 70.0
 
 
-def test_gps_shows_that_the_map_of_the_simulated_twin_is_ned(field_logs: Path) -> None:
-    found = findings(field_logs / "uib_simulation" / "uib_simulation.mcap", "--config", "none")
-
-    assert 'state frame = "NED" under [usbl]' in found["MAP-FRAME"]["text"]
-    assert 125.0 < found["DVL-MOUNT"]["worst"] < 137.0  # 131.2 against its truth
-
-
 @pytest.mark.parametrize("log", LOGS)
 @pytest.mark.long
 def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(
