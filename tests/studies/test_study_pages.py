@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from checkout import ROOT
+from commands import command
 from field.defaults import ABLATIONS, MODULES, SENSITIVITY, constants
 from field.moved_truth import moved_onto_fixes
 from usbldr.filters.evaluation.error_report import Window
@@ -21,7 +22,6 @@ from usbldr.filters.types import Timeline, Truth
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from usbldr_cli.main import cli
 
 PAGES = [page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "studies").glob("*.md")]
 COMMANDS = sorted({line for page in PAGES for line in re.findall(r"^\$ (.*)$", page, re.MULTILINE)})
@@ -33,9 +33,7 @@ def test_every_command_of_a_study_is_understood_and_its_files_are_there(line: st
     files = [word.split(":")[0] for word in words if word.startswith("benchmarks/")]
     assert all((ROOT / file).is_file() for file in files)
     if program == "usbldr":
-        command = cli.get_command(None, words[0])  # type: ignore[arg-type]
-        assert command is not None
-        command.make_context(words[0], words[1:])
+        command(words[0]).make_context(words[0], words[1:])
 
 
 @pytest.fixture(scope="module")

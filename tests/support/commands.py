@@ -10,13 +10,25 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from click import ClickException
+from click import ClickException, Command, Context
 from click.testing import CliRunner, Result
 
 from usbldr.filters.errors import UsbldrError
 from usbldr_cli.main import cli, one_line
 
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
+
+
+def command(name: str) -> Command:
+    """Return a command by its name."""
+    found = cli.get_command(Context(cli), name)
+    assert found is not None, name
+    return found
+
+
+def options_of(name: str) -> set[str]:
+    """Return all spellings of the options of a command."""
+    return {option for param in command(name).params for option in (*param.opts, *param.secondary_opts)}
 
 
 def run(*arguments: object) -> Result:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from checkout import SAMPLES
-from commands import run
-from usbldr_cli.main import COMMANDS, cli
+from commands import options_of, run
+from usbldr_cli.main import COMMANDS
 
 DIVE = SAMPLES / "lawnmower_turn_db3"
 
@@ -63,8 +63,6 @@ def test_runs_are_counted_one_by_one_and_named_with_verbose() -> None:
 
 @pytest.mark.parametrize("name", list(COMMANDS))
 def test_every_command_takes_verbose_and_the_long_ones_progress(name: str) -> None:
-    command = cli.get_command(cli.make_context("usbldr", [], resilient_parsing=True), name)
-    assert command is not None
-    options = {option for param in command.params for option in param.opts}
+    options = options_of(name)
     assert {"-v", "--verbose"} <= options
     assert ("--progress" in options) == (name in ("replay", "compare", "drill", "check", "baseline"))
