@@ -11,9 +11,16 @@ from recordings import Row, write_csv, write_mcap
 from usbldr.io.log import Log
 from usbldr.io.reading.read import Request, read_log
 
-MAP = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
 METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
+
+
+def on_map(lat_deg: float, lon_deg: float) -> str:
+    """Return the section that states the origin of the map."""
+    return f"[map]\norigin_lat_deg = {lat_deg}\norigin_lon_deg = {lon_deg}\n"
+
+
+MAP = on_map(45.0, 7.0)
 
 
 def logged(folder: Path, rows: Iterable[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:

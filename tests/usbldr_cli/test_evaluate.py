@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from commands import output_of, run
+from logs import MAP
 from recordings import (
     FIX,
     ODOMETRY,
@@ -23,7 +24,6 @@ from recordings import (
 )
 from usbldr.filters.errors import LogError, UsageError
 
-ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"
 M_PER_DEG = 111_132.0  # of latitude at 45 degrees, WGS84, to 0.1 %
 NED = "odom_ned"
 
@@ -101,7 +101,7 @@ def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> 
 @pytest.mark.parametrize("frame", ["odom", NED])
 def test_a_topic_of_a_log_without_dvl_is_judged_with_its_covariance(tmp_path: Path, kind: str, frame: str) -> None:
     log = write_mcap(tmp_path / "dive.mcap", onboard(kind, "pose", frame, 0.5, 0.5))
-    (tmp_path / "usbldr.toml").write_text(ORIGIN, encoding="utf-8")
+    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
 
     found = judged(log, "/nav")
 
@@ -150,7 +150,7 @@ def test_what_cannot_be_judged_is_one_sentence(own: Path) -> None:
 def test_a_track_in_a_recording_of_its_own_is_its_only_topic_of_positions(tmp_path: Path, write: Any) -> None:
     rows = onboard(ODOMETRY, "pose", "odom", 0.5, 0.5)
     log = write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(ORIGIN, encoding="utf-8")
+    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
     name = {write_mcap: "nav.mcap", write_bag: "nav.bag", write_rosbag2: "nav"}[write]
     write(tmp_path / name, [row for row in rows if row[1] == "/nav"])
 

@@ -9,11 +9,10 @@ import pytest
 
 from commands import run
 from curved import curved_dive
+from logs import MAP
 from recordings import Row, write_mcap
 from usbldr.filters.errors import UsageError
 from usbldr.io.reading.read import read_log
-
-ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"  # of curved_dive
 
 
 def shifted(rows: list[Row], east_m: float, north_m: float) -> list[Row]:
@@ -48,8 +47,8 @@ def test_an_unknown_origin_moves_no_number_of_the_report(tmp_path: Path) -> None
 
 
 def test_with_a_stated_origin_the_shift_counts_and_a_wrong_one_is_named(tmp_path: Path) -> None:
-    right = replayed(tmp_path, "right", curved_dive(gps=True), ORIGIN)
-    wrong = replayed(tmp_path, "wrong", shifted(curved_dive(gps=True), 30.0, 40.0), ORIGIN)
+    right = replayed(tmp_path, "right", curved_dive(gps=True), MAP)
+    wrong = replayed(tmp_path, "wrong", shifted(curved_dive(gps=True), 30.0, 40.0), MAP)
 
     assert right["alignment"]["name"] == wrong["alignment"]["name"] == "none"
     assert wrong["metrics"]["shift_m"] == pytest.approx(50.0, abs=0.5)
@@ -85,7 +84,7 @@ def test_a_local_truth_beside_latitudes_has_an_unknown_place(tmp_path: Path) -> 
     latlon = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0 }\n"
     log = write_mcap(tmp_path / "dive.mcap", curved_dive())
     known: list[bool] = []
-    for toml in ("", latlon, ORIGIN + latlon):
+    for toml in ("", latlon, MAP + latlon):
         (tmp_path / "dive.usbldr.toml").write_text(f'{toml}[truth]\nfile = "truth.csv"\n', encoding="utf-8")
         read = read_log(log).truth
         assert read is not None

@@ -7,11 +7,11 @@ import pytest
 
 from commands import findings, output_of, run
 from curved import curved_dive
+from logs import MAP
 from recordings import write_mcap
 from usbldr.filters.errors import LogError
 
 ADVICE = "--filter usbl judges the raw fixes"
-ORIGIN = "[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n"  # of curved_dive
 
 
 @pytest.fixture(params=["/dvl", "/imu"])
@@ -24,7 +24,7 @@ def test_the_raw_fixes_have_the_errors_of_the_whole_log(log: Path, tmp_path: Pat
     whole = write_mcap(tmp_path / "whole.mcap", curved_dive(gps=True))
     errors: list[float] = []
     for one in (log, whole):
-        (tmp_path / f"{one.stem}.usbldr.toml").write_text(ORIGIN, encoding="utf-8")
+        (tmp_path / f"{one.stem}.usbldr.toml").write_text(MAP, encoding="utf-8")
         reported = json.loads(output_of("replay", one, "-f", "usbl", "--json", "-o", tmp_path / one.stem))
         errors.append(reported["metrics"]["mean_horizontal_m"])
 

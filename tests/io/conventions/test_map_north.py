@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from logs import on_map
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.filters.replay.online import OnlineFilter
@@ -41,8 +42,7 @@ def dive(folder: Path, lat_deg: float, fixes: str) -> Log:
     compass = ["time_ns,heading_deg", *(f"{s}000000000,90" for s in seconds)]
     for name, lines in (("dvl", dvl), ("compass", compass), ("usbl", fixes.split())):
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    toml = f"[map]\norigin_lat_deg = {lat_deg}\norigin_lon_deg = {LON_DEG}\n"
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+    (folder / "usbldr.toml").write_text(on_map(lat_deg, LON_DEG), encoding="utf-8")
     return read_log(folder, Request())
 
 

@@ -8,7 +8,7 @@ import pymap3d
 import pytest
 from scipy.spatial.transform import Rotation
 
-from logs import HEAD, logged_csv, logged_nmea, only, places, refusal
+from logs import HEAD, logged_csv, logged_nmea, on_map, only, places, refusal
 from recordings import sentence
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.usbl_survey.geometry import attitude_matrix
@@ -169,10 +169,6 @@ def heading_pitch_roll(text: str, first: int) -> list[float]:
     """Their yaw counts from east to the left, about up, and their pitch about port, bow down."""
     roll, pitch, yaw = np.degrees(parts(text, first)).tolist()
     return [90.0 - yaw, -pitch, roll]
-
-
-def on_map(lat_deg: float, lon_deg: float) -> str:
-    return f"[map]\norigin_lat_deg = {lat_deg}\norigin_lon_deg = {lon_deg}\n"
 
 
 @pytest.mark.parametrize("text", LONG)

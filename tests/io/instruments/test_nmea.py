@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from logs import HEAD, MAP, codes, covariance, logged, logged_nmea
+from logs import HEAD, MAP, codes, covariance, logged, logged_nmea, on_map
 from recordings import SECOND, T0, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
@@ -255,10 +255,6 @@ def test_headings_are_degrees_clockwise_from_true_north(tmp_path: Path, body: st
     log = logged_nmea(tmp_path, f"1600000000 {sentence(body)}")
 
     assert log.tables["compass"]["heading_deg"][0] == pytest.approx(35.25)
-
-
-def on_map(lat_deg: float, lon_deg: float) -> str:
-    return f"[map]\norigin_lat_deg = {lat_deg}\norigin_lon_deg = {lon_deg}\n"
 
 
 SOUTH = GAPS_WEST.partition("*")[0].replace(",N,", ",S,")
