@@ -206,7 +206,6 @@ def test_a_log_that_cannot_be_read_exits_3_with_its_sentence(gate: Path) -> None
         ('filter = "adf"', 'filter = "adf"\nparticles = 1', "row 'dive adf': Invalid value for '--particles'"),
         ('filter = "adf"', 'filter = "adf"\nfolter = 1', "row 'dive adf': No such option"),
         ('filter = "adf"', 'filter = "adf"\nseed = "x"', "row 'dive adf': Invalid value for '--seed'"),
-        ("rel = 0.1 }", "real = 0.1 }", "row 'dive adf': [metrics.nees_mean] has no key real"),
     ],
 )
 def test_a_wrong_baseline_exits_2_and_names_row_and_key(gate: Path, old: str, new: str, sentence: str) -> None:

@@ -1,6 +1,7 @@
 """The timeline against what each record's own stamp says."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -301,16 +302,17 @@ def test_a_missing_sensor_measures_at_no_epoch() -> None:
     assert line.dvl_count.tolist() == [1, 1]
 
 
-def test_a_log_without_any_sensor_or_truth_has_no_epochs() -> None:
-    with pytest.raises(LogError, match=r"^dive\.mcap: no dvl data \(sensors in this log: none\)"):
-        timeline(log())
-
-
-def test_a_sensor_without_a_valid_record_is_an_error() -> None:
-    with pytest.raises(LogError, match=r"none of the 2 dvl records is valid"):
-        timeline(log(dvl=dvl_table([0.0, 1.0], valid=False), compass=compass_table([0.0])))
-
-
-def test_a_wrong_stamp_does_not_fill_the_memory() -> None:
-    with pytest.raises(LogError, match=r"stamps span 11574 days"):
-        timeline(log(dvl=dvl_table([0.0, 1e9]), compass=compass_table([0.0])))
+@pytest.mark.parametrize(
+    ("tables", "sentence"),
+    [
+        ({}, r"^dive\.mcap: no dvl data \(sensors in this log: none\)"),
+        ({"dvl": dvl_table([0.0, 1.0], valid=False), "compass": compass_table([0.0])}, "none of the 2 dvl records is"),
+        (
+            {"dvl": dvl_table([0.0, 1e9]), "compass": compass_table([0.0])},
+            "stamps span 11574 days",
+        ),  # and fill no memory
+    ],
+)
+def test_a_log_of_no_epochs_or_of_too_many_is_refused(tables: Mapping[str, pd.DataFrame], sentence: str) -> None:
+    with pytest.raises(LogError, match=sentence):
+        timeline(log(**tables))

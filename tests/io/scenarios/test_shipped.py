@@ -95,9 +95,7 @@ def test_a_file_is_a_scenario_wherever_a_log_is_expected(tmp_path: Path, monkeyp
     assert replayed.splitlines()[0] == from_file.splitlines()[0]
 
 
-def test_what_is_no_scenario_is_answered_with_the_names() -> None:
-    with pytest.raises(UsageError, match=r"there is no scenario 'pool' \(scenarios: .*paper.*, or a file NAME\.toml\)"):
-        find_scenario("pool")
+def test_a_file_of_a_scenario_that_is_not_there_is_one_sentence() -> None:
     with pytest.raises(UsageError, match=r"pool\.toml: cannot be read \(No such file"):
         find_scenario("pool.toml")
 
