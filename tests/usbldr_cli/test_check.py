@@ -22,7 +22,7 @@ from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline
 from usbldr_cli.runs.baseline_rows import stated_options
-from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, page, summary
+from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, page, summary, table
 
 LAWNMOWER = find_scenario("lawnmower")
 
@@ -106,6 +106,14 @@ def test_a_metric_beyond_its_limit_is_a_regression_unless_that_is_better(
     metric = Metric(value=10.0, abs=0.5, rel=0.05, direction=direction)  # pyright: ignore[reportArgumentType]
 
     assert compare_metric("anything", metric, new).verdict == verdict
+
+
+def test_the_change_is_the_difference_of_the_values_as_printed() -> None:
+    change = compare_metric("mean_horizontal_m", Metric(value=1.31286, abs=0.005), 1.31284)
+
+    old, new, moved = table([CheckedRow(BaselineRow("dive", "dive.mcap", "ekf", 1, {}, {}), (change,))]).rows[1][1:4]
+
+    assert float(moved) == round(float(new) - float(old), 6)
 
 
 def test_a_metric_without_a_stored_value_fails() -> None:
