@@ -87,19 +87,6 @@ def test_latitudes_of_the_usbl_are_told_from_those_of_the_gps_by_name_and_place_
     assert (log.origin.lat_deg, log.origin.lon_deg, log.origin.kind) == (45.0, 7.0, "first usbl fix")
 
 
-def test_fixes_without_status_or_at_zero_zero_are_left_out(tmp_path: Path) -> None:
-    topic = "/usbl/fix"
-    rows = [fix(T0, 45, 7, topic=topic), fix(T0 + 1, 45, 7, -1, topic), fix(T0 + 2, 0, 0, 0, topic)]
-
-    log = logged(tmp_path, rows, MAP)
-
-    assert len(log.tables["usbl"]) == 1
-    assert codes(log)["USBL-INVALID"] == (
-        "/usbl/fix: 2 of 3 records are invalid and left out "
-        "(1 without fix (status below 0), 1 at latitude and longitude 0)"
-    )
-
-
 @pytest.mark.parametrize(
     ("row", "toml", "fault", "said"),
     [
