@@ -32,14 +32,3 @@ def test_an_empty_or_foreign_file_is_exit_3_and_one_sentence(tmp_path: Path, kin
         assert str(done.exception).startswith(f"{file}: ")
         assert "\n" not in str(done.exception)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("kind", ["MCAP", "ROS 1 bag", "rosbag2"])
-def test_a_topic_that_is_not_there_is_named_with_those_that_are(tmp_path: Path, kind: str) -> None:
-    file = WRITERS[kind](tmp_path)
-
-    done = run("replay", file, "--dvl", "/dvll")
-
-    assert str(done.exception) == (
-        f"{file}: no topic /dvll for the dvl; did you mean /dvl? (topics in this log: /dvl, /imu, /usbl)"
-    )
