@@ -285,10 +285,3 @@ module our_msgs { module msg {
 }; };
 """
     assert from_idl("our_msgs/msg/Fix", text.encode()).fields == ("x",)
-
-
-def test_a_schema_without_text_is_read_by_what_is_known_of_its_type(tmp_path: Path) -> None:
-    schema = ("std_msgs/msg/Float64", "ros2msg", b"")
-    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", schema, [b"\0\1\0\0" + struct.pack("<d", 12.5)])
-
-    assert read_whole(McapLog(file), {"/heading": ["data"]})["/heading"].columns["data"].tolist() == [12.5]
