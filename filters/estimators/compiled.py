@@ -16,13 +16,7 @@ from usbldr.filters.estimators.adaptive import ADAPTED_SENSORS, InflationFactor,
 from usbldr.filters.estimators.compiled_updates import RECORD, step_updates, update_table
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.encoded_columns import EncodedSteps, encoded_steps
-from usbldr.filters.estimators.encoding import (
-    Encoder,
-    can_encode,
-    filter_bytes,
-    generator_state,
-    seed_words,
-)
+from usbldr.filters.estimators.encoding import Encoder, can_encode, filter_bytes, generator_state, seed_words
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, replicate
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import collapse, moment_matched

@@ -43,9 +43,7 @@ class Projection(NamedTuple):
     def take(self, ancestors: Indices) -> "Projection":
         """Return the projection of these members."""
         return self._replace(
-            innovation=self.innovation[:, ancestors],
-            cov=self.cov[:, :, ancestors],
-            cross=self.cross[:, :, ancestors],
+            innovation=self.innovation[:, ancestors], cov=self.cov[:, :, ancestors], cross=self.cross[:, :, ancestors]
         )
 
 
@@ -57,9 +55,7 @@ def equal_weights(count: int) -> Vector:
 def replicate(mean: Vector, cov: Array, count: int) -> GaussianBank:
     """Return ``count`` copies of N(mean, cov), equally weighted: the paper's initial particles."""
     return GaussianBank(
-        np.repeat(mean[:, None], count, axis=1),
-        np.repeat(cov[:, :, None], count, axis=2),
-        equal_weights(count),
+        np.repeat(mean[:, None], count, axis=1), np.repeat(cov[:, :, None], count, axis=2), equal_weights(count)
     )
 
 

@@ -148,11 +148,7 @@ class MultiHypothesisFilter:
         )
 
     def _reweighted(
-        self,
-        belief: MultiHypothesisBelief,
-        likelihoods: Sequence[HypothesisLikelihoods],
-        step: Step,
-        make_rng: MakeRng,
+        self, belief: MultiHypothesisBelief, likelihoods: Sequence[HypothesisLikelihoods], step: Step, make_rng: MakeRng
     ) -> list[Hypothesis]:
         """Return the hypotheses after the fixes, reweighted, in their order, then those that resume.
 

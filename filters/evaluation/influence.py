@@ -47,14 +47,7 @@ def influences(trajectory: Trajectory) -> Mapping[int, Influence]:
     """Return by row every fix that the filter judged; none for a method that reports no shift."""
     x, y = (trajectory.names.index(state) for state in ("x", "y"))
     fixes = UpdateTable.of(trajectory.updates).of_sensor("usbl")
-    columns = (
-        fixes.row,
-        fixes.time_s,
-        fixes.shift(x),
-        fixes.shift(y),
-        *fixes.vectors("innovation").T,
-        fixes.outcome,
-    )
+    columns = (fixes.row, fixes.time_s, fixes.shift(x), fixes.shift(y), *fixes.vectors("innovation").T, fixes.outcome)
     found = map(Influence, *(column.tolist() for column in columns))
     return {one.row: one for one in found if math.isfinite(one.shift_east_m)}
 

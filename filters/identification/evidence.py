@@ -34,12 +34,7 @@ from usbldr.filters.identification.conclusions import (
 )
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
 from usbldr.filters.identification.false_runs import false_fixes, false_starts
-from usbldr.filters.identification.identification import (
-    CONTRADICTED,
-    LEVER_OR_LATENCY,
-    FalseRun,
-    Identification,
-)
+from usbldr.filters.identification.identification import CONTRADICTED, LEVER_OR_LATENCY, FalseRun, Identification
 from usbldr.filters.identification.linearisation import (
     COMPASS_CLOCK,
     DVL_CLOCK,

@@ -17,12 +17,7 @@ import numpy as np
 from usbldr.filters.identification.clusters import FAR, OFFSET_SD_M
 from usbldr.filters.identification.drift import drift_variances_m2
 from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
-from usbldr.filters.identification.linearisation import (
-    BIAS_STATES,
-    PASS_STATES,
-    linearised,
-    prior_sds,
-)
+from usbldr.filters.identification.linearisation import BIAS_STATES, PASS_STATES, linearised, prior_sds
 from usbldr.filters.identification.noise_fit import estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
 from usbldr.filters.models.noise import Noise, robust_sd

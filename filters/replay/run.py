@@ -29,12 +29,7 @@ from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, without_changes
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
-from usbldr.filters.replay.methods import (
-    FilterSettings,
-    Method,
-    method_named,
-    methods_that,
-)
+from usbldr.filters.replay.methods import FilterSettings, Method, method_named, methods_that
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
@@ -203,12 +198,7 @@ def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequenc
 
 
 def _warnings(
-    method: Method,
-    settings: FilterSettings,
-    starts: Sequence[FalseStart],
-    ess: Vector,
-    updates: UpdateTable,
-    late: int,
+    method: Method, settings: FilterSettings, starts: Sequence[FalseStart], ess: Vector, updates: UpdateTable, late: int
 ) -> tuple[str, ...]:
     name, texts = method.name, list[str]()
     if settings.order == "arrival":

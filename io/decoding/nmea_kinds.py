@@ -182,10 +182,7 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "GLL": SentenceKind(RECEIVED, _active, time=4, no_fix=(5, "V")),
     "TLL": SentenceKind(  # L: lost, Q: still in acquisition
         ("target", *PLACE),
-        lambda m: (
-            m.text("targetnum"),
-            *m.place(m.text("status") not in ("L", "Q"), "target"),
-        ),
+        lambda m: (m.text("targetnum"), *m.place(m.text("status") not in ("L", "Q"), "target")),
         time=6,
     ),
     "ZDA": SentenceKind(time=0, date=(1, 2, 3)),

@@ -69,11 +69,7 @@ def examine(path: Path, request: Request) -> Examination:
         if alike:
             break
     found = [
-        Finding(
-            "ROLE-UNDECIDED",
-            faults[role] + (f"; doctor uses {chosen[role]}" if log else ""),
-            chosen.get(role, ""),
-        )
+        Finding("ROLE-UNDECIDED", faults[role] + (f"; doctor uses {chosen[role]}" if log else ""), chosen.get(role, ""))
         for role in tied
     ]
     found += [Finding("UNUSABLE", text) for role, text in faults.items() if role not in tied]

@@ -37,10 +37,7 @@ LEG_HEADING = (
     "drive the ship around the vehicle during the dive, or for longer, or survey a transponder that lies still"
 )
 LEG_TILT = "record the vertical of the fixes and the vehicle's depth, and dive on all sides of the head"
-RIVALS = {
-    "mount_heading_deg": ("heading of the compass", LEG_HEADING),
-    "scale": ("scale of the DVL", LEG_HEADING),
-}
+RIVALS = {"mount_heading_deg": ("heading of the compass", LEG_HEADING), "scale": ("scale of the DVL", LEG_HEADING)}
 
 
 class DiveCalibration(NamedTuple):

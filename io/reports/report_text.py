@@ -22,12 +22,7 @@ from usbldr.io.reports.run import Run
 
 ORDERS = {"validity": "used at their time of validity", "arrival": "used when they arrived"}
 
-TRUTHS = {
-    "gps": "GPS",
-    "slam": "SLAM, not GPS",
-    "simulated": "simulated",
-    "other": "other than GPS",
-}
+TRUTHS = {"gps": "GPS", "slam": "SLAM, not GPS", "simulated": "simulated", "other": "other than GPS"}
 
 
 class Table(NamedTuple):

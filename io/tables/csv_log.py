@@ -130,8 +130,7 @@ class CsvLog:
             for topic, source in self._topics_of(file).items():
                 if topic in found:
                     raise LogError(
-                        f"{found[topic].file.name} and {file.name} are both {topic}; rename one",
-                        path=self.path,
+                        f"{found[topic].file.name} and {file.name} are both {topic}; rename one", path=self.path
                     )
                 found[topic] = source
         return found

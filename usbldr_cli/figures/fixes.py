@@ -76,10 +76,7 @@ def _axes(run: Run, residual_m: Array) -> tuple[dict[str, Vector], dict[str, Vec
     reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
     along = np.sum(residual_m * to_track, axis=1) / reach
     across = np.degrees(np.sum(residual_m * to_track[:, ::-1] * [1, -1], axis=1) / reach**2)
-    places = {
-        BEARING: np.degrees(np.arctan2(to_track[:, 0], to_track[:, 1])) % 360,
-        "horizontal range [m]": reach,
-    }
+    places = {BEARING: np.degrees(np.arctan2(to_track[:, 0], to_track[:, 1])) % 360, "horizontal range [m]": reach}
     return {"residual in range [m]": along, "residual in bearing [deg]": across}, places | against
 
 

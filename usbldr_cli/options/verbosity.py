@@ -41,13 +41,7 @@ def progress_option(command: Callable[..., Any]) -> Callable[..., Any]:
     text = "Progress on stderr: a bar if it is a terminal, JSON lines for scripts, or none."
     kinds = click.Choice(["bar", "json", "none"])
     return option(
-        "--progress",
-        type=kinds,
-        default="bar",
-        expose_value=False,
-        callback=_progress,
-        help=text,
-        rare=True,
+        "--progress", type=kinds, default="bar", expose_value=False, callback=_progress, help=text, rare=True
     )(command)
 
 
