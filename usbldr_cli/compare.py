@@ -15,7 +15,7 @@ from usbldr_cli.options.filter_list import filter_list, filters_option, refuse_r
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import read_request, selection_options
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import log_option, option, scoring_option
 from usbldr_cli.options.output_files import (
     folder_option,
     json_option,
@@ -44,19 +44,11 @@ if TYPE_CHECKING:
 @filters_option("Methods, see Filters below.  [default: dr,usbl,ekf,adf,cpf]")
 @seeds_option(5)
 @run_options
-@option(
-    "--fixes",
-    is_flag=True,
-    help="Of run directories: how good the fixes of each dive were, without truth.",
-    group="Log",
-    rare=True,
+@log_option(
+    "--fixes", is_flag=True, help="Of run directories: how good the fixes of each dive were, without truth.", rare=True
 )
-@option(
-    "--bound",
-    is_flag=True,
-    help="Of scenarios: add the least error that any filter could have.",
-    group="Scoring",
-    rare=True,
+@scoring_option(
+    "--bound", is_flag=True, help="Of scenarios: add the least error that any filter could have.", rare=True
 )
 @folder_option("Folder for tables, figures and finished runs.")
 @option("--force", is_flag=True, help="Replace the tables of another comparison in this folder.")

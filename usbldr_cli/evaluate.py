@@ -10,7 +10,7 @@ from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import ESTIMATE
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import log_option, option, scoring_option
 from usbldr_cli.options.output_files import folder_option, json_option, name_of, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
@@ -30,12 +30,10 @@ DEFAULTS: dict[str, Any] = {
 
 @click.command(cls=GroupedCommand)
 @log_options
-@option("--estimate", "-e", type=ESTIMATE, metavar="FILE|TOPIC", required=True, help="The track to judge.", group="Log")
-@option(
-    "--frame", type=click.Choice(FRAMES), help="Frame of the track.  [default: by type and name, else ENU]", group="Log"
-)
-@option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.", group="Scoring")
-@option("--end", metavar="TIME", help="Score up to this time.", group="Scoring")
+@log_option("--estimate", "-e", type=ESTIMATE, metavar="FILE|TOPIC", required=True, help="The track to judge.")
+@log_option("--frame", type=click.Choice(FRAMES), help="Frame of the track.  [default: by type and name, else ENU]")
+@scoring_option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.")
+@scoring_option("--end", metavar="TIME", help="Score up to this time.")
 @align_option
 @folder_option("Run directory.  [default: LOG-ESTIMATE]")
 @option("--force", is_flag=True, help="Replace an existing run directory.")

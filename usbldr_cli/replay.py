@@ -10,7 +10,7 @@ from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.completion import FILE, FILTER, LOG
 from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import filter_option, log_option, option, scoring_option
 from usbldr_cli.options.output_files import (
     folder_option,
     json_option,
@@ -38,42 +38,31 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("log", metavar="LOG", type=LOG, required=False)
 @selection_options
-@option(
-    "--filter",
-    "-f",
-    "method",
-    default="cpf",
-    type=FILTER,
-    metavar="NAME",
-    help="Method, see Filters below.",
-    group="Filter",
+@filter_option(
+    "--filter", "-f", "method", default="cpf", type=FILTER, metavar="NAME", help="Method, see Filters below."
 )
 @run_options
 @folder_option("Run directory.  [default: LOG-FILTER]")
 @option("--force", is_flag=True, help="Replace an existing run directory.")
 @json_option("report")
 @toml_option("--write-calibration", help="Write the estimated sensor errors as a configuration.", rare=True)
-@option(
+@scoring_option(
     "--leave-one-out",
     type=click.IntRange(min=1),
     metavar="N",
     help="Repeat the run without each of the N most influential fixes.",
-    group="Scoring",
     rare=True,
 )
-@option(
-    "--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.", group="Scoring", rare=True
-)
+@scoring_option("--bound", is_flag=True, help="Scenarios only: add the Cramér-Rao bound of the error.", rare=True)
 @run_outputs
-@option(
+@scoring_option(
     "--verify",
     type=FILE,
     metavar="RUN",
     help="Repeat a run by its directory or report.json; exit 1 if not the same.",
-    group="Scoring",
     rare=True,
 )
-@option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.", group="Log", rare=True)
+@log_option("--strict", is_flag=True, help="Write nothing if a part of LOG cannot be read.", rare=True)
 @option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 @verbose_option
 @progress_option

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from usbldr.filters.errors import UsageError
 from usbldr.io.drills.kinds import KINDS
 from usbldr_cli.options.completion import words
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import fault_option
 
 if TYPE_CHECKING:
     from usbldr.io.drills.drill import Drill
@@ -17,11 +17,9 @@ def fault_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for kind in reversed(list(KINDS)):
         declared = KINDS[kind]
         help_text = f"{declared.meaning}  [{declared.example}]"
-        command = option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text, group="Faults")(command)
+        command = fault_option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text)(command)
     help_text = 'Drills of a TOML file; "standard" is the suite that is shipped.  [default without faults: standard]'
-    return option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text, group="Faults")(
-        command
-    )
+    return fault_option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text)(command)
 
 
 def chosen_drills(suite: str | None, given: Mapping[str, tuple[str, ...]]) -> "tuple[Drill, ...]":

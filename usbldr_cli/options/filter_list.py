@@ -7,20 +7,20 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.completion import FILTERS
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import filter_option
 from usbldr_cli.options.run_options import RunChoices
 
 
 def filters_option(what: str, default: str | None = None) -> Callable[[Any], Any]:
     """Add --filters; ``what`` they are."""
-    return option("--filters", "-f", type=FILTERS, metavar="LIST", default=default, help=what, group="Filter")
+    return filter_option("--filters", "-f", type=FILTERS, metavar="LIST", default=default, help=what)
 
 
 def seeds_option(default: int) -> Callable[[Any], Any]:
     """Add --seeds."""
     several = click.IntRange(min=1)
     text = "Runs of each method."
-    return option("--seeds", type=several, default=default, metavar="N", help=text, group="Filter", used_by="draws")
+    return filter_option("--seeds", type=several, default=default, metavar="N", help=text, used_by="draws")
 
 
 def filter_list(filters: str, choices: RunChoices) -> list[str]:

@@ -9,7 +9,7 @@ import click
 
 from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import FILE, LOG, TRUTH, Suggested, topics, words
-from usbldr_cli.options.option import option, with_options
+from usbldr_cli.options.option import log_option, with_options
 
 if TYPE_CHECKING:
     from usbldr.io.reading.inputs import InputFile
@@ -34,75 +34,60 @@ def _raise_limits(_ctx: click.Context, _option: click.Parameter, factor: str | N
 
 selection_options = with_options(
     (
-        option(
+        log_option(
             "--config",
             metavar="FILE",
             type=words("none", files=True),
             help='Configuration file; "none" ignores the one beside LOG.',
-            group="Log",
         ),
-        option(
+        log_option(
             "--set",
             "set_keys",
             metavar="KEY=VALUE",
             multiple=True,
             help="A key of the configuration, such as usbl.sd_m=2; compare takes several values: usbl.sd_m=1,2,4.",
-            group="Log",
             rare=True,
         ),
         *(
-            option(
-                f"--{role}", metavar="TOPIC", type=Suggested(topics(role)), help=text, group="Log", rare=role != "usbl"
-            )
+            log_option(f"--{role}", metavar="TOPIC", type=Suggested(topics(role)), help=text, rare=role != "usbl")
             for role, text in ROLE_HELP.items()
         ),
-        option(
+        log_option(
             "--truth",
             metavar="FILE|TOPIC",
             type=TRUTH,
             help='Reference track; "none" for no scoring.  [default: the GPS of LOG]',
-            group="Log",
         ),
-        option(
+        log_option(
             "--truth-frame",
             type=click.Choice(["ENU", "NED", "latlon"]),
             help="Frame of the truth.  [default: by its type, else by the fixes]",
-            group="Log",
             rare=True,
         ),
-        option(
+        log_option(
             "--part",
             metavar="N",
             type=words(JOINED),
             help=f'Part of a log whose clock goes back, 1, 2, ...; "{JOINED}" lets it count on.',
-            group="Log",
             rare=True,
         ),
-        option(
-            "--with",
-            "joined",
-            metavar="FILE",
-            type=FILE,
-            multiple=True,
-            help="Additional file of the same dive.",
-            group="Log",
+        log_option(
+            "--with", "joined", metavar="FILE", type=FILE, multiple=True, help="Additional file of the same dive."
         ),
-        option(
+        log_option(
             "--msg-path",
             metavar="DIR",
             type=FILE,
             multiple=True,
             help="Folder of .msg definitions that LOG lacks.",
-            group="Log",
             rare=True,
         ),
-        option(
+        log_option(
             "--limits",
             metavar="FACTOR",
             callback=_raise_limits,
             expose_value=False,
             help="Multiply the limits on what reading LOG may cost.  [default: 1]",
-            group="Log",
             rare=True,
         ),
     )

@@ -35,6 +35,10 @@ class Option(click.Option):
 
 
 option = functools.partial(click.option, cls=Option)
+log_option = functools.partial(option, group="Log")
+fault_option = functools.partial(option, group="Faults")
+filter_option = functools.partial(option, group="Filter")
+scoring_option = functools.partial(option, group="Scoring")
 
 
 def methods_with(field: str) -> str:

@@ -6,12 +6,12 @@ from typing import Any
 
 import click
 
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import filter_option
 
 
 def plugin_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --plugin, which comes before every option that names filters."""
-    return option(
+    return filter_option(
         "--plugin",
         multiple=True,
         is_eager=True,
@@ -19,7 +19,6 @@ def plugin_option(command: Callable[..., Any]) -> Callable[..., Any]:
         callback=_add,
         metavar="MODULE:NAME",
         help="Filter of your own, a usbldr.Method: my_package:MINE or my_filters.py:MINE; see docs/extend.md.",
-        group="Filter",
         rare=True,
     )(command)
 

@@ -10,7 +10,7 @@ import click
 
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.completion import Suggested, places, sensor_errors
-from usbldr_cli.options.option import option, packed_options
+from usbldr_cli.options.option import filter_option, packed_options, scoring_option
 from usbldr_cli.options.plugin_option import plugin_option
 
 if TYPE_CHECKING:
@@ -82,13 +82,12 @@ class RunChoices:
 
 def align_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --align."""
-    return option(
+    return scoring_option(
         "--align",
         type=click.Choice(["auto", "none", "shift", "first", "rigid", "body"]),
         default="auto",
         metavar="HOW",
         help="Align track and truth: none, shift, first, rigid or body; auto: shift if the map origin is unknown.",
-        group="Scoring",
     )(command)
 
 
@@ -97,118 +96,92 @@ run_options = packed_options(
     "choices",
     (
         plugin_option,
-        option(
+        filter_option(
             "--particles",
             "-N",
             type=click.IntRange(min=2),
             metavar="N",
             default=100,
             help="Particles ({draws}).",
-            group="Filter",
             used_by="draws",
         ),
-        option(
+        filter_option(
             "--gate",
             type=click.FloatRange(0, 1, min_open=True, max_open=True),
             metavar="P",
             help="Reject measurements outside a gate that passes a share P of inliers ({takes_gate}).  "
             "[default: no gate]",
-            group="Filter",
             rare=True,
         ),
-        option(
+        filter_option(
             "--seed",
             type=click.IntRange(min=0),
             default=0,
             metavar="N",
             help="Seed of random numbers.",
-            group="Filter",
             used_by="draws",
         ),
-        option(
-            "--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601.", group="Scoring"
-        ),
-        option("--end", metavar="TIME", help="Score up to this time.  [default: all of LOG]", group="Scoring"),
+        scoring_option("--start", metavar="TIME", help="Score from this time on: seconds of the log, or ISO 8601."),
+        scoring_option("--end", metavar="TIME", help="Score up to this time.  [default: all of LOG]"),
         align_option,
-        option(
+        scoring_option(
             "--dr-from",
             default="start",
             type=Suggested(places),
             metavar="WHERE",
             help="Start of dead reckoning: start, first-fix, first-gps, first-truth or LAT,LON.",
-            group="Scoring",
             rare=True,
         ),
-        option(
+        filter_option(
             "--calibrate",
             type=Suggested(sensor_errors, several=True),
             metavar="LIST",
             help="Sensor errors: auto, none or names.  [default: as configured, else auto]",
-            group="Filter",
             used_by="estimates",
         ),
-        option(
+        filter_option(
             "--noise",
             multiple=True,
             metavar="SENSOR=KIND",
             help="Noise family of a sensor: usbl=student-t:4, dvl=mixture:0.3:10, compass=gaussian, "
             "usbl=contamination:0.05:10:record.",
-            group="Filter",
             rare=True,
             used_by="is_filter",
         ),
-        option(
+        filter_option(
             "--order",
             type=click.Choice(["validity", "arrival"]),
             default="validity",
             help="Use fixes at their time of validity, or when they arrive at the vehicle.",
-            group="Filter",
             rare=True,
             used_by="is_filter",
         ),
-        option(
+        filter_option(
             "--guard/--no-guard",
             default=None,
             help="Keep several hypotheses while fixes contradict the track "
             "(default for {multiple_hypotheses_by_default}).",
-            group="Filter",
             rare=True,
             used_by="multiple_hypotheses",
         ),
-        option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive.", group="Filter"),
-        option(
+        filter_option("--smooth", is_flag=True, help="Estimate each epoch from the whole dive."),
+        filter_option(
             "--aid",
             metavar="gps@FROM:TO,...",
             help="Use GPS fixes as measurements in these windows, in seconds of the log, which are not scored.",
-            group="Filter",
             rare=True,
         ),
-        option(
+        filter_option(
             "--exclude",
             multiple=True,
             metavar="SENSOR@FROM:TO,...",
             help="Leave out the records of dvl, compass or usbl in these windows, in seconds of the log.",
-            group="Filter",
             rare=True,
         ),
-        option(
-            "--fast-hz",
-            type=float,
-            metavar="HZ",
-            default=5.0,
-            help="Epochs of the filter per second.",
-            group="Filter",
-            rare=True,
+        filter_option(
+            "--fast-hz", type=float, metavar="HZ", default=5.0, help="Epochs of the filter per second.", rare=True
         ),
-        option(
-            "--slow-hz",
-            type=float,
-            metavar="HZ",
-            default=1.0,
-            help="Scored epochs per second.",
-            group="Scoring",
-            rare=True,
-        ),
+        scoring_option("--slow-hz", type=float, metavar="HZ", default=1.0, help="Scored epochs per second.", rare=True),
     ),
 )
 """Add the options; the command gets them as one RunChoices, ``choices``."""
