@@ -209,7 +209,4 @@ def _sorted(raw: RawRecords) -> RawRecords:
     """Return the records in the order of log time, those of equal time as they came."""
     if np.all(raw.received_ns[1:] >= raw.received_ns[:-1]):
         return raw
-    order = np.argsort(raw.received_ns, kind="stable")
-    stamp_ns = None if raw.stamp_ns is None else raw.stamp_ns[order]
-    values = {quantity: column[order] for quantity, column in raw.values.items()}
-    return replace(raw, received_ns=raw.received_ns[order], stamp_ns=stamp_ns, values=values)
+    return raw.part(np.argsort(raw.received_ns, kind="stable"))

@@ -13,7 +13,7 @@ from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.attitude import YAW, vertical, with_yaw, without_direction
-from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
 from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
@@ -63,15 +63,10 @@ def compass(
     chosen, findings = [*chosen, *more_chosen], [*findings, *more, *invalid, *_constant(raw, heading, good)]
     for rows in blocks(len(heading)):
         heading[rows] = heading[rows] - section.bias_deg + added[rows]
-    chosen += [Convention("bias_deg", section.bias_deg, "configuration", "deg")] if section.bias_deg else []
     A, B = section.deviation_sin_deg, section.deviation_cos_deg
     if A or B:
         heading = without_deviation(heading, A, B)
-        chosen += [
-            Convention(key, value, "configuration", "deg")
-            for key, value in (("deviation_sin_deg", A), ("deviation_cos_deg", B))
-            if value
-        ]
+    chosen += corrections("deg", bias_deg=section.bias_deg, deviation_sin_deg=A, deviation_cos_deg=B)
     sd, sd_chosen = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0, out=heading), "sd_deg": sd}
     made = keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
@@ -103,11 +98,11 @@ def _clockwise(
     """Return headings clockwise from any north, degrees (n,); which are invalid, by cause; conventions."""
     defined = "angle" in raw.values and "convention" in {*raw.layout.defaults, *raw.layout.fixed}
     by_frame = "NED" if named_ned(raw.frame_id) and not defined else None
-    convention, chosen_by, findings = chosen_convention(raw, "convention", section.convention or by_frame, "ENU")
+    convention, by_key, findings = chosen_convention(raw, "convention", section.convention or by_frame, "ENU")
     if by_frame and not section.convention:
         chosen = [Convention("convention", convention, "frame_id", note=raw.frame_id)]
     else:
-        chosen = [Convention("convention", convention, "records" if convention == PER_RECORD else chosen_by)]
+        chosen = [Convention("convention", convention, "records" if convention == PER_RECORD else by_key.chosen_by)]
     if section.unit is not None and "angle" not in raw.values:
         text = "unit of the configuration is not used; its records are not plain angles"
         findings = [*findings, raw.finding("KEY-UNUSED", text)]
@@ -116,8 +111,8 @@ def _clockwise(
     if "angle" not in raw.values:
         yaw = raw.values[YAW]
         return (90.0 - yaw if convention == "ENU" else yaw.copy()), without_direction(raw), chosen, findings
-    unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "deg")
-    unit_note = ""
+    unit, stated, more = chosen_convention(raw, "unit", section.unit, "deg")
+    unit_by, unit_note = stated.chosen_by, ""
     angle, findings = raw.number("angle"), [*findings, *more]
     size = np.abs(angle[np.isfinite(angle)])
     within = size[size <= LARGEST_DEG]  # a larger one means no data

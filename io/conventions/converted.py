@@ -10,7 +10,7 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.conventions.timestamps import Times
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
-from usbldr.io.provenance import ChosenBy, Convention
+from usbldr.io.provenance import Convention
 
 ANY_COLUMNS = "docs/configuration.md#any-columns-any-message"
 
@@ -27,21 +27,32 @@ class ConvertedTable:
 
 
 def chosen_convention(
-    raw: RawRecords, key: str, value: str | None, default: str
-) -> tuple[str, ChosenBy, list[Finding]]:
-    """Return a key's value, who chose it, and a finding if the log contradicts the configuration."""
+    raw: RawRecords, key: str, value: str | None, default: str, by_frame: bool = False
+) -> tuple[str, Convention, list[Finding]]:
+    """Return a key's value, its convention, and a finding if the log contradicts the configuration.
+
+    ``by_frame``: the default is what the name of the frame means.
+    """
     if key in raw.layout.fixed:
         fixed = raw.layout.fixed[key]
-        if value in (None, fixed):
-            return fixed, "column names", []
         text = f'{key} = "{value}" of the configuration is not used; its columns are {fixed}'
         text += f"; name them by columns to read them otherwise ({ANY_COLUMNS})"
-        return fixed, "column names", [raw.finding("KEY-UNUSED", text)]
+        unused = [] if value in (None, fixed) else [raw.finding("KEY-UNUSED", text)]
+        return fixed, Convention(key, fixed, "column names"), unused
     if value is not None:
-        return value, "configuration", []
-    if key in raw.layout.defaults:
-        return raw.layout.defaults[key], "type", []
-    return default, "default", []
+        chosen = Convention(key, value, "configuration")
+    elif key in raw.layout.defaults:
+        chosen = Convention(key, raw.layout.defaults[key], "type")
+    elif by_frame:
+        chosen = Convention(key, default, "frame_id", note=raw.frame_id)
+    else:
+        chosen = Convention(key, default, "default")
+    return str(chosen.value), chosen, []
+
+
+def corrections(unit: str = "", **stated: float) -> list[Convention]:
+    """Return the corrections that the configuration states by its keys, without those of 0."""
+    return [Convention(key, value, "configuration", unit) for key, value in stated.items() if value]
 
 
 def converted_table(

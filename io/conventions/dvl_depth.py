@@ -11,7 +11,7 @@ from usbldr.filters.errors import SettingError
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
-from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.messages.dvl import (
@@ -44,28 +44,19 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
 
     Raises LogError if all are invalid, or so many too fast that the unit must be wrong.
     """
-    by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
-    axes, chosen_by, findings = chosen_convention(raw, "axes", section.axes, by_frame)
-    by_name = bool(chosen_by == "default" and raw.frame_id)
-    unit, unit_by, more = chosen_convention(raw, "unit", section.unit, "m/s")
-    to_mps = MPS_PER_UNIT[unit]
-    chosen = [
-        Convention("axes", axes, "frame_id" if by_name else chosen_by, note=raw.frame_id if by_name else ""),
-        Convention("unit", unit, unit_by),
-    ]
-
+    usual = "FRD" if named_frd(raw.frame_id) else "FLU"
+    axes, axes_chosen, findings = chosen_convention(raw, "axes", section.axes, usual, by_frame=bool(raw.frame_id))
+    unit, unit_chosen, more = chosen_convention(raw, "unit", section.unit, "m/s")
+    to_mps, unit_by, chosen = MPS_PER_UNIT[unit], unit_chosen.chosen_by, [axes_chosen, unit_chosen]
     by_sound, sound_chosen = _sound_speed_ratio(raw, section)
     instrument = np.full((3, len(raw.received_ns)), np.nan)  # starboard, forward, up of the instrument
     for name, (axis, sign) in zip("xyz", axis_signs(axes), strict=True):
         instrument[axis] = (
             sign * to_mps * by_sound * inverse_interval(raw) * raw.number(name) / (1.0 + section.scale_error)
         )
-    chosen += sound_chosen
-    if section.scale_error:
-        chosen.append(Convention("scale_error", section.scale_error, "configuration"))
-    chosen.append(
-        Convention("mount_deg", section.mount_deg, "configuration" if section.mount_deg else "default", "deg")
-    )
+    chosen += [*sound_chosen, *corrections(scale_error=section.scale_error)]
+    mount_by: ChosenBy = "configuration" if section.mount_deg else "default"
+    chosen.append(Convention("mount_deg", section.mount_deg, mount_by, "deg"))
     if section.track == "water":
         chosen.append(Convention("track", section.track, "configuration"))
     starboard, forward = rotated(-np.radians(section.mount_deg), instrument[:2].T).T
@@ -138,8 +129,8 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
 
     Raises LogError if all are invalid.
     """
-    unit, chosen_by, findings = chosen_convention(raw, "unit", section.unit, "m")
-    chosen = [Convention("unit", unit, chosen_by)]
+    unit, unit_chosen, findings = chosen_convention(raw, "unit", section.unit, "m")
+    chosen = [unit_chosen]
     if "pressure" in raw.values:
         if unit == "m":
             raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
@@ -157,13 +148,10 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         usual = "up" if height and not named_frd(raw.frame_id) else "down"
         if unit != "m":
             raise SettingError(f'[depth] unit = "{unit}": {raw.topic.name} holds depths in m')
-        sign, sign_by, more = chosen_convention(raw, "positive", section.positive, usual)
-        by_frame = bool(height and sign_by == "default" and raw.frame_id)
+        by_frame = bool(height and raw.frame_id)
+        sign, sign_chosen, more = chosen_convention(raw, "positive", section.positive, usual, by_frame)
         value = raw.number("height" if height else "depth") * (1.0 if sign == "down" else -1.0)
-        chosen.append(
-            Convention("positive", sign, "frame_id" if by_frame else sign_by, note=raw.frame_id if by_frame else "")
-        )
-        findings = [*findings, *more]
+        chosen, findings = [*chosen, sign_chosen], [*findings, *more]
         middle = float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
         if middle < -IN_THE_AIR_M:
             other = f'positive = "{"up" if sign == "down" else "down"}" under [depth]'

@@ -108,7 +108,7 @@ def _of_kept_gps(log: Log, tables: Tables) -> Truth | None:
 def _dvl(records: Records, tables: Tables) -> Judged:
     zero = sudden_zeros(records.time_s, records.values)
     text = f"are exactly 0 between records at speed: the DVL has no lock then, although it calls them valid; {LEFT_OUT}"
-    found = [Finding("DVL-ZERO", *_stretches(records, zero, text))] if zero.any() else []
+    found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
     records, spikes = _without_spikes(records, velocity_spikes, "m/s")
     return records, [*found, *stuck_found, *spikes]
@@ -124,7 +124,7 @@ def _compass(records: Records, tables: Tables) -> Judged:
 def _without_copies(records: Records, tables: Tables, code: str, left_out: str) -> Judged:
     copied = _while_moving(copied_fixes(records.values), records.time_s, tables)
     text = f"repeat the previous fix to the last digit; {left_out}"
-    return records.without(copied), [Finding(code, *_stretches(records, copied, text))] if copied.any() else []
+    return records.without(copied), _stretch_finding(code, records, copied, text)
 
 
 CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] = {
@@ -144,7 +144,7 @@ def _without_stuck(records: Records, tables: Tables, what: str) -> Judged:
     frozen = _while_moving(stuck(records.time_s, records.values), records.time_s, tables)
     kept = "" if what == "depths" else f"; {LEFT_OUT}"
     text = f"repeat the previous one to the last digit, as noisy {what} never do otherwise: the sensor was stuck{kept}"
-    return records.without(frozen), [Finding("STUCK", *_stretches(records, frozen, text))] if frozen.any() else []
+    return records.without(frozen), _stretch_finding("STUCK", records, frozen, text)
 
 
 def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
@@ -163,20 +163,17 @@ def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
     return moving
 
 
-def _stretches(records: Records, which: Mask, text: str) -> tuple[str, str, float, float, str]:
-    """Return text, topic, time, worst value and unit of a finding: how many records, in which stretches."""
+def _stretch_finding(code: str, records: Records, which: Mask, text: str) -> list[Finding]:
+    """Report some of the records, if any: how many, in which stretches."""
+    if not which.any():
+        return []
     first, end = runs(which)
     lengths_s = records.time_s[end - 1] - records.time_s[np.maximum(first - 1, 0)]
     longest = int(np.argmax(lengths_s))
     start_s, length_s = float(records.time_s[first[longest]]), float(lengths_s[longest])
     where = f"in {len(first)} stretches, the longest {length_s:.1f} s from {start_s:.1f} s on"
-    return (
-        f"{records.topic}: {which.sum()} of {len(which)} records, {where}, {text}",
-        records.topic,
-        start_s,
-        length_s,
-        "s",
-    )
+    whole = f"{records.topic}: {which.sum()} of {len(which)} records, {where}, {text}"
+    return [Finding(code, whole, records.topic, start_s, length_s, "s")]
 
 
 def _without_spikes(records: Records, deviation_of: Callable[[Vector, Array], Vector], unit: str) -> Judged:

@@ -219,7 +219,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     """Turn GPS fixes, or another reference's positions, to east and north; fixes without validity are left out."""
     latlon = "lat_deg" in raw.layout.required
     by_name = "NED" if named_ned(raw.frame_id) else "ENU"
-    frame, frame_by, findings = chosen_convention(raw, "frame", section.frame, by_name)
+    frame, frame_chosen, findings = chosen_convention(raw, "frame", section.frame, by_name)
     if latlon != (frame == "latlon") and latlon:
         raise SettingError(f'frame = "{frame}": {raw.topic.name} holds latitudes and longitudes')
     causes = place_causes(raw, frame)
@@ -238,7 +238,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
     columns |= pose_columns(raw, str(frame))
     times = times_of(raw, section.time, section.latency_s)
-    chosen = [Convention("frame", frame, frame_by), *(notation_of(raw) if latlon else ()), sd_chosen]
+    chosen = [frame_chosen, *(notation_of(raw) if latlon else ()), sd_chosen]
     on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid, *on_grid])
     return keep_valid(replace(made, geodetic=frame == "latlon"), good)
@@ -260,26 +260,4 @@ def underwater_text(topic: str, depth_m: Vector) -> str:
     return (
         f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {np.nanmax(depth_m):.1f} m: "
         "they may be acoustic positions or repeats; do not use them as truth"
-    )
-
-
-def repeated_fix_text(topic: str, table: pd.DataFrame, start_ns: int) -> str:
-    """Return a sentence if latitudes and longitudes repeat to the last digit for long; empty if none do.
-
-    ``table`` is in order of time_ns. Under water a receiver repeats its last fix, with new stamps.
-    """
-    time_ns = table["time_ns"].to_numpy()
-    places = table[["lat_deg", "lon_deg"]].to_numpy(dtype=float)
-    first = np.flatnonzero(np.append(True, np.any(places[1:] != places[:-1], axis=1)))  # of each run
-    last = np.append(first[1:], len(table)) - 1
-    length_s = (time_ns[last] - time_ns[first]) / 1e9
-    repeated = length_s > LONGEST_STILL_S
-    if not repeated.any():
-        return ""
-    longest = int(np.argmax(length_s))
-    from_s = (time_ns[first[longest]] - start_ns) / 1e9
-    return (
-        f"{topic}: {np.sum((last - first)[repeated])} of {len(table)} fixes repeat the previous one to the last digit "
-        f"for more than {LONGEST_STILL_S:g} s, in {repeated.sum()} stretches, the longest {length_s[longest]:.1f} s "
-        f"from {from_s:.1f} s on: the receiver may have been under water, or the positions are simulated"
     )

@@ -106,10 +106,29 @@ def truth_underwater_findings(
 
 
 def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:
-    """Report a receiver that repeats its last fix."""
-    degrees = "lat_deg" in table and of.convention("frame").value == "latlon"
-    text = positions.repeated_fix_text(of.topic, table, start_ns) if degrees else ""
-    return [Finding("GPS-REPEATED", text, of.topic)] if text else []
+    """Report a receiver that repeats its last latitude and longitude to the last digit for long.
+
+    ``table`` is in order of time_ns. Under water a receiver repeats its last fix, with new stamps.
+    """
+    if "lat_deg" not in table or of.convention("frame").value != "latlon":
+        return []
+    time_ns = table["time_ns"].to_numpy()
+    places = table[["lat_deg", "lon_deg"]].to_numpy(dtype=float)
+    first = np.flatnonzero(np.append(True, np.any(places[1:] != places[:-1], axis=1)))  # of each run
+    last = np.append(first[1:], len(table)) - 1
+    length_s = (time_ns[last] - time_ns[first]) / 1e9
+    repeated = length_s > positions.LONGEST_STILL_S
+    if not repeated.any():
+        return []
+    longest = int(np.argmax(length_s))
+    from_s = (time_ns[first[longest]] - start_ns) / 1e9
+    text = (
+        f"{of.topic}: {np.sum((last - first)[repeated])} of {len(table)} fixes repeat the previous one to the last "
+        f"digit for more than {positions.LONGEST_STILL_S:g} s, in {repeated.sum()} stretches, the longest "
+        f"{length_s[longest]:.1f} s from {from_s:.1f} s on: the receiver may have been under water, or the positions "
+        "are simulated"
+    )
+    return [Finding("GPS-REPEATED", text, of.topic)]
 
 
 def covariance_findings(raws: Mapping[str, RawRecords]) -> list[Finding]:

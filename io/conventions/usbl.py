@@ -17,7 +17,7 @@ from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.attitude import along_level_axes
-from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
+from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
 from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.positions import exchanged_advice, grid_findings, notation_of, off_plane_causes, on_plane
@@ -75,7 +75,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     Raises LogError if none is left or latitudes have no plane, UsageError if the section does not fit.
     """
     raw, target, findings = records_of_target(raw, section.target)
-    kind, kind_by, unused = kind_of_fixes(raw, section, origin)
+    kind, kind_chosen, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
     when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s))
     times = when.times
@@ -129,7 +129,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         columns |= dict(zip(AWAY_COLUMNS, line.T, strict=True))
     if fixes.levelled_by_m is not None:
         columns[LEVELLED_COLUMN] = fixes.levelled_by_m
-    chosen = [*target, Convention("kind", kind, kind_by), *when.conventions, *fixes.conventions]
+    chosen = [*target, kind_chosen, *when.conventions, *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
     from_geodetic_end = end is not None and end.plane_lat_deg is not None and fixes.relative_to_reference
@@ -146,14 +146,11 @@ def _by_position(
     raw: RawRecords, section: UsblSection, origin: Origin | None, end: UsblReference | None, drop_m: Vector
 ) -> PlacedFixes:
     """Place offsets from the head or beacon, and positions on the map."""
-    by_frame = "NED" if named_ned(raw.frame_id) else "ENU"
-    frame, chosen_by, findings = chosen_convention(raw, "frame", section.frame, by_frame)
-    relative, relative_by, more = chosen_convention(raw, "relative_to", section.relative_to, "head" if end else "map")
+    is_ned = named_ned(raw.frame_id)
+    frame, frame_chosen, findings = chosen_convention(raw, "frame", section.frame, "NED" if is_ned else "ENU", is_ned)
+    relative, counted, more = chosen_convention(raw, "relative_to", section.relative_to, "head" if end else "map")
     relative = "head" if frame == "body" else relative
-    frame_chosen = Convention("frame", frame, chosen_by)
-    if chosen_by == "default" and by_frame == "NED":
-        frame_chosen = Convention("frame", frame, "frame_id", note=raw.frame_id)
-    chosen = [frame_chosen, Convention("relative_to", relative, relative_by)]
+    chosen = [frame_chosen, replace(counted, value=relative)]
     findings = [*findings, *more]
     if relative == "head" and end is None:
         raise raw.fault(f"{raw.topic.name} holds positions relative to the head; {STATE_HEAD}")
@@ -181,13 +178,13 @@ def _by_position(
 def along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Convention, list[Finding]]:
     """Return fixes along starboard, forward, up of the instrument, (n, 3), and those of its axes x and y, (2, 2)."""
     by_frame = "FRD" if named_frd(raw.frame_id) else "FLU"
-    names, chosen_by, findings = chosen_convention(raw, "axes", section.axes, by_frame)
+    names, chosen, findings = chosen_convention(raw, "axes", section.axes, by_frame)
     along, axes = np.zeros((len(raw.received_ns), 3)), np.zeros((3, 2))
     for column, (name, (axis, sign)) in enumerate(zip("xyz", axis_signs(names), strict=True)):
         along[:, axis] = sign * raw.number(name)
         if name != "z":
             axes[axis, column] = sign
-    return along, axes[:2], Convention("axes", names, chosen_by), findings
+    return along, axes[:2], chosen, findings
 
 
 def _tilted(section: UsblSection) -> bool:
@@ -213,7 +210,7 @@ def _in_level_axes(section: UsblSection, end: UsblReference, along: Array) -> Ar
 def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[Convention]]:
     """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
     keys = ("mount_deg", "mount_roll_deg", "mount_pitch_deg")
-    chosen = [Convention(k, v, "configuration", "deg") for k in keys if (v := float(getattr(section, k)))]
+    chosen = corrections("deg", **{key: float(getattr(section, key)) for key in keys})
     if section.level:
         chosen.append(Convention("level", "roll and pitch of the ship", "configuration"))
     if frame != "body":

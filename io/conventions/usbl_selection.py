@@ -1,7 +1,5 @@
 """Which of a USBL's records are fixes of the vehicle, and of which kind they are."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,7 @@ from usbldr.io.conventions.repeats import copied_fixes
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
-from usbldr.io.provenance import ChosenBy, Convention
+from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
 FULL_FIX = 2  # fixed: of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
@@ -45,7 +43,7 @@ def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRec
     chosen = Convention("target", wanted, "configuration")
     if target is None:
         chosen = Convention("target", wanted, "data", note="the only one")
-    return _rows(raw, target_names == wanted), [chosen], []
+    return raw.part(target_names == wanted), [chosen], []
 
 
 def _names(raw: RawRecords) -> NDArray[np.str_]:
@@ -72,18 +70,14 @@ def without_repeats(raw: RawRecords, kind: str, section: UsblSection) -> tuple[R
     if not repeated.any():
         return raw, []
     text = f"{repeated.sum()} of {len(repeated)} fixes repeat the previous one to the last digit; left out"
-    return _rows(raw, ~repeated), [raw.finding("USBL-REPEATED", text)]
+    return raw.part(~repeated), [raw.finding("USBL-REPEATED", text)]
 
 
-def _rows(raw: RawRecords, mask: Mask) -> RawRecords:
-    stamp = None if raw.stamp_ns is None else raw.stamp_ns[mask]
-    values = {quantity: column[mask] for quantity, column in raw.values.items()}
-    return replace(raw, stamp_ns=stamp, received_ns=raw.received_ns[mask], values=values)
-
-
-def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[str, ChosenBy, list[Finding]]:
-    """Return the kind of the fixes and who chose it; refuse one that the records cannot have."""
-    kind, chosen_by, findings = chosen_convention(raw, "kind", section.kind, "position")
+def kind_of_fixes(
+    raw: RawRecords, section: UsblSection, origin: Origin | None
+) -> tuple[str, Convention, list[Finding]]:
+    """Return the kind of the fixes and its convention; refuse one that the records cannot have."""
+    kind, chosen, findings = chosen_convention(raw, "kind", section.kind, "position")
     have = {"latlon"} if "lat_deg" in raw.layout.required else {"position", "latlon"}
     have = {"range_bearing"} if "slant_range_m" in raw.layout.required else have
     if kind not in have:
@@ -91,7 +85,7 @@ def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) 
         raise SettingError(f'[usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
     stated = (section.frame, section.relative_to, section.head, section.beacon)
     if (
-        chosen_by == "default"
+        chosen.chosen_by == "default"
         and stated == (None,) * 4
         and raw.layout.type.startswith("pose")
         and _like_latitudes(raw, origin)
@@ -100,8 +94,8 @@ def kind_of_fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) 
             "x and y are read as latitude and longitude, because their values allow it; "
             'if they are metres, state kind = "position" under [usbl]'
         )
-        return "latlon", "values", [raw.finding("USBL-LATLON", text)]
-    return kind, chosen_by, findings
+        return "latlon", Convention("kind", "latlon", "values"), [raw.finding("USBL-LATLON", text)]
+    return kind, chosen, findings
 
 
 def _like_latitudes(raw: RawRecords, origin: Origin | None) -> bool:

@@ -119,7 +119,7 @@ def _of_topic(
     raw = raw_records(path, topic, layout, read_whole(reader, {topic.name: list(paths.values())})[topic.name], paths)
     try:
         is_ned = named_ned(raw.frame_id)
-        used, chosen_by, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")
+        used, chosen, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")
         if "lat_deg" in layout.required and used != "latlon":
             raise SettingError(f"--frame {used}: {name} holds latitudes and longitudes")
     except SettingError as err:
@@ -131,7 +131,7 @@ def _of_topic(
     columns |= {key: covariance[:, k // 2, k % 2] for k, key in enumerate(COVARIANCE)}
     columns |= {key: column for key, column in pose_columns(raw, str(used)).items() if key == "heading_deg"}
     table = pd.DataFrame({key: values[good] for key, values in columns.items()})
-    return table, topic.name, used, chosen_by == "default" and not is_ned
+    return table, topic.name, used, chosen.chosen_by == "default" and not is_ned
 
 
 def _trajectory(table: pd.DataFrame, label: str, start_ns: int) -> Trajectory:
