@@ -1,6 +1,7 @@
 """The format of a log, recognised by its first bytes, never by its name."""
 
 from collections.abc import Callable, Collection, Mapping
+from importlib import import_module
 from pathlib import Path
 
 from usbldr.filters import plugins
@@ -56,24 +57,6 @@ def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return Db3Log(path, known)
 
 
-def _tlog(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.tlog_log import TelemetryLog, looks_like_tlog
-
-    return TelemetryLog(path) if looks_like_tlog(head) else None
-
-
-def _dataflash(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.dataflash_log import DataflashLog, looks_like_dataflash
-
-    return DataflashLog(path) if looks_like_dataflash(head) else None
-
-
-def _pd0(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.pd0_log import looks_like_pd0, pd0_log
-
-    return pd0_log(path) if looks_like_pd0(head) else None
-
-
 def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.instruments.pd45_log import name_of_pd45, pd45_log
 
@@ -81,35 +64,11 @@ def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return pd45_log(path, name) if name else None
 
 
-def _pd6(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.pd6_log import looks_like_pd6, pd6_log
-
-    return pd6_log(path) if looks_like_pd6(head) else None
-
-
-def _json_lines(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.json_lines_log import JsonLinesLog, looks_like_json_lines
-
-    return JsonLinesLog(path) if looks_like_json_lines(head) else None
-
-
 def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.instruments.nmea_log import form_of, nmea_file
 
     form = form_of(head)
     return nmea_file(path, form) if form and not _is_other_text(head) else None
-
-
-def _alog(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.alog_log import AlogLog, looks_like_alog
-
-    return AlogLog(path) if looks_like_alog(head) and not _is_other_text(head) else None
-
-
-def _lsf(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.lsf_log import LsfLog, looks_like_lsf
-
-    return LsfLog(path) if looks_like_lsf(head) else None
 
 
 def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -140,6 +99,16 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return CsvLog(path) if looks_like_csv(head) and not _is_other_text(head) else None
 
 
+def _by_look(module: str, test: str, opens: str) -> Callable[[Path, bytes, Definitions], Reader | None]:
+    """Return how a format is recognised by a function of the first bytes in the module that reads it."""
+
+    def reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
+        part = import_module(f"usbldr.io.instruments.{module}")
+        return getattr(part, opens)(path) if getattr(part, test)(head) and not _is_other_text(head) else None
+
+    return reader
+
+
 def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Reader | None]:
     """Return how a format of another package is recognised: by its function of the path and the first bytes."""
 
@@ -159,17 +128,17 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "MCAP files": _mcap,
     "ROS 1 bags": _bag,
     "rosbag2 (folders and .db3 files)": _rosbag2,
-    "MAVLink telemetry logs (.tlog)": _tlog,
-    "DataFlash logs (.BIN)": _dataflash,
-    "PD0 files": _pd0,
+    "MAVLink telemetry logs (.tlog)": _by_look("tlog_log", "looks_like_tlog", "TelemetryLog"),
+    "DataFlash logs (.BIN)": _by_look("dataflash_log", "looks_like_dataflash", "DataflashLog"),
+    "PD0 files": _by_look("pd0_log", "looks_like_pd0", "pd0_log"),
     "PD4 and PD5 files": _pd45,
-    "PD6 text": _pd6,
-    "MOOS logs (.alog)": _alog,
-    "LSF logs of IMC messages": _lsf,
+    "PD6 text": _by_look("pd6_log", "looks_like_pd6", "pd6_log"),
+    "MOOS logs (.alog)": _by_look("alog_log", "looks_like_alog", "AlogLog"),
+    "LSF logs of IMC messages": _by_look("lsf_log", "looks_like_lsf", "LsfLog"),
     "Parquet files and folders of them": _parquet,
     "HDF5 files (also netCDF-4)": _hdf5,
     "MATLAB files (.mat)": _mat,
-    "JSON lines": _json_lines,
+    "JSON lines": _by_look("json_lines_log", "looks_like_json_lines", "JsonLinesLog"),
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
     **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},
