@@ -22,6 +22,7 @@ from usbldr.io.decoding.columns import (
     Extractor,
     arrays_within,
     decode_one_by_one,
+    extractor,
 )
 from usbldr.io.decoding.definitions import Types, ros2_name
 from usbldr.io.decoding.ros_byte_layout import TIMES, decode_by_layout
@@ -118,15 +119,8 @@ class RosDecoder:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
         getters = [_getter(path, self._unset(path)) for path in paths]
         deserialize = self._store.deserialize_ros1 if self._encoding == "ros1" else self._store.deserialize_cdr
-
-        def extract(data: bytes) -> tuple[Any, ...] | None:
-            try:
-                message = deserialize(data, self._name)
-            except (SerdeError, struct.error, ValueError, IndexError):
-                return None
-            return tuple(getter(message) for getter in getters)
-
-        return extract
+        errors = (SerdeError, struct.error, ValueError, IndexError)
+        return extractor(lambda data: deserialize(data, self._name), getters, errors)
 
 
 def from_msg(name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> RosDecoder:

@@ -40,6 +40,21 @@ def arrays_within(paths: Iterable[str]) -> frozenset[str]:
     return frozenset(path[: found.start()] for path in paths for found in re.finditer(r"\.0(?=\.)", path))
 
 
+def extractor(
+    parse: Callable[[bytes], Any], getters: Sequence[Callable[[Any], Any]], errors: tuple[type[Exception], ...]
+) -> Extractor:
+    """Return a function from a message's bytes to what the getters return; to None if one of the errors is raised."""
+
+    def extract(data: bytes) -> tuple[Any, ...] | None:
+        try:
+            message = parse(data)
+            return tuple(getter(message) for getter in getters)
+        except errors:
+            return None
+
+    return extract
+
+
 class DecodedRows(NamedTuple):
     """Some of the messages of a topic, read."""
 

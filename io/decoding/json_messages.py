@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor, arrays_within, limited
+from usbldr.io.decoding.columns import DefinitionError, Extractor, arrays_within, extractor, limited
 from usbldr.io.reader import listed_field
 
 LeafType: TypeAlias = Literal["number", "text", "time"]
@@ -46,17 +46,8 @@ class JsonDecoder:
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
-        listed = [listed_field(path, self._kinds, self.arrays) or path for path in paths]
-        getters = [_getter(path, self._kinds[field]) for path, field in zip(paths, listed, strict=True)]
-
-        def extract(data: bytes) -> tuple[Any, ...] | None:
-            try:
-                message = json.loads(data)
-                return tuple(getter(message) for getter in getters)
-            except (ValueError, TypeError, OverflowError, RecursionError):
-                return None
-
-        return extract
+        getters = [_getter(path, self._kinds[listed_field(path, self._kinds, self.arrays) or path]) for path in paths]
+        return extractor(json.loads, getters, (ValueError, TypeError, OverflowError, RecursionError))
 
 
 def schema_of(samples: Sequence[bytes]) -> bytes:

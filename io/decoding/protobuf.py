@@ -13,7 +13,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 
-from usbldr.io.decoding.columns import DefinitionError, Extractor, arrays_within, limited
+from usbldr.io.decoding.columns import DefinitionError, Extractor, arrays_within, extractor, limited
 from usbldr.io.reader import listed_field
 
 TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
@@ -38,17 +38,8 @@ class ProtobufDecoder:
 
     def extractor(self, paths: Sequence[str]) -> Extractor:
         """Return a function from a message's bytes to the values at the paths; to None if the bytes do not match."""
-        listed = [listed_field(path, self._kinds, self.arrays) or path for path in paths]
-        getters = [_getter(path, self._kinds[field]) for path, field in zip(paths, listed, strict=True)]
-
-        def extract(data: bytes) -> tuple[Any, ...] | None:
-            try:
-                message = self._class.FromString(data)
-            except DecodeError:
-                return None
-            return tuple(getter(message) for getter in getters)
-
-        return extract
+        getters = [_getter(path, self._kinds[listed_field(path, self._kinds, self.arrays) or path]) for path in paths]
+        return extractor(self._class.FromString, getters, (DecodeError,))
 
 
 def _pool(files: FileDescriptorSet) -> DescriptorPool:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.types import Mask, Vector
+from usbldr.filters.types import Indices, Mask, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo
 
@@ -81,7 +81,7 @@ class RawRecords:
         """Return an error of the topic."""
         return LogError(text, path=self.log, topic=self.topic.name)
 
-    def part(self, rows: slice | Mask) -> "RawRecords":
+    def part(self, rows: slice | Mask | Indices) -> "RawRecords":
         """Return some of the records."""
         stamp_ns = None if self.stamp_ns is None else self.stamp_ns[rows]
         values = {quantity: column[rows] for quantity, column in self.values.items()}
