@@ -62,12 +62,23 @@ class Method:
         return self.build is not None
 
 
-def _kalman(rule: MomentTransform) -> FilterFactory:
+def _kalman(name: str, description: str, rule: MomentTransform, colour: str) -> Method:
+    """Return a Kalman filter that matches its noise to the mixture, or gates its measurements."""
+
     def build(motion: MotionModel, settings: FilterSettings) -> Filter[Any]:
         mode_update = mode_updates.moment_matched if settings.gate is None else mode_updates.Gate(settings.gate)
         return kalman.KalmanFilter(motion, rule, mode_update)
 
-    return build
+    return Method(
+        name,
+        description,
+        build,
+        smoother_transform=rule,
+        takes_gate=True,
+        matched_noise=True,
+        multiple_hypotheses=True,
+        colour=colour,
+    )
 
 
 def _adaptive(rule: MomentTransform, factor: adaptive.InflationFactor) -> FilterFactory:
@@ -89,36 +100,9 @@ def _dead_reckoning(timeline: Timeline, anchor: Anchor | None) -> Trajectory:
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (
-        Method(
-            "ekf",
-            "extended Kalman filter: one Gaussian, first derivatives, matched noise",
-            _kalman(linearised),
-            smoother_transform=linearised,
-            takes_gate=True,
-            matched_noise=True,
-            multiple_hypotheses=True,
-            colour="#d55e00",
-        ),
-        Method(
-            "ckf",
-            "cubature Kalman filter: one Gaussian, cubature points, matched noise",
-            _kalman(cubature),
-            smoother_transform=cubature,
-            takes_gate=True,
-            matched_noise=True,
-            multiple_hypotheses=True,
-            colour="#882255",
-        ),
-        Method(
-            "ukf",
-            "unscented Kalman filter: one Gaussian, unscented points, matched noise",
-            _kalman(unscented),
-            smoother_transform=unscented,
-            takes_gate=True,
-            matched_noise=True,
-            multiple_hypotheses=True,
-            colour="#cc79a7",
-        ),
+        _kalman("ekf", "extended Kalman filter: one Gaussian, first derivatives, matched noise", linearised, "#d55e00"),
+        _kalman("ckf", "cubature Kalman filter: one Gaussian, cubature points, matched noise", cubature, "#882255"),
+        _kalman("ukf", "unscented Kalman filter: one Gaussian, unscented points, matched noise", unscented, "#cc79a7"),
         Method(
             "adf",
             "assumed density filter: one Gaussian, noise mixture collapsed after each measurement",
