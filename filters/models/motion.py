@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors
-from usbldr.filters.models.sigma_points import StateFunction
+from usbldr.filters.models.sigma_points import StateFunction, Unwrapped
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.models.usual_motion import TurnHistory, UsualMotion, VelocityHistory
 from usbldr.filters.types import Array, Vector
@@ -35,8 +35,8 @@ class MotionModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class YawIncrement:
-    """psi += r dt."""
+class YawIncrement(Unwrapped):
+    """psi += r dt; psi is never wrapped inside a filter."""
 
     rate_row: int
     dt_s: float
@@ -56,13 +56,9 @@ class YawIncrement:
         """Return dt, (1, 1, 1)."""
         return np.full((1, 1, 1), self.dt_s)
 
-    def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference: psi is never wrapped inside a filter."""
-        return a - b
-
 
 @dataclass(frozen=True, slots=True)
-class PositionIncrement:
+class PositionIncrement(Unwrapped):
     """Displacement east and north by the body velocity: eq. (1) times dt."""
 
     nonlinear: tuple[int, ...]  # row of psi
@@ -82,13 +78,9 @@ class PositionIncrement:
         c, s = np.cos(psi) * self.dt_s, np.sin(psi) * self.dt_s
         return np.array([[-u * s - v * c, c, -s], [u * c - v * s, s, c]])
 
-    def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference."""
-        return a - b
-
 
 @dataclass(frozen=True, slots=True)
-class GaussMarkovIncrement:
+class GaussMarkovIncrement(Unwrapped):
     """c = mean + factor (c - mean), for k neighbouring rows: a first-order Gauss-Markov process without its noise."""
 
     linear: tuple[int, ...]
@@ -104,10 +96,6 @@ class GaussMarkovIncrement:
     def jacobian(self, x: Array) -> Array:
         """Return factor - 1 on the diagonal, (k, k, 1)."""
         return np.diag(self.factor - 1)[:, :, None]
-
-    def residual(self, a: Array, b: Array) -> Array:
-        """Return the difference."""
-        return a - b
 
 
 @dataclass(frozen=True, slots=True)

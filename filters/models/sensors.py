@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.filters.frames import wrapped
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.models.parameters import LeverArm
-from usbldr.filters.models.sigma_points import StateFunction
+from usbldr.filters.models.sigma_points import StateFunction, Unwrapped
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.types import Array, Vector
 
@@ -78,7 +78,7 @@ class DirectState:
 
 
 @dataclass(frozen=True, slots=True)
-class BodyVelocity:
+class BodyVelocity(Unwrapped):
     """One axis of a DVL: z = (1 + s) (u' cos a + v' sin a), a = d for starboard, d + 90 deg for forward.
 
     u' = u - forward r and v' = v + starboard r at a DVL off the reference point; s is its scale error, d the angle of
@@ -133,10 +133,6 @@ class BodyVelocity:
             J[0, column] = derivative
         return J
 
-    def residual(self, a: Array, b: Array) -> Array:
-        """Return a - b."""
-        return a - b
-
     def _velocity(self, x: Array) -> tuple[Array, Array]:
         """Return u' and v', (N,) each."""
         (u, v), r = self.velocity_rows, x[self.rate_row]
@@ -162,7 +158,7 @@ class BodyVelocity:
 
 
 @dataclass(frozen=True, slots=True)
-class ScaledVelocity:
+class ScaledVelocity(Unwrapped):
     """z = (1 + s) u or v: `BodyVelocity` with a scale error alone and the DVL at the reference point."""
 
     scale_row: int
@@ -186,10 +182,6 @@ class ScaledVelocity:
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives by scale and velocity, (1, 2, N)."""
         return np.array([[x[self.velocity_row], 1 + x[self.scale_row]]])
-
-    def residual(self, a: Array, b: Array) -> Array:
-        """Return a - b."""
-        return a - b
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +227,7 @@ class DeviatingCompass:
 
 
 @dataclass(frozen=True, slots=True)
-class UsblFix:
+class UsblFix(Unwrapped):
     """East and north (or one of them) of the transponder at ``offset_s`` from the epoch, usually before it.
 
     h = (x, y) + t (V_E, V_N) + lever arm + c, with V at the yaw psi + r t/2 and the lever arm at psi + r t. A stamp
@@ -301,10 +293,6 @@ class UsblFix:
             both.append(by_state)
         return np.array([both[axis] for axis in self.axes])
 
-    def residual(self, a: Array, b: Array) -> Array:
-        """Return a - b."""
-        return a - b
-
 
 def compass_model(layout: StateLayout) -> StateFunction:
     """Return the model of a compass with the errors that are states."""
@@ -321,9 +309,9 @@ def dvl_models(layout: StateLayout, lever_m: LeverArm) -> tuple[StateFunction, S
     scale, mount = (next(iter(layout.existing(name)), None) for name in ("dvl_scale", "dvl_mount"))
     arm_m, current = lever_m[:2], layout.existing("current_east", "current_north")
     if not any(arm_m) and mount is None and not current:
-        return (
-            (DirectState(u), DirectState(v)) if scale is None else (ScaledVelocity(scale, u), ScaledVelocity(scale, v))
-        )
+        if scale is None:
+            return DirectState(u), DirectState(v)
+        return ScaledVelocity(scale, u), ScaledVelocity(scale, v)
     psi = layout.index("psi")
     starboard, forward = (BodyVelocity((u, v), r, axis, arm_m, scale, mount, psi, current) for axis in (0, 1))
     return starboard, forward

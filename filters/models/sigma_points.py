@@ -58,6 +58,16 @@ class StateFunction(Protocol):
         ...
 
 
+class Unwrapped:
+    """The residual of a StateFunction whose values are no angles."""
+
+    __slots__ = ()
+
+    def residual(self, a: Array, b: Array) -> Array:
+        """Return a - b, (k, N)."""
+        return a - b
+
+
 class TransformedMoments(NamedTuple):
     """Mean, covariance and covariance with the state of g(x)."""
 
