@@ -31,9 +31,8 @@ ADAPTED_SENSORS = ("usbl", "gps")
 """Sensors whose innovations are used: those of position. Velocity and heading are measured at every epoch, and a DVL
 with more noise than stated would inflate the position."""
 
-MAX_FACTOR = (
-    1e4  # larger factors change nothing: the prediction has no weight against a fix; yaw must stay within a turn
-)
+# larger factors change nothing: the prediction has no weight against a fix; yaw must stay within a turn
+MAX_FACTOR = 1e4
 
 
 class Innovation(NamedTuple):

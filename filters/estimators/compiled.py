@@ -145,9 +145,8 @@ class CompiledFilter:
                 generator = generator_state(make_rng())
         coded, n = self._encoder.step(step, words, generator), self._n
         state, rows, records = self._run(belief, 1, coded.step, coded.readings, len(coded.parts), None)
-        estimate = Estimate(
-            rows[0, :n], rows[0, n:-2].reshape(n, n), step_updates(coded, records.tolist()), *rows[0, -2:]
-        )
+        updates = step_updates(coded, records.tolist())
+        estimate = Estimate(rows[0, :n], rows[0, n:-2].reshape(n, n), updates, *rows[0, -2:])
         past = (*belief.past, (coded.step, coded.readings))[-self._depth :] if self._depth else ()
         return belief._replace(state=state, past=past, estimate=estimate)
 

@@ -80,12 +80,8 @@ class CubatureParticleFilter:
     def step(self, belief: ParticleBelief, step: Step, make_rng: MakeRng) -> ParticleBelief:
         """Return the belief after the step: predict; per measurement weigh, resample, draw modes and update; move."""
         rng = make_rng()
-        past: tuple[PastStep, ...] = (
-            *belief.past[-(self.move_steps - 1) :],
-            PastStep(belief.bank, step, np.zeros(self.particles)),
-        )
-        if self.move_steps < 2:
-            past = past[-1:]
+        kept = belief.past[1 - self.move_steps :] if self.move_steps > 1 else ()
+        past = (*kept, PastStep(belief.bank, step, np.zeros(self.particles)))
         bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)  # time update, eqs. (8) to (12)
         updates: list[Update] = []
         least, resampled = float(self.particles), False
@@ -143,15 +139,11 @@ class CubatureParticleFilter:
             proposal.append(PastStep(start, step, log_l))
         gain = sum(new.log_likelihood for new in proposal) - sum(old.log_likelihood for old in past)
         accepted = np.log(rng.random(self.particles)) < gain
-        moved = tuple(
-            PastStep(
-                _chosen(accepted, new.start, old.start),
-                new.step,
-                np.where(accepted, new.log_likelihood, old.log_likelihood),
-            )
-            for new, old in zip(proposal, past, strict=True)
-        )
-        return _chosen(accepted, state, bank), moved, float(accepted.mean())
+        moved: list[PastStep] = []
+        for new, old in zip(proposal, past, strict=True):
+            log_l = np.where(accepted, new.log_likelihood, old.log_likelihood)
+            moved.append(PastStep(_chosen(accepted, new.start, old.start), new.step, log_l))
+        return _chosen(accepted, state, bank), tuple(moved), float(accepted.mean())
 
 
 def _drawn_update(

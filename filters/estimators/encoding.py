@@ -29,17 +29,8 @@ from usbldr.filters.types import Array, Vector
 _, MAX_STATES, MAX_MODES, MAX_COLUMNS, _ = KERNEL.limits
 NO_GAP = (0.0,) * 9  # fixed: of velocity and turn rate outside a gap
 ARGUMENTS = (
-    *MOTION_STATES,
-    "dvl_scale",
-    "dvl_mount",
-    "current_east",
-    "current_north",
-    "usbl_latency",
-    "usbl_bias_east",
-    "usbl_bias_north",
-    "heading_bias",
-    "deviation_sin",
-    "deviation_cos",
+    *(*MOTION_STATES, "dvl_scale", "dvl_mount", "current_east", "current_north"),
+    *("usbl_latency", "usbl_bias_east", "usbl_bias_north", "heading_bias", "deviation_sin", "deviation_cos"),
 )
 """The states that a function may depend on, in the order of layout.h."""
 SELECTED, VELOCITY, COMPASS, FIX = range(4)  # kinds of functions, as in layout.h

@@ -122,10 +122,8 @@ def relinearised(bank: GaussianBank, after: GaussianBank, projection: Projection
 def update(bank: GaussianBank, projection: Projection, R: Array) -> GaussianBank:
     """Update each member with its own measurement noise: R (k, k, N) or (k, k, 1)."""
     after = _updated(bank, projection, R)
-    relinearised_projection = relinearised(bank, after, projection)
-    return (
-        after if relinearised_projection is None else after._replace(cov=_updated(bank, relinearised_projection, R).cov)
-    )
+    again = relinearised(bank, after, projection)
+    return after if again is None else after._replace(cov=_updated(bank, again, R).cov)
 
 
 def _updated(bank: GaussianBank, projection: Projection, R: Array) -> GaussianBank:

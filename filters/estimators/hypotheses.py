@@ -61,11 +61,8 @@ def pruned(hypotheses: Sequence[Hypothesis], pruning_ratio: float, decision_odds
         same = next((other for other in remaining if _agree(hypothesis, other)), None)
         if same is None and hypothesis.log_weight - best.log_weight > math.log(pruning_ratio):
             remaining.append(hypothesis)
-        if (
-            hypothesis is hypotheses[0]
-            and needs_odds
-            and best.log_weight - hypothesis.log_weight < math.log(decision_odds)
-        ):
+        close = best.log_weight - hypothesis.log_weight < math.log(decision_odds)
+        if hypothesis is hypotheses[0] and needs_odds and close:
             leader = same or hypothesis
     remaining.sort(key=lambda hypothesis: hypothesis is not leader)
     total = float(np.logaddexp.reduce([hypothesis.log_weight for hypothesis in remaining]))

@@ -54,9 +54,8 @@ def _fix_likelihoods(bank: GaussianBank, fix: Measurement, outlier_noise: Contam
     log_outlier = math.log(outlier_noise.share) + _log_t(e, predicted + R + outlier_m2 * np.eye(k))
     modelled = inlier = float(mode_likelihoods(projection, noise).log_likelihood[0])
     if not inliers.all():
-        inlier = float(
-            mode_likelihoods(projection, Noise(noise.probabilities[inliers], noise.cov[inliers])).log_likelihood[0]
-        )
+        of_inliers = Noise(noise.probabilities[inliers], noise.cov[inliers])
+        inlier = float(mode_likelihoods(projection, of_inliers).log_likelihood[0])
     return HypothesisLikelihoods(
         modelled,
         float(np.logaddexp(modelled, log_outlier)),

@@ -78,10 +78,9 @@ class ModeUpdate(Protocol):
 
 def moment_matched(bank: GaussianBank, projection: Projection, noise: Noise) -> UpdateResult:
     """Replace the noise mixture by one Gaussian with its covariance."""
-    one = Noise(np.ones(1), noise.mixture_cov[None])
-    return UpdateResult(
-        update(bank, projection, noise.mixture_cov[:, :, None]), mode_likelihoods(projection, one).log_likelihood, False
-    )
+    R = noise.mixture_cov
+    log_likelihood = mode_likelihoods(projection, Noise(np.ones(1), R[None])).log_likelihood
+    return UpdateResult(update(bank, projection, R[:, :, None]), log_likelihood, False)
 
 
 def collapse(bank: GaussianBank, projection: Projection, noise: Noise) -> UpdateResult:
@@ -92,9 +91,9 @@ def collapse(bank: GaussianBank, projection: Projection, noise: Noise) -> Update
     Automatic Control 20(1), 1975, doi:10.1109/TAC.1975.1100882.
     """
     after, log_likelihood = _collapsed(bank, projection, noise)
-    relinearised_projection = relinearised(bank, after, projection)
-    if relinearised_projection is not None:
-        after = after._replace(cov=_collapsed(bank, relinearised_projection, noise)[0].cov)
+    again = relinearised(bank, after, projection)
+    if again is not None:
+        after = after._replace(cov=_collapsed(bank, again, noise)[0].cov)
     return UpdateResult(after, log_likelihood, False)
 
 

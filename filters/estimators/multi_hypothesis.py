@@ -82,9 +82,8 @@ class MultiHypothesisFilter:
     def start(self, prior: Prior) -> MultiHypothesisBelief:
         """Return the nominal hypothesis alone, at the filter's prior."""
         belief = self.filter.start(prior)
-        return MultiHypothesisBelief(
-            (Hypothesis("nominal", belief, self.filter.estimate(belief), 0.0),), None, -math.inf
-        )
+        nominal = Hypothesis("nominal", belief, self.filter.estimate(belief), 0.0)
+        return MultiHypothesisBelief((nominal,), None, -math.inf)
 
     def step(self, belief: MultiHypothesisBelief, step: Step, make_rng: MakeRng) -> MultiHypothesisBelief:
         """Return the belief after the step: step each hypothesis; on a fix, reweight, branch and prune."""
@@ -111,11 +110,8 @@ class MultiHypothesisFilter:
             hypotheses[0] = hypotheses[0]._replace(log_weight=log_weight)
         previous, hypotheses = hypotheses[0], pruned([*hypotheses, *new], self.pruning_ratio, self.decision_odds)
         if hypotheses[0].kind != previous.kind:
-            jump_m = (
-                0.0
-                if same_position(hypotheses[0], previous)
-                else float(np.hypot(*(position_m(hypotheses[0]) - position_m(previous))))
-            )
+            moved = not same_position(hypotheses[0], previous)
+            jump_m = float(np.hypot(*(position_m(hypotheses[0]) - position_m(previous)))) if moved else 0.0
             ambiguity = ambiguity._replace(resolved_s=step.t1_s, jump_m=max(ambiguity.jump_m, jump_m))
         if hypotheses[0].kind == "rejecting":
             ambiguity = ambiguity._replace(refused=ambiguity.refused + len(fixes))
@@ -143,9 +139,8 @@ class MultiHypothesisFilter:
     def _survival(self, time_s: float) -> float:
         """Return the probability that a cluster of outliers lasts for longer."""
         share = self.long_cluster_share
-        return (1 - share) * math.exp(-time_s / self.outlier_cluster_s) + share * math.exp(
-            -time_s / self.long_cluster_s
-        )
+        usual, long = (math.exp(-time_s / mean_s) for mean_s in (self.outlier_cluster_s, self.long_cluster_s))
+        return (1 - share) * usual + share * long
 
     def _reweighted(
         self, belief: MultiHypothesisBelief, likelihoods: Sequence[HypothesisLikelihoods], step: Step, make_rng: MakeRng
@@ -161,28 +156,20 @@ class MultiHypothesisFilter:
         after: list[Hypothesis] = []
         resumed: list[Hypothesis] = []
         for hypothesis, one in both:
-            if hypothesis.kind == "rejecting":
-                lasted_s, lasts_s = belief.last_fix_s - hypothesis.since_s, step.t1_s - hypothesis.since_s
-                cluster_continues = self._survival(lasts_s) / self._survival(lasted_s)
-                log_cluster = log_accepted.get(hypothesis.accepted_by, one.outlier)
-                log_rejecting = float(
-                    np.logaddexp(_log(cluster_continues) + log_cluster, _log(1 - cluster_continues) + one.outlier)
-                )
-                after.append(
-                    self._stepped_rejecting(
-                        hypothesis._replace(log_weight=hypothesis.log_weight + log_rejecting), step, make_rng
-                    )
-                )
-                log_weight = hypothesis.log_weight + _log(1 - cluster_continues) + one.inlier
-                resumed.append(
-                    self._stepped(hypothesis._replace(kind="resumed", log_weight=log_weight), step, make_rng)
-                )
-            else:
-                after.append(
-                    self._stepped(
-                        hypothesis._replace(log_weight=hypothesis.log_weight + one.if_accepted), step, make_rng
-                    )
-                )
+            log_before = hypothesis.log_weight
+            if hypothesis.kind != "rejecting":
+                accepting = hypothesis._replace(log_weight=log_before + one.if_accepted)
+                after.append(self._stepped(accepting, step, make_rng))
+                continue
+            lasted_s, lasts_s = belief.last_fix_s - hypothesis.since_s, step.t1_s - hypothesis.since_s
+            cluster_continues = self._survival(lasts_s) / self._survival(lasted_s)
+            log_continues, log_ended = _log(cluster_continues), _log(1 - cluster_continues)
+            log_cluster = log_accepted.get(hypothesis.accepted_by, one.outlier)
+            log_rejecting = float(np.logaddexp(log_continues + log_cluster, log_ended + one.outlier))
+            rejecting = hypothesis._replace(log_weight=log_before + log_rejecting)
+            after.append(self._stepped_rejecting(rejecting, step, make_rng))
+            ended = hypothesis._replace(kind="resumed", log_weight=log_before + log_ended + one.inlier)
+            resumed.append(self._stepped(ended, step, make_rng))
         return after + resumed
 
     def _new_hypotheses(
@@ -223,9 +210,8 @@ class MultiHypothesisFilter:
 
     def _stepped(self, hypothesis: Hypothesis, step: Step, make_rng: MakeRng) -> Hypothesis:
         """Return the hypothesis after the step; a rejecting one leaves out the fixes."""
-        belief = self.filter.step(
-            hypothesis.belief, without_fixes(step) if hypothesis.kind == "rejecting" else step, make_rng
-        )
+        used = without_fixes(step) if hypothesis.kind == "rejecting" else step
+        belief = self.filter.step(hypothesis.belief, used, make_rng)
         return hypothesis._replace(belief=belief, estimate=self.filter.estimate(belief))
 
     def _stepped_rejecting(self, hypothesis: Hypothesis, step: Step, make_rng: MakeRng) -> Hypothesis:

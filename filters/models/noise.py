@@ -91,9 +91,8 @@ class Mixture:
     """N(0, R) with probability 1 - share, N(0, variance_ratio R) with probability share: eq. (23) of the paper."""
 
     share: Annotated[float, Quantity("share", SHARE)] = 0.30  # eq. (23) of the paper
-    variance_ratio: Annotated[float, Quantity("variance_ratio", Limits(1.0, 1e9, above=True))] = (
-        10.0  # eq. (23) of the paper
-    )
+    # eq. (23) of the paper
+    variance_ratio: Annotated[float, Quantity("variance_ratio", Limits(1.0, 1e9, above=True))] = 10.0
     per_scalar: bool = True
 
     def modes(self, R: Array) -> Noise:
