@@ -5,7 +5,7 @@ Values keep all their digits. Log time is the time of arrival, the header's stam
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -25,7 +25,7 @@ class Channel:
     topic: str
     type: str
     message: Callable[["Makers", TableRow], RosMessage]
-    conventions: Mapping[str, str]  # keys of the sensor's section
+    conventions: Mapping[str, str] = field(default_factory=dict[str, str])  # keys of the sensor's section
 
 
 class Makers:
@@ -139,12 +139,8 @@ def _fix(m: Makers, row: TableRow) -> RosMessage:
     covariance = np.zeros(36)
     variance = row.get("sd_m", math.nan) ** 2
     if "cov_ee_m2" in row or not math.isnan(variance):
-        covariance[[0, 1, 6, 7]] = [
-            row.get("cov_ee_m2", variance),
-            row.get("cov_en_m2", 0.0),
-            row.get("cov_en_m2", 0.0),
-            row.get("cov_nn_m2", variance),
-        ]
+        shared = row.get("cov_en_m2", 0.0)
+        covariance[[0, 1, 6, 7]] = row.get("cov_ee_m2", variance), shared, shared, row.get("cov_nn_m2", variance)
     point = m.make("geometry_msgs/msg/Point", row["east_m"], row["north_m"], 0.0)
     pose = m.make("geometry_msgs/msg/Pose", point, m.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0))
     in_plane = m.make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
@@ -157,40 +153,27 @@ def _pressure(m: Makers, row: TableRow) -> RosMessage:
     return m.make("sensor_msgs/msg/FluidPressure", m.header(row, "pressure_link"), pressure_pa, 0.0)
 
 
+ON_PLANE = {"kind": "position", "frame": "ENU", "relative_to": "map"}
 CHANNELS: Mapping[str, Channel] = {
-    "dvl": Channel("/dvl/data", "marine_acoustic_msgs/msg/Dvl", _dvl, {"topic": "/dvl/data", "axes": "FRD"}),
-    "compass": Channel("/imu/data", "sensor_msgs/msg/Imu", _imu, {"topic": "/imu/data", "convention": "ENU"}),
-    "usbl": Channel(
-        "/usbl/fix",
-        "geometry_msgs/msg/PointStamped",
-        _point,
-        {"topic": "/usbl/fix", "kind": "position", "frame": "ENU", "relative_to": "map"},
-    ),
-    "gps": Channel("/gps/fix", "sensor_msgs/msg/NavSatFix", _navsat, {"topic": "/gps/fix"}),
+    "dvl": Channel("/dvl/data", "marine_acoustic_msgs/msg/Dvl", _dvl, {"axes": "FRD"}),
+    "compass": Channel("/imu/data", "sensor_msgs/msg/Imu", _imu, {"convention": "ENU"}),
+    "usbl": Channel("/usbl/fix", "geometry_msgs/msg/PointStamped", _point, ON_PLANE),
+    "gps": Channel("/gps/fix", "sensor_msgs/msg/NavSatFix", _navsat),
 }
 """A sensor is one line."""
 
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 EXPORTED: Mapping[str, Channel] = {
-    "dvl": Channel(
-        "/dvl/data", "dvl_msgs/msg/DVL", _known_validity, {"topic": "/dvl/data", "axes": "FRD", "sd_mps": "message"}
-    ),
-    "compass": Channel(
-        "/imu/data", "sensor_msgs/msg/Imu", _imu, {"topic": "/imu/data", "convention": "ENU", "sd_deg": "message"}
-    ),
-    "usbl": Channel(
-        "/usbl/fix",
-        POSE,
-        _fix,
-        {"topic": "/usbl/fix", "kind": "position", "frame": "ENU", "relative_to": "map", "sd_m": "message"},
-    ),
+    "dvl": Channel("/dvl/data", "dvl_msgs/msg/DVL", _known_validity, {"axes": "FRD", "sd_mps": "message"}),
+    "compass": Channel("/imu/data", "sensor_msgs/msg/Imu", _imu, {"convention": "ENU", "sd_deg": "message"}),
+    "usbl": Channel("/usbl/fix", POSE, _fix, {**ON_PLANE, "sd_m": "message"}),
     "gps": CHANNELS["gps"],
-    "depth": Channel("/depth", "sensor_msgs/msg/FluidPressure", _pressure, {"topic": "/depth", "unit": "Pa"}),
-    "truth": Channel("/truth", POSE, _fix, {"topic": "/truth", "frame": "ENU"}),
+    "depth": Channel("/depth", "sensor_msgs/msg/FluidPressure", _pressure, {"unit": "Pa"}),
+    "truth": Channel("/truth", POSE, _fix, {"frame": "ENU"}),
 }
 """As CHANNELS, with messages that carry every canonical value: the sigma and the validity of each record."""
 
-LOCAL_GPS = Channel("/gps/fix", POSE, _fix, {"topic": "/gps/fix", "frame": "ENU"})
+LOCAL_GPS = Channel("/gps/fix", POSE, _fix, {"frame": "ENU"})
 """For a local plane without a known origin."""
 
 

@@ -117,8 +117,8 @@ def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[
         return {}
     from usbldr.io.writers.ros_messages import channels_of
 
-    channels = channels_of(log, exported)
-    return {sensor: dict(channel.conventions) for sensor, channel in channels.items() if sensor in log.tables}
+    channels = channels_of(log, exported).items()
+    return {sensor: {"topic": one.topic, **one.conventions} for sensor, one in channels if sensor in log.tables}
 
 
 def _refuse_unless_written(folder: Path) -> None:
