@@ -1,5 +1,6 @@
 """A report as a page: its verdict, and sections of sentences, tables and figures, which Markdown and HTML format."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -16,6 +17,16 @@ class Bullets(NamedTuple):
     """Sentences of equal rank."""
 
     lines: tuple[str, ...]
+
+
+def labelled(lines: Sequence[tuple[str, str]]) -> tuple[Labelled, ...]:
+    """Return a block of the sentences, none without any."""
+    return (Labelled(tuple(lines)),) if lines else ()
+
+
+def bullets(lines: Sequence[str]) -> tuple[Bullets, ...]:
+    """Return a block of the sentences, none without any."""
+    return (Bullets(tuple(lines)),) if lines else ()
 
 
 class Code(NamedTuple):

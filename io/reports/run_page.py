@@ -15,7 +15,7 @@ from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.estimate_text import in_unit, with_sigma
 from usbldr.io.reports.markdown_report import markdown
-from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Picture, Plot, Section
+from usbldr.io.reports.page import Code, Labelled, Page, Picture, Plot, Section, bullets, labelled
 from usbldr.io.reports.report_text import (
     INFLUENCE,
     LEAVE_ONE_OUT_NOTE,
@@ -51,18 +51,18 @@ def run_page(run: Run, figures: Sequence[Picture | Plot]) -> Page:
     findings = tuple((finding.code, finding.text) for finding in run.log.findings)
     sections = (
         Section("", (Labelled((*summary_lines(run), *context(run))),)),
-        Section("Warnings", _bullets(run.warnings)),
+        Section("Warnings", bullets(run.warnings)),
         Section("Errors", errors),
         Section("Figures", tuple(figures)),
-        Section("Health", _labelled([*health_lines(run), *usbl])),
+        Section("Health", labelled([*health_lines(run), *usbl])),
         Section("Relative errors", relative),
         Section("Sensor errors", (CALIBRATION, table) if (table := calibration_table(run)).rows else ()),
         Section("Influential fixes", (INFLUENCE, fixes) if fixes.rows else ()),
         Section("Fixes left out", (LEAVE_ONE_OUT_NOTE, leave_one_out_table(run)) if left_out else ()),
         Section("How the log was read", (_sensors(run), Labelled(_origin(run)))),
-        Section("Findings", _labelled(findings)),
+        Section("Findings", labelled(findings)),
         provenance_section(run.made),
-        Section("How to read this", _bullets(_definitions(run))),
+        Section("How to read this", bullets(_definitions(run))),
     )
     return Page(f"{run.label} on {run.log.path.name}", run.verdict, sections)
 
@@ -118,27 +118,12 @@ def provenance_section(made: RunProvenance) -> Section:
     return Section("How this was made", (*command, *table, Labelled((("versions", versions),))))
 
 
-def _labelled(lines: Sequence[tuple[str, str]]) -> tuple[Labelled, ...]:
-    return (Labelled(tuple(lines)),) if lines else ()
-
-
-def _bullets(lines: Sequence[str]) -> tuple[Bullets, ...]:
-    return (Bullets(tuple(lines)),) if lines else ()
-
-
 def _sensors(run: Run) -> Table:
-    rows = tuple(
-        (
-            role,
-            p.topic,
-            p.type,
-            f"{p.used} of {p.messages}",
-            p.chosen_by,
-            "; ".join(map(convention_text, p.conventions)),
-        )
-        for role, p in run.log.provenance.items()
-    )
-    return Table("sensor", ("topic", "type", "records used", "chosen by", "conventions"), rows, numbers=False)
+    rows: list[tuple[str, ...]] = []
+    for role, p in run.log.provenance.items():
+        conventions = "; ".join(map(convention_text, p.conventions))
+        rows.append((role, p.topic, p.type, f"{p.used} of {p.messages}", p.chosen_by, conventions))
+    return Table("sensor", ("topic", "type", "records used", "chosen by", "conventions"), tuple(rows), numbers=False)
 
 
 def _origin(run: Run) -> tuple[tuple[str, str], ...]:

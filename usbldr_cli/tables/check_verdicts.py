@@ -7,7 +7,7 @@ from typing import Any
 
 from usbldr.filters.errors import listed
 from usbldr.filters.evaluation.metrics import Direction
-from usbldr.io.reports.page import Labelled, Page, Plot, Section
+from usbldr.io.reports.page import Page, Plot, Section, labelled
 from usbldr.io.reports.report_text import Table
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance, provenance_content
@@ -175,15 +175,9 @@ def page(baseline: RegressionBaseline, checked: Sequence[CheckedRow], figures: S
     """Return the result as a page: the verdict, why rows failed, failures alone, then every metric."""
     every = [(one.row.name, c) for one in checked for c in one.changes]
     failed = [(name, c) for name, c in every if c.verdict in FAILURES]
-    reported = values_text(baseline)
+    reported = (f"{text}.",) if (text := values_text(baseline)) else ()
     sections = (
-        Section(
-            "",
-            (
-                *((f"{reported}.",) if reported else ()),
-                *((Labelled(tuple(lines)),) if (lines := notes(checked)) else ()),
-            ),
-        ),
+        Section("", (*reported, *labelled(notes(checked)))),
         Section("Failures", (_flat(failed),) if failed else ()),
         Section("Figures", tuple(figures)),
         Section("Metrics", (_flat(every),)),

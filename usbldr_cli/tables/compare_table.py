@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.io.reports.page import Block, Labelled, Page, Picture, Plot, Section
+from usbldr.io.reports.page import Block, Page, Picture, Plot, Section, labelled
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance
@@ -75,9 +75,8 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
             )
         )
     columns = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]
-    return Table(
-        "per run", tuple(heads[k - 1] for k in columns[1:]), tuple(tuple(line[k] for k in columns) for line in body)
-    )
+    rows_shown = tuple(tuple(line[k] for k in columns) for line in body)
+    return Table("per run", tuple(heads[k - 1] for k in columns[1:]), rows_shown)
 
 
 def context(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
@@ -123,12 +122,8 @@ def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
         for text, *others in alike.values():
             more = ", numbers of the first" if any(other != text for other in others) else ""
             count = f" ({1 + len(others)} of {len(row.seeds)} runs{more})" if len(row.seeds) > 1 else ""
-            lines.append(
-                (
-                    "warning",
-                    (text if row.label in text else f"{row.label}: {text.removeprefix(f'{row.method}: ')}") + count,
-                )
-            )
+            of_row = text if row.label in text else f"{row.label}: {text.removeprefix(f'{row.method}: ')}"
+            lines.append(("warning", of_row + count))
     return list(dict.fromkeys(lines))
 
 
@@ -136,14 +131,8 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
     """Return the text for the terminal, in colour only on a terminal."""
     if many_logs(rows):
         lines = short_notes(rows)
-        return "\n".join(
-            [
-                aligned(short_table(rows)),
-                "",
-                *([pairs(lines), ""] if lines else []),
-                title(filled(overall(rows)), colour),
-            ]
-        )
+        more = [pairs(lines), ""] if lines else []
+        return "\n".join([aligned(short_table(rows)), "", *more, title(filled(overall(rows)), colour)])
     blocks: list[str] = []
     groups = grouped(rows)
     for log, group in groups.items():
@@ -187,11 +176,10 @@ def page(rows: Sequence[ComparisonRow], figures: Sequence[Picture | Plot], made:
     sections: list[Section] = []
     groups = grouped(rows)
     for log, group in groups.items():
-        blocks: list[Block] = [Labelled(tuple(lines))] if (lines := context(group)) else []
+        blocks: list[Block] = [*labelled(context(group))]
         if any(row.good for row in group):
             blocks += [error_table(_shown(group)), health_table(group)]
-        if lines := notes(group):
-            blocks.append(Labelled(tuple(lines)))
+        blocks += labelled(notes(group))
         if len(groups) > 1:
             blocks.append(f"{best_method_sentence(group)}.")
         sections.append(Section(log, tuple(blocks)))
