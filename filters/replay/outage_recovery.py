@@ -40,9 +40,8 @@ def outage_recoveries(
     recoveries: list[OutageRecovery] = []
     for outage in usbl_outages:
         until_s = min((other.start_s for other in usbl_outages if other.start_s >= outage.end_s), default=t[-1])
-        rows = np.flatnonzero((fixes.time_s >= outage.end_s - 1e-9) & (fixes.time_s <= until_s + 1e-9))[
-            :MAX_RECOVERY_FIXES
-        ]
+        after = (fixes.time_s >= outage.end_s - 1e-9) & (fixes.time_s <= until_s + 1e-9)
+        rows = np.flatnonzero(after)[:MAX_RECOVERY_FIXES]
         start, end = np.searchsorted(t, (outage.start_s, outage.end_s - 1e-9)).tolist()
         if len(rows) < MIN_RECOVERY_FIXES or not end:
             continue
@@ -51,13 +50,9 @@ def outage_recoveries(
         predicted[POSITION, last:] = mean[last, POSITION, None] + _displacement_m(mean[last:].T, t[last:])
         predicted[constant, last:] = mean[last, constant, None]
         epochs = np.searchsorted(t, fixes.time_s[rows] - 1e-9)
-        offsets_m = np.array(
-            [
-                fixes.position_m[row]
-                - UsblFix(layout, float(fixes.time_s[row] - t[k]), fixes.lever_m).predict(predicted[:, k])
-                for row, k in zip(rows, epochs, strict=True)
-            ]
-        )
+        models = (UsblFix(layout, s, fixes.lever_m) for s in (fixes.time_s[rows] - t[epochs]).tolist())
+        predicted_m = [model.predict(predicted[:, k]) for model, k in zip(models, epochs, strict=True)]
+        offsets_m = fixes.position_m[rows] - predicted_m
         median_residual_m = np.median(offsets_m, axis=0)
         stated_m2 = fixes.cov_m2[rows].mean(axis=0).diagonal()
         scatter_m2 = (TO_SD * np.median(np.abs(offsets_m - median_residual_m), axis=0)) ** 2
@@ -66,18 +61,10 @@ def outage_recoveries(
         start_m, end_m = np.sqrt(np.linalg.eigvalsh(P)[:, -1]).tolist()
         expected_m2 = H @ cov[last] @ H.T + median_m2
         sigmas = math.sqrt(float(nees(median_residual_m[None], expected_m2[None])[0]))
-        correction_m = mean[epochs[-1], POSITION] - predicted[POSITION, epochs[-1]]
-        recoveries.append(
-            OutageRecovery(
-                outage.start_s,
-                outage.end_s,
-                start_m,
-                end_m,
-                math.hypot(*median_residual_m),
-                sigmas,
-                math.hypot(*correction_m),
-            )
-        )
+        residual_m = math.hypot(*median_residual_m)
+        correction_m = math.hypot(*(mean[epochs[-1], POSITION] - predicted[POSITION, epochs[-1]]))
+        spans = outage.start_s, outage.end_s, start_m, end_m
+        recoveries.append(OutageRecovery(*spans, residual_m, sigmas, correction_m))
     return tuple(recoveries)
 
 

@@ -79,10 +79,8 @@ def multipath_errors(multipath: Multipath, time_s: Vector, duration_s: float, rn
         begin_s += rng.exponential(multipath.every_s)
     n = len(time_s)
     affected, scatter = rng.random(n) < multipath.share, multipath.scatter_m * rng.standard_normal((n, 2))
-    far_m, direction = (
-        rng.uniform(multipath.least_m, multipath.most_m, len(clusters)),
-        _directions(len(clusters), 2, rng),
-    )
+    far_m = rng.uniform(multipath.least_m, multipath.most_m, len(clusters))
+    direction = _directions(len(clusters), 2, rng)
     error_m = np.zeros((n, 2))
     for offset_m, cluster in zip(far_m[:, None] * direction, clusters, strict=True):
         here = affected & in_intervals((cluster,), time_s)

@@ -84,14 +84,8 @@ def random_walk_track(scenario: Scenario, drawn: RandomWalkMotion, rng: np.rando
     noise[0] *= [start.sd_yaw_rad, start.sd_mps, start.sd_mps, start.sd_radps, start.sd_m, start.sd_m]
     walk = [process.yaw_rad, process.velocity_mps, process.velocity_mps, process.turn_rate_radps]
     noise[1:] *= np.array([*walk, process.position_m, process.position_m]) * math.sqrt(T)
-    noise[0] += [
-        scenario.yaw_rad,
-        leg.starboard_mps,
-        leg.forward_mps,
-        leg.turn_rate_radps,
-        scenario.east_m,
-        scenario.north_m,
-    ]
+    of_leg = leg.starboard_mps, leg.forward_mps, leg.turn_rate_radps
+    noise[0] += [scenario.yaw_rad, *of_leg, scenario.east_m, scenario.north_m]
     rate = np.cumsum(noise[:, 3])
     velocity = np.cumsum(noise[:, 1:3], axis=0)
     yaw = np.cumsum(noise[:, 0] + T * np.r_[0.0, rate[:-1]])

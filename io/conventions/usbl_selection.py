@@ -26,11 +26,8 @@ def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRec
     if "target" not in raw.values:
         if target is None:
             return raw, [], []
-        return (
-            raw,
-            [],
-            [raw.finding("KEY-UNUSED", "target of the configuration is not used; its records name no target")],
-        )
+        text = "target of the configuration is not used; its records name no target"
+        return raw, [], [raw.finding("KEY-UNUSED", text)]
     target_names = _names(raw)
     names, counts = np.unique(target_names, return_counts=True)
     listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))

@@ -49,12 +49,9 @@ class PartsLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report which topics are read as one."""
-        found = [
-            Finding(
-                "TOPIC-PARTS", f"{first}: read as one topic with {listed(others, 5)}: they follow each other", first
-            )
-            for first, others in self.followers.items()
-        ]
+        text = "{}: read as one topic with {}: they follow each other"
+        parts = self.followers.items()
+        found = [Finding("TOPIC-PARTS", text.format(first, listed(others, 5)), first) for first, others in parts]
         return (*found, *self.whole.findings())
 
 

@@ -51,12 +51,8 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
         before = float(section.get(place.key, 0.0))
         both = before + value if place.unit else (1 + before) * (1 + value) - 1  # relative errors multiply
         number = tomlkit.item(round(both, place.digits))
-        put(
-            section,
-            place.key,
-            number,
-            f"{before:g} stated, {value:+.{place.digits}f} ± {sd:.{place.digits}f} estimated",
-        )
+        estimated = f"{value:+.{place.digits}f} ± {sd:.{place.digits}f} estimated"
+        put(section, place.key, number, f"{before:g} stated, {estimated}")
     _add_lever_and_clocks(document, found)
     text = "\n".join(title) + "\n" + _without_start(document)
     parse_configuration(tomllib.loads(text), log.configuration or Path("usbldr.toml"))
@@ -69,12 +65,8 @@ def _add_lever_and_clocks(document: Any, found: Identification) -> None:
     if forward := estimates.get("dvl_lever_forward_m"):
         starboard = estimates["dvl_lever_starboard_m"]
         lever = tomlkit.item([round(metres, 3) for metres in found.parameters.dvl_lever_m])
-        put(
-            document.setdefault("dvl", tomlkit.table()),
-            "lever_arm_m",
-            lever,
-            f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated",
-        )
+        section = document.setdefault("dvl", tomlkit.table())
+        put(section, "lever_arm_m", lever, f"± {starboard.sd:.3f}, {forward.sd:.3f} estimated")
     for sensor in ("dvl", "compass"):
         if clock := estimates.get(f"{sensor}_clock_s"):
             section = document.setdefault(sensor, tomlkit.table())

@@ -64,15 +64,9 @@ def read_smoothed_run(folder: Path) -> SmoothedRun:
     origin = None
     if place is not None and not report.get("place_unknown"):  # only a run with a truth says it
         origin = Origin(place["lat_deg"], place["lon_deg"], OriginKind.MAP)
-    return SmoothedRun(
-        folder,
-        start_ns,
-        origin,
-        epochs,
-        float(used.min()) if len(used) else float("inf"),
-        tuple((one["sensor"], one["start_s"], one["end_s"]) for one in report["outages"]),
-        log,
-    )
+    first_fix_s = float(used.min()) if len(used) else float("inf")
+    outages = tuple((one["sensor"], one["start_s"], one["end_s"]) for one in report["outages"])
+    return SmoothedRun(folder, start_ns, origin, epochs, first_fix_s, outages, log)
 
 
 def located(

@@ -91,21 +91,10 @@ def of_survey(
         east, north = (np.array([v]) for v in noise.values[PLACE][:2])
         lat, lon = to_geodetic(log.origin, east, north)
         remarks.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
-    return Calibration(
-        log.path,
-        log.sha256,
-        log.topics,
-        log.configuration,
-        log.findings,
-        level,
-        found,
-        {"range_sd_m": noise.range_sd_m, "angle_sd_deg": float(np.degrees(noise.angle_sd_rad))},
-        float(np.median(survey.range_m)),
-        len(survey),
-        measured,
-        tuple(remarks),
-        made,
-    )
+    made_of = (log.path, log.sha256, log.topics, log.configuration, log.findings, level, found)
+    numbers = {"range_sd_m": noise.range_sd_m, "angle_sd_deg": float(np.degrees(noise.angle_sd_rad))}
+    slant_m = float(np.median(survey.range_m))
+    return Calibration(*made_of, numbers, slant_m, len(survey), measured, tuple(remarks), made)
 
 
 def of_dive(log: Log, found: Verdict, slant_m: float, fixes: int, measured: str, made: RunProvenance) -> Calibration:

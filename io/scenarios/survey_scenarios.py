@@ -150,19 +150,13 @@ def write_survey(scenario: SurveyScenario, seed: int, out: Path, force: bool = F
     survey = simulate_survey(scenario, seed)
     ship = survey.ship
     lat_deg, lon_deg = to_geodetic(ORIGIN, *ship.position_m.T)
-    elevation = np.degrees(np.arcsin(-survey.direction[:, 2]))
+    fixes = {"slant_range_m": survey.range_m, "bearing_deg": np.degrees(survey.bearing_rad) % 360}
+    fixes["elevation_deg"] = np.degrees(np.arcsin(-survey.direction[:, 2]))
     heading, pitch, roll = ship.attitude_deg.T
     tables = {
         "gps": (ship.position_time_s, {"lat_deg": lat_deg, "lon_deg": lon_deg}),
         "compass": (ship.attitude_time_s, {"heading_deg": heading % 360, "roll_deg": roll, "pitch_deg": pitch}),
-        "usbl": (
-            survey.time_s,
-            {
-                "slant_range_m": survey.range_m,
-                "bearing_deg": np.degrees(survey.bearing_rad) % 360,
-                "elevation_deg": elevation,
-            },
-        ),
+        "usbl": (survey.time_s, fixes),
     }
     text = toml_text(
         (f"{WRITTEN_BY} simulate {scenario.name} --seed {seed}", "How the files are read; no error of the USBL."),

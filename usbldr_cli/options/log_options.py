@@ -119,16 +119,8 @@ def read_request(
     """Return the values of selection_options as a request."""
     from usbldr.io.reading.opening import Request
 
-    return Request(
-        config,
-        {role: topic for role, topic in topics.items() if topic is not None},
-        truth,
-        joined,
-        msg_path,
-        truth_frame,
-        part,
-        set_keys,
-    )
+    chosen = {role: topic for role, topic in topics.items() if topic is not None}
+    return Request(config, chosen, truth, joined, msg_path, truth_frame, part, set_keys)
 
 
 def labelled_inputs(log: str, request: "Request") -> "tuple[InputFile, ...]":

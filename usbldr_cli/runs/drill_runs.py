@@ -89,17 +89,8 @@ def run_drills(plan: DrillPlan, where: Executor, store: Path) -> DrillReport:
 
     length_s, examined = plan.length_s(), {drill: tuple(found[drill, None]) for drill in (UNDAMAGED, *plan.drills)}
     usual = {method: runs(UNDAMAGED, method) for method in methods}
-    rows = [
-        DrillRow(
-            drill,
-            runs(drill, method),
-            usual[method],
-            runs(drill, RAW),
-            examined[drill],
-            examined[UNDAMAGED],
-            drill.spans_s(length_s),
-        )
-        for drill in plan.drills
-        for method in plan.methods
-    ]
+    rows: list[DrillRow] = []
+    for drill in plan.drills:
+        of_drill = runs(drill, RAW), examined[drill], examined[UNDAMAGED], drill.spans_s(length_s)
+        rows += [DrillRow(drill, runs(drill, method), usual[method], *of_drill) for method in plan.methods]
     return DrillReport(tuple(usual.values()), tuple(rows))

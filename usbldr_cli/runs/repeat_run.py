@@ -26,17 +26,8 @@ Json: TypeAlias = Any
 ROUNDING = 1e-9  # of a value: the kernel and NumPy agree within it, see tests/filters/estimators/test_compiled.py
 STAGES = (
     *("log", "time_base", "origin", "configuration", "sensors", "findings", "outages", "truth"),
-    *(
-        "assumptions",
-        "track",
-        "particles",
-        "calibration",
-        "undecided",
-        "influential_fixes",
-        "reacquisitions",
-        "outage_recoveries",
-    ),
-    *("window", "alignment", "matching", "metrics"),
+    *("assumptions", "track", "particles", "calibration", "undecided", "influential_fixes", "reacquisitions"),
+    *("outage_recoveries", "window", "alignment", "matching", "metrics"),
 )
 """The keys of report.json in the order in which a run makes them; the others follow."""
 NOT_COMPARED = ("schema", "tool", "provenance", "request", "timing", "files")
