@@ -5,12 +5,13 @@ clockwise. All errors are relative: the log cannot show which of two sensors is 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
-from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, LEVER, RANGE
+from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.types import Timeline
 from usbldr.io.doctor.interpretations import topic_of
@@ -18,16 +19,16 @@ from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
+WorstAndAdvice: TypeAlias = tuple[float, str]
+
 
 def sensor_error_findings(log: Log, found: Identification, clock_known: bool = True) -> list[Finding]:
     """Report each error that exists by every explanation, which replay corrects, then what is contested.
 
     The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
     """
-    makers = {"scale": _scale, "deviation": _deviation, DVL_CLOCK: _dvl_clock, COMPASS_CLOCK: _compass_clock}
-    makers |= {LEVER: _lever, HEAD: _head, RANGE: _range} | ({"latency": _latency} if clock_known else {})
-    undecided = found.contested | {pair.head for pair in found.open_pairs}
-    findings = [one for key, make in makers.items() if key not in undecided for one in make(log, found)]
+    apart = found.contested | {pair.head for pair in found.open_pairs} | (set() if clock_known else {"latency"})
+    findings = [one for key in ERROR_FINDINGS if key not in apart and (one := _finding(log, found, key)) is not None]
     findings += [Finding("RIVAL-EXPLANATIONS", pair.text, topic_of(log, "usbl")) for pair in found.open_pairs]
     if found.contested:
         code = "LEVER-OR-LATENCY" if found.contested <= LEVER_OR_LATENCY else "RIVAL-EXPLANATIONS"
@@ -111,42 +112,31 @@ def stated_lever_m(found: Identification) -> str:
     return "[" + ", ".join(f"{metres:z.2f}" for metres in found.parameters.dvl_lever_m) + "]"
 
 
-def _finding(code: str, log: Log, found: Identification, key: str, role: str, worst: float, advice: str) -> Finding:
-    topic, unit = (
-        topic_of(log, role),
-        {"scale": "%", RANGE: "%", LEVER: "m", "deviation": "deg", HEAD: "deg"}.get(key, "s"),
-    )
+def _finding(log: Log, found: Identification, key: str) -> Finding | None:
+    """Return the finding on an error that exists, None if it does not."""
+    kind, names = ERROR_FINDINGS[key], [REPORTED[state].name for state in KEYS[key]]
+    if not found.estimates.keys() >= set(names):
+        return None
+    topic = topic_of(log, kind.role)
+    worst, advice = kind.worst_and_advice(log, found, *(found.estimates[name].value for name in names))
     effect_m = next(one.effect_m for one in found.evidence if one.key == key)
     moves = f"{log_odds_text(found, key)}, moves fixes by {effect_m:.2g} m RMS"
     text = f"{topic}: {error_text(key, found.estimates)} ({moves}); {advice}"
-    return Finding(code, text, topic, None, worst, unit)
+    return Finding(kind.code, text, topic, None, worst, kind.unit)
 
 
-def _scale(log: Log, found: Identification) -> list[Finding]:
-    scale = found.estimates.get("dvl_scale")
-    if scale is None:
-        return []
-    advice = f"if the fixes are right, state scale_error = {stated_scale(log, scale.value):.3f} under [dvl]"
-    return [_finding("DVL-SCALE", log, found, "scale", "dvl", 100 * scale.value, advice)]
+def _scale(log: Log, _: Identification, scale: float) -> WorstAndAdvice:
+    return 100 * scale, f"if the fixes are right, state scale_error = {stated_scale(log, scale):.3f} under [dvl]"
 
 
-def _head(log: Log, found: Identification) -> list[Finding]:
-    heading = found.estimates.get("usbl_heading_deg")
-    if heading is None:
-        return []
-    advice = (
-        f"check how the head is mounted; if so, state mount_deg = {log.settings.usbl.mount_deg - heading.value:z.2f}"
-    )
-    return [_finding("USBL-HEADING", log, found, HEAD, "usbl", heading.value, f"{advice} under [usbl]")]
+def _head(log: Log, _: Identification, heading: float) -> WorstAndAdvice:
+    mount_deg = log.settings.usbl.mount_deg - heading
+    return heading, f"check how the head is mounted; if so, state mount_deg = {mount_deg:z.2f} under [usbl]"
 
 
-def _range(log: Log, found: Identification) -> list[Finding]:
-    scale = found.estimates.get("usbl_range_scale")
-    if scale is None:
-        return []
-    stated = log.settings.usbl.sound_speed_scale / (1 + scale.value)
-    advice = f"check the speed of sound; if so, state sound_speed_scale = {stated:.4f} under [usbl]"
-    return [_finding("USBL-RANGE", log, found, RANGE, "usbl", 100 * scale.value, advice)]
+def _range(log: Log, _: Identification, scale: float) -> WorstAndAdvice:
+    stated = log.settings.usbl.sound_speed_scale / (1 + scale)
+    return 100 * scale, f"check the speed of sound; if so, state sound_speed_scale = {stated:.4f} under [usbl]"
 
 
 def stated_scale(log: Log, scale: float) -> float:
@@ -154,28 +144,19 @@ def stated_scale(log: Log, scale: float) -> float:
     return (1 + log.settings.dvl.scale_error) * (1 + scale) - 1
 
 
-def _deviation(log: Log, found: Identification) -> list[Finding]:
-    names = ("deviation_sin_deg", "deviation_cos_deg")
-    if not set(names) <= set(found.estimates):
-        return []
-    sine, cosine = (found.estimates[name].value for name in names)
+def _deviation(_log: Log, _: Identification, sine: float, cosine: float) -> WorstAndAdvice:
     advice = "state deviation_sin_deg and deviation_cos_deg under [compass], or compensate the compass"
-    worst = float(np.hypot(sine, cosine))
-    return [_finding("COMPASS-DEVIATION", log, found, "deviation", "compass", worst, advice)]
+    return float(np.hypot(sine, cosine)), advice
 
 
-def _latency(log: Log, found: Identification) -> list[Finding]:
-    latency = found.estimates.get("usbl_latency_s")
-    if latency is None:
-        return []
-    stated = log.settings.usbl.latency_s + latency.value
-    side = "early" if latency.value > 0 else "late"
+def _latency(log: Log, found: Identification, late_s: float) -> WorstAndAdvice:
+    side = "early" if late_s > 0 else "late"
     rival = (
         f"or the fixes' stamps are right, and those of DVL and compass {side}: then "
-        f"latency_s = {-latency.value:.2f} under both [dvl] and [compass]"
+        f"latency_s = {-late_s:.2f} under both [dvl] and [compass]"
     )
-    advice = f"state latency_s = {stated:.2f} under [usbl], {rival}{_arrival_text(log, latency)}"
-    return [_finding("USBL-LATENCY", log, found, "latency", "usbl", latency.value, advice)]
+    stated, arrival = log.settings.usbl.latency_s + late_s, _arrival_text(log, found.estimates["usbl_latency_s"])
+    return late_s, f"state latency_s = {stated:.2f} under [usbl], {rival}{arrival}"
 
 
 def _arrival_text(log: Log, latency: ErrorEstimate) -> str:
@@ -192,29 +173,38 @@ def _arrival_text(log: Log, latency: ErrorEstimate) -> str:
     )
 
 
-def _lever(log: Log, found: Identification) -> list[Finding]:
-    names = ("dvl_lever_starboard_m", "dvl_lever_forward_m")
-    if not set(names) <= set(found.estimates):
-        return []
-    length_m = math.hypot(*(found.estimates[name].value for name in names))
-    advice = (
+def _lever(_: Log, found: Identification, starboard_m: float, forward_m: float) -> WorstAndAdvice:
+    return math.hypot(starboard_m, forward_m), (
         f"state lever_arm_m = {stated_lever_m(found)} under [dvl], or the opposite change under [usbl]: the log shows "
         "only their difference; replay takes the transponder's place as stated, with a larger sigma"
     )
-    return [_finding("DVL-LEVER", log, found, LEVER, "dvl", length_m, advice)]
 
 
-def _clock(log: Log, found: Identification, key: str, sensor: str, stated_s: float) -> list[Finding]:
-    clock = found.estimates.get(f"{sensor}_clock_s")
-    if clock is None:
-        return []
-    advice = f"state latency_s = {stated_s + clock.value:.2f} under [{sensor}]"
-    return [_finding(key.upper(), log, found, key, sensor, clock.value, advice)]
+def _dvl_clock(log: Log, _: Identification, late_s: float) -> WorstAndAdvice:
+    return late_s, f"state latency_s = {log.settings.dvl.latency_s + late_s:.2f} under [dvl]"
 
 
-def _dvl_clock(log: Log, found: Identification) -> list[Finding]:
-    return _clock(log, found, DVL_CLOCK, "dvl", log.settings.dvl.latency_s)
+def _compass_clock(log: Log, _: Identification, late_s: float) -> WorstAndAdvice:
+    return late_s, f"state latency_s = {log.settings.compass.latency_s + late_s:.2f} under [compass]"
 
 
-def _compass_clock(log: Log, found: Identification) -> list[Finding]:
-    return _clock(log, found, COMPASS_CLOCK, "compass", log.settings.compass.latency_s)
+class _ErrorFinding(NamedTuple):
+    """How a sensor error is reported."""
+
+    code: str
+    role: str
+    unit: str  # of the worst value
+    worst_and_advice: Callable[..., WorstAndAdvice]  # from log, identification and the values of KEYS
+
+
+ERROR_FINDINGS: Mapping[str, _ErrorFinding] = {
+    "scale": _ErrorFinding("DVL-SCALE", "dvl", "%", _scale),
+    "deviation": _ErrorFinding("COMPASS-DEVIATION", "compass", "deg", _deviation),
+    DVL_CLOCK: _ErrorFinding("DVL-CLOCK", "dvl", "s", _dvl_clock),
+    COMPASS_CLOCK: _ErrorFinding("COMPASS-CLOCK", "compass", "s", _compass_clock),
+    LEVER: _ErrorFinding("DVL-LEVER", "dvl", "m", _lever),
+    HEAD: _ErrorFinding("USBL-HEADING", "usbl", "deg", _head),
+    RANGE: _ErrorFinding("USBL-RANGE", "usbl", "%", _range),
+    "latency": _ErrorFinding("USBL-LATENCY", "usbl", "s", _latency),
+}
+"""By the keys of linearisation.KEYS, in the order of the findings."""
