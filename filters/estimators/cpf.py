@@ -38,7 +38,7 @@ from usbldr.filters.estimators.resampling import effective_size, normalised, sys
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import MomentTransform
-from usbldr.filters.types import Array, Indices, Update, Vector
+from usbldr.filters.types import Indices, Update, Vector
 
 
 class PastStep(NamedTuple):
@@ -159,12 +159,7 @@ def _drawn_update(
         return update(bank, projection, R[0, :, :, None])
     edges = np.cumsum(modes.probability, axis=0)
     mode = (rng.random(len(bank.log_weight)) >= edges[:-1]).sum(axis=0)
-    return update(bank, projection, _by_mode(R, mode))
-
-
-def _by_mode(R: Array, mode: Indices) -> Array:
-    """Return the R of each particle's mode: (J, k, k) and (N,) to (k, k, N)."""
-    return np.moveaxis(R[mode], 0, -1)
+    return update(bank, projection, np.moveaxis(R[mode], 0, -1))  # R of each particle: (k, k, N)
 
 
 def _chosen(accepted: NDArray[np.bool_], new: GaussianBank, old: GaussianBank) -> GaussianBank:

@@ -153,17 +153,11 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     return ([usual], [wide]) if at_fault else ([usual, wide], [])
 
 
-def _far(member: Member, stated: Parameters) -> frozenset[str]:
-    """Return the keys of the errors whose prior is that of FAR_SD."""
-    errors, usual = member.parameters.errors, stated.errors
-    return frozenset(key for key, field in FAR_KEYS.items() if getattr(errors, field) != getattr(usual, field))
-
-
 def _choice(timeline: Timeline, member: Member, stated: Parameters) -> Choice:
     """Return the best subset of errors under the priors of the member, errors and noise in turn."""
-    far = _far(member, stated)
-    fields = [FAR_KEYS[key] for key in far]
-    wide = {field: getattr(member.parameters.errors, field) for field in fields}
+    priors = {field: getattr(member.parameters.errors, field) for field in FAR_KEYS.values()}
+    wide = {field: sd for field, sd in priors.items() if sd != getattr(stated.errors, field)}  # those of FAR_SD
+    far = frozenset(key for key, field in FAR_KEYS.items() if field in wide)
     choice = _best_subset(timeline, member, far)
     for _ in range(ROUNDS - 1):
         noise = estimate_usbl_noise(timeline, choice.member, replace(stated, errors=replace(stated.errors, **wide)))

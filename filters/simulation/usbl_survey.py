@@ -8,7 +8,7 @@ import numpy as np
 from usbldr.filters.frames import heading_deg
 from usbldr.filters.simulation.scenario import Leg
 from usbldr.filters.simulation.true_motion import leg_motion
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Vector
 from usbldr.filters.usbl_survey.geometry import NAMES, ShipMotion, UsblSurvey, seen_from_head, ship_motion
 
 
@@ -70,7 +70,8 @@ def simulate_survey(scenario: SurveyScenario, seed: int) -> UsblSurvey:
     range_m = range_m + scenario.range_sd_m * np.asarray(rng.standard_t(scenario.dof, len(line)))
     outlier = rng.random(len(line)) < scenario.outlier_share
     sd_deg = np.where(outlier, scenario.outlier_deg, scenario.angle_sd_deg)[:, None]
-    line = _unit(line + np.radians(sd_deg) * np.asarray(rng.standard_t(scenario.dof, (len(line), 3))))
+    line = line + np.radians(sd_deg) * np.asarray(rng.standard_t(scenario.dof, (len(line), 3)))
+    line = line / np.linalg.norm(line, axis=1, keepdims=True)
     latencies = scenario.true_values[[NAMES.index("attitude_latency_s"), NAMES.index("position_latency_s")]]
     ship = _motion(scenario, *latencies)
     recorded = ship_motion(
@@ -94,7 +95,3 @@ def _motion(scenario: SurveyScenario, attitude_latency_s: float, position_latenc
     attitude = np.column_stack([heading, scenario.pitch.at(valid_s), scenario.roll.at(valid_s)])
     positions = leg_motion(scenario, position_s - position_latency_s).position_m
     return ship_motion(position_s, positions, attitude_s, attitude)
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

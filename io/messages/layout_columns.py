@@ -38,8 +38,11 @@ def columns_of_layouts(
                 continue
             if fitting:
                 found[sensor] = _Use(file, entry, max(fitting, key=lambda topic: topic.count))
-    stated = [_stated(use) for use in found.values()]
-    return tuple(stated), tuple(_finding(use) for use in found.values())
+    stated: list[ConfiguredColumns] = []
+    for use in found.values():
+        entry = use.entry
+        stated.append(ConfiguredColumns(entry.sensor, use.topic.name, entry.columns, entry.unit, entry.conventions))
+    return tuple(stated), tuple(map(_finding, found.values()))
 
 
 def _defines(entry: LayoutEntry, topic: TopicInfo) -> bool:
@@ -48,11 +51,6 @@ def _defines(entry: LayoutEntry, topic: TopicInfo) -> bool:
     kind = topic.type.replace("/msg/", "/").replace(".", "/")
     same = kind.lower() == stated.lower() or (entry.type is not None and kind.lower().endswith(f"/{stated.lower()}"))
     return same and all(field_of(name, topic.fields, topic.arrays) for name in entry.columns.values())
-
-
-def _stated(use: _Use) -> ConfiguredColumns:
-    entry = use.entry
-    return ConfiguredColumns(entry.sensor, use.topic.name, entry.columns, entry.unit, entry.conventions)
 
 
 def _finding(use: _Use) -> Finding:

@@ -68,8 +68,15 @@ def export(
     """
     form = log_format_of(out, stated)
     _refuse_own(log, out, configuration_place(out, form), read)
-    latencies = _latencies(log)
-    written = _restamped(_with_truth(_on_plane(log)), latencies)
+    # headings count from the plane's north if the fixes are written on it; positions of a GPS stay latitudes
+    written = _with_truth(headings_on_plane(log) if "usbl" in log.tables else log)
+    tables, latencies = dict(written.tables), dict[str, float]()
+    for role in ROLES:
+        if latency_s := log.settings.section(role).latency_s:
+            latencies[role] = latency_s
+            if role in tables:
+                tables[role] = tables[role].assign(time_s=tables[role]["time_s"] + latency_s)
+    written = replace(written, tables=tables)
     configuration = _configuration(log, written, conventions_of(written, form, exported=True), latencies)
 
     def make(target: Path) -> None:
@@ -89,15 +96,6 @@ def _refuse_own(log: Log, out: Path, place: Path, read: Sequence[Path]) -> None:
     refuse_inputs(place, known)
 
 
-def _latencies(log: Log) -> dict[str, float]:
-    return {role: latency for role in ROLES if (latency := log.settings.section(role).latency_s)}
-
-
-def _on_plane(log: Log) -> Log:
-    """Turn headings to the plane's north if the fixes are written on it; positions of a GPS stay latitudes."""
-    return headings_on_plane(log) if "usbl" in log.tables else log
-
-
 def _with_truth(log: Log) -> Log:
     """Give a truth that is not the log's GPS a table of its own."""
     if log.truth is None or ("truth" not in log.provenance and "gps" in log.tables):
@@ -106,11 +104,6 @@ def _with_truth(log: Log) -> Log:
     columns = {"time_s": log.truth.time_s, "received_s": log.truth.time_s, "east_m": east, "north_m": north}
     table = pd.DataFrame(columns | {"sd_m": log.truth.sd_m})
     return replace(log, tables=dict(log.tables) | {"truth": table})
-
-
-def _restamped(log: Log, latencies: Mapping[str, float]) -> Log:
-    tables = {s: t.assign(time_s=t["time_s"] + latencies[s]) if s in latencies else t for s, t in log.tables.items()}
-    return replace(log, tables=tables)
 
 
 def _configuration(
@@ -122,9 +115,7 @@ def _configuration(
         sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}
     sections["dvl"] = _of_sensor(known.dvl, "dvl", known.dvl_sd_scale) | _lever(known.dvl_lever_m)
     sections["compass"] = _of_sensor(known.compass, "compass")
-    sections["usbl"] = _of_sensor(known.usbl, "usbl", known.usbl_sd_scale) | {
-        "lever_arm_m": str(list(known.usbl_lever_m))
-    }
+    sections["usbl"] = _of_sensor(known.usbl, "usbl", known.usbl_sd_scale) | _lever(known.usbl_lever_m)
     sections["gps"] = _of_sensor(known.gps, "gps") | _lever(known.gps_lever_m)
     sections["depth"] = {}
     for sensor, latency_s in latencies.items():

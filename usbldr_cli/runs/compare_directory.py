@@ -35,7 +35,8 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool, tables: str =
         foreign = _foreign(folder) if folder.exists() else None
         if foreign is not None:
             raise UsageError(f"{folder} holds {foreign}, which is not of a comparison: choose another --output")
-        if (folder / tables).exists() and not force and _request(folder / tables) != _plain(request):
+        as_stored = json.loads(json.dumps(request))  # tuples become lists
+        if (folder / tables).exists() and not force and _request(folder / tables) != as_stored:
             raise UsageError(
                 f"{folder} holds another comparison: choose another --output, or --force to replace its tables "
                 "(finished runs are kept)"
@@ -61,8 +62,3 @@ def _request(tables: Path) -> Any:
         return json.loads(tables.read_text(encoding="utf-8"))["request"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def _plain(request: Mapping[str, Any]) -> Any:
-    """Return a request as JSON stores it: tuples become lists."""
-    return json.loads(json.dumps(request))
