@@ -26,8 +26,6 @@ class Maximum(NamedTuple):
 
     point: Vector  # (d,)
     value: float  # the log posterior there, but for a constant
-    sd: Vector  # (d,) 1-sigma by the curvature
-    batches: int
     converged: bool
 
 
@@ -71,8 +69,7 @@ def maximise(log_likelihood: LogLikelihood, centre: Vector, prior_sd: Vector, st
         if not converged:
             best = _around(log_likelihood, pattern[int(np.argmax(values))], centre, prior_sd)
         batches += 2 - converged
-    sd = np.sqrt(np.linalg.inv(best.information).diagonal())
-    return Maximum(best.point, best.value, sd, batches, converged)
+    return Maximum(best.point, best.value, converged)
 
 
 def _pattern(around: _Quadratic) -> list[Vector]:

@@ -36,7 +36,7 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
+from usbldr.filters.replay.dead_reckoning import START_FIXES, start_position, start_sensitivity
 from usbldr.filters.replay.prior import starting_fixes
 from usbldr.filters.types import Array, Timeline, Vector
 
@@ -119,7 +119,8 @@ def _start(timeline: Timeline, members: Sequence[Member], log: Linearised) -> tu
         position, sd_m = start_position(timeline, time_s, fixes.position_m)
         carried = start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
         if fixes.sensor == "usbl":  # which an error of their head has moved
-            carried[:, HEAD_ROWS] -= log.measurement_matrix[own[: len(log.residual_m)]][:5, :, HEAD_ROWS].mean(axis=0)
+            first_fixes = log.measurement_matrix[own[: len(log.residual_m)]][:START_FIXES]
+            carried[:, HEAD_ROWS] -= first_fixes[:, :, HEAD_ROWS].mean(axis=0)
     walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)

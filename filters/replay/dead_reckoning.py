@@ -17,6 +17,7 @@ CLOCKS: Mapping[str, tuple[str, str, str, str]] = {
     "compass_clock": ("yaw_rad", "dr_yaw_rad", "yaw_count", "yaw_sd_rad"),
 }
 """Errors of clocks, and the columns of a timeline that they move: records, dead reckoning, how many, and sigmas."""
+START_FIXES = 5  # whose median tolerates two outliers
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
 
 
@@ -63,24 +64,20 @@ def usbl(timeline: Timeline) -> Trajectory:
     return Trajectory("usbl", ("x", "y"), timeline.fix_time_s, timeline.fix_m, cov=None)
 
 
-def start_position(
-    timeline: Timeline, time_s: Vector, fix_m: Array, count: int = 5, least_sd_m: float = LEAST_START_SD_M
-) -> tuple[Vector, float]:
+def start_position(timeline: Timeline, time_s: Vector, fix_m: Array) -> tuple[Vector, float]:
     """Return the position at time 0 from the first fixes, (2,), and its 1-sigma per axis.
 
     Each fix is carried back by the dead-reckoned displacement since time 0; the median tolerates two outliers in five.
-    The sigma is the median absolute deviation of the fixes (of the wider axis), at least ``least_sd_m``: with a plain
+    The sigma is the median absolute deviation of the fixes (of the wider axis), at least LEAST_START_SD_M: with a plain
     standard deviation one outlier would widen the start so far that a filter accepts the next one.
     """
-    carried = fix_m[:count] - interpolate(timeline, displacement_m(timeline), time_s[:count])
+    carried = fix_m[:START_FIXES] - interpolate(timeline, displacement_m(timeline), time_s[:START_FIXES])
     position = np.median(carried, axis=0)
     spread_m = TO_SD * np.median(np.abs(carried - position), axis=0).max()
-    return position, float(max(least_sd_m, spread_m))
+    return position, float(max(LEAST_START_SD_M, spread_m))
 
 
-def start_sensitivity(
-    timeline: Timeline, time_s: Vector, names: Sequence[str], of_usbl: bool = True, count: int = 5
-) -> Array:
+def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], of_usbl: bool) -> Array:
     """Return the derivative of the start position by each state, (2, n); 0 except for errors of sensors.
 
     ``time_s`` (F,) are those of the fixes. A first fix after minutes is carried back by hundreds of metres of dead
@@ -88,10 +85,10 @@ def start_sensitivity(
     ``of_usbl``: they tell the sum of position and error, x = z - c + latency V.
     """
     drift = np.column_stack([integrate(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
-    mean: Vector = interpolate(timeline, drift, time_s[:count]).mean(axis=0)
+    mean: Vector = interpolate(timeline, drift, time_s[:START_FIXES]).mean(axis=0)
     derivative = -mean.reshape(len(names), 2).T
     if of_usbl:
-        V: Vector = interpolate(timeline, velocity_mps(timeline), time_s[:count]).mean(axis=0)
+        V: Vector = interpolate(timeline, velocity_mps(timeline), time_s[:START_FIXES]).mean(axis=0)
         derivative += fix_sensitivity(V, names)
     return derivative
 

@@ -61,13 +61,13 @@ def settled_before(times_s: Sequence[float] | Vector, time_s: float, memory_s: f
     return bisect.bisect_left(times_s, time_s - memory_s - 1e-6)
 
 
-def discarded_fixes(source: StepSource, memory_s: float = MAX_FIX_DELAY_S) -> int:
+def discarded_fixes(source: StepSource) -> int:
     """Return how many fixes arrived too late for `by_arrival`, or after the end."""
     used, arrived = source.arrivals()
     t = source.time_s
     inside = arrived < len(t)
     age_s = t[arrived[inside]] - t[used[inside]]
-    return int(np.count_nonzero(~inside) + np.count_nonzero(age_s > memory_s + 1e-9))
+    return int(np.count_nonzero(~inside) + np.count_nonzero(age_s > MAX_FIX_DELAY_S + 1e-9))
 
 
 FIX_ORDERS: Mapping[str, Callable[..., Iterator[Stretch]]] = {"validity": by_validity, "arrival": by_arrival}
