@@ -55,10 +55,9 @@ def baseline(
     given, methods = given_options(), filter_list(filters, choices)
     for log in logs:
         refuse_file("--output", output, force, inputs(log, read_request(**selection)))
+    jobs = [Job(log, "", choices, selection) for log in logs]
     with executor(workers) as where:
-        text, left_out = first_baseline(
-            output, [Job(log, "", choices, selection) for log in logs], methods, given, where
-        )
+        text, left_out = first_baseline(output, jobs, methods, given, where)
     for sentence in left_out:
         click.echo(f"usbldr: {sentence}", err=True)
     write_file("--output", output, text)

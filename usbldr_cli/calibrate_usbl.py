@@ -92,10 +92,8 @@ def calibrate_usbl(
     _refuse_scenario(log)
     request = read_request(**selection)
     read = inputs(log, request)
-    if write_to is not None:
-        refuse_file("--write", write_to, force, read, output)
-    if json_to not in (None, "-"):
-        refuse_file("--json", Path(str(json_to)), force, read, output)
+    refuse_file("--write", write_to, force, read, output)
+    refuse_file("--json", json_to, force, read, output)
     if output is not None:
         require_free(output, read, force)
     found, pictures = _calibration(log, request, selection, (depth_m, depth_sd_m, latency_sd_s))

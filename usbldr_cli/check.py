@@ -77,9 +77,8 @@ def check(
     wanted = read_baseline(Path(file))
     jobs = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}
     for row in wanted.rows:
-        for text in unused_options(
-            options_of_row(row.options), [row.filter], any(job.simulated for job in jobs[row.name])
-        ):
+        simulated = any(job.simulated for job in jobs[row.name])
+        for text in unused_options(options_of_row(row.options), [row.filter], simulated):
             click.echo(f"usbldr: {wanted.file}: row {row.name!r}: {text}", err=True)
     targets = {"--json": json_to, "--markdown": markdown_to, "--junit": junit, "--html": html_to}
     for name, target in targets.items():

@@ -100,16 +100,14 @@ def compare(
 
     refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
-    if latex_to is not None:
-        refuse_file("--latex", latex_to, force, [Path(log) for log in logs], output)
+    refuse_file("--latex", latex_to, force, [Path(log) for log in logs], output)
+    asked = {"--filters": filters is not None, "--bound": bound}
     if fixes:
-        _print_fixes(
-            logs, {"--filters": filters is not None, "--bound": bound, "--output": output is not None}, json_to
-        )
+        _print_fixes(logs, asked | {"--output": output is not None}, json_to)
         return 0
     if any(is_run(Path(log)) for log in logs):
         request: dict[str, Any] = {"runs": logs}
-        rows = _finished(logs, {"--filters": filters is not None, "--bound": bound})
+        rows = _finished(logs, asked)
         if output is not None:
             prepare(output, request, force)
     else:
@@ -162,9 +160,8 @@ def _finished(folders: Sequence[str], asked: dict[str, bool]) -> "list[Compariso
 
     if not all(is_run(Path(folder)) for folder in folders):
         raise UsageError("run directories and logs cannot be mixed: compare one kind or the other")
-    for name, given in asked.items():
-        if given:
-            raise UsageError(f"run directories are compared as they are: leave {name} out")
+    if given := next((option for option, is_given in asked.items() if is_given), None):
+        raise UsageError(f"run directories are compared as they are: leave {given} out")
     rows = read_runs([Path(folder) for folder in folders])
     require_comparable(rows)
     return rows

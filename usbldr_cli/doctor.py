@@ -40,9 +40,8 @@ def _text(found: "Examination") -> str:
     lines = [f"{printable(str(found.path))}: {found.format}", f"configuration: {found.configuration or 'none'}", ""]
     lines += [f"{d.level:8}{d.code}: {d.text}" for d in found.findings]
     counts = {level: sum(d.level == level for d in found.findings) for level in ("error", "warning", "info")}
-    total = ", ".join(
-        f"{n} {name if n == 1 else names}" for n, name, names in zip(counts.values(), *NAMES, strict=True)
-    )
+    named = zip(counts.values(), *NAMES, strict=True)
+    total = ", ".join(f"{n} {name if n == 1 else names}" for n, name, names in named)
     return "\n".join([*lines, *([""] if found.findings else []), total])
 
 

@@ -73,9 +73,8 @@ def drill(
 
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
     refuse_inputs([log], others, output, json_to, force)
-    plan = DrillPlan(
-        log, drills, filter_list(DEFAULT_FILTERS if filters is None else filters, choices), seeds, choices, others
-    )
+    methods = filter_list(DEFAULT_FILTERS if filters is None else filters, choices)
+    plan = DrillPlan(log, drills, methods, seeds, choices, others)
     plan.require_fitting()
     warn_of_unused_options(plan.methods, is_simulated(log) or any(drill.draws for drill in drills))
     if output is not None:

@@ -78,8 +78,7 @@ def evaluate(
     request, read = request_and_inputs(log=log, **selection)
     read = (*read, Path(estimate)) if Path(estimate).is_file() else read
     target = output or Path(f"{name_of(Path(log))}-{Path(estimate).stem.strip('/').replace('/', '-') or 'estimate'}")
-    if json_to not in (None, "-"):
-        refuse_file("--json", Path(str(json_to)), force, read, target)
+    refuse_file("--json", json_to, force, read, target)
     require_free(target, read, force)
     outputs.require_fitting(Path(log))
     dive = open_log(log, request)

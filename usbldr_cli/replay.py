@@ -103,9 +103,8 @@ def replay(
     request, read = request_and_inputs(log, **selection)
     if output is not None:
         require_free(output, read, force)
-    for name, file in (("--json", json_to), ("--write-calibration", write_calibration)):
-        if file not in (None, "-"):
-            refuse_file(name, Path(file), force, read, output)
+    refuse_file("--json", json_to, force, read, output)
+    refuse_file("--write-calibration", write_calibration, force, read, output)
     if bound:
         require_scenario(log)
     warn_of_unused_options([method], is_simulated(log))

@@ -70,13 +70,19 @@ def write_json(target: str, content: object) -> None:
         write_file("--json", Path(target), json_text(content) + "\n")
 
 
-def refuse_file(option: str, file: Path, force: bool, read: Iterable[Path], made: Path | None = None) -> None:
+def refuse_file(
+    option: str, target: Path | str | None, force: bool, read: Iterable[Path], made: Path | None = None
+) -> None:
     """Raise UsageError for a file of an option that is an input, is not empty, or cannot be written.
 
     It may not be in a folder that is read, unless it is a configuration. ``made`` is a folder that the run will make.
+    Nothing is refused for None, without the option, and "-", stdout.
     """
     from usbldr.io.reading.inputs import output_conflict
 
+    if target in (None, "-"):
+        return
+    file = Path(str(target))
     what = output_conflict(file, read, inside=file.suffix != ".toml")
     if os.path.isdir(file) or file == made:
         what = "is a folder"
@@ -118,8 +124,7 @@ def refuse_inputs(
         read = inputs(log, read_request(**selection))
         if output is not None and (what := output_conflict(output, read, inside=False)):
             raise UsageError(f"{output} {what}: choose another --output")
-        if json_to not in (None, "-"):
-            refuse_file("--json", Path(str(json_to)), force, read, output)
+        refuse_file("--json", json_to, force, read, output)
 
 
 def write_file(option: str, file: Path, text: str) -> None:
