@@ -67,11 +67,8 @@ class Readings:
     def parts(self) -> Iterator[Part]:
         """Yield the parts of all readings, those of the same axis together."""
         whole, split = np.flatnonzero(~self.in_sequence), np.flatnonzero(self.in_sequence)
-        for axis, first, last, rows, place in (
-            (self.axis, 0, self.z.shape[1], whole, 0),
-            ("east", 0, 1, split, 0),
-            ("north", 1, 2, split, 1),
-        ):
+        parts = (self.axis, 0, self.z.shape[1], whole, 0), ("east", 0, 1, split, 0), ("north", 1, 2, split, 1)
+        for axis, first, last, rows, place in parts:
             if len(rows):
                 yield Part(axis, slice(first, last), rows, place)
 

@@ -94,12 +94,8 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         excess_m = moved_by_head_m(fixes.position_m - end.place_m, when.slant_m, gone_m)
         fixes = fixes._replace(position_m=fixes.position_m - excess_m)
     findings += [*more, *unused, *fixes.findings, *_unused(raw, section, kind, fixes), *(end.findings if end else ())]
-    if (
-        kind != "latlon"
-        and not (end and end.plane_lat_deg is not None)
-        and origin is not None
-        and origin.kind != OriginKind.MAP
-    ):
+    placed = kind == "latlon" or (end is not None and end.plane_lat_deg is not None)
+    if not placed and origin is not None and origin.kind != OriginKind.MAP:
         text = (
             "the map origin is not stated: errors against a truth in latitudes are those that remain after a constant "
             "shift (state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver "
@@ -112,12 +108,11 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out", exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)
-    own, sd_chosen = sensor_covariance(
-        section, fixes.stated_m2, line, fixes.vertical_m, fixes.levelled_by_m is not None
-    )
-    R = with_variance_floor(
-        own + reference_covariance(end, fixes.turned_m) if end is not None and fixes.relative_to_reference else own
-    )
+    levelled = fixes.levelled_by_m is not None
+    R, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m, levelled)
+    if end is not None and fixes.relative_to_reference:
+        R = R + reference_covariance(end, fixes.turned_m)
+    R = with_variance_floor(R)
     columns = {
         "east_m": fixes.position_m[:, 0],
         "north_m": fixes.position_m[:, 1],

@@ -81,12 +81,8 @@ def kind_of_fixes(
         could = " or ".join(sorted(have))
         raise SettingError(f'[usbl] kind = "{kind}": {raw.topic.name} ({raw.topic.type}) can only be {could}')
     stated = (section.frame, section.relative_to, section.head, section.beacon)
-    if (
-        chosen.chosen_by == "default"
-        and stated == (None,) * 4
-        and raw.layout.type.startswith("pose")
-        and _like_latitudes(raw, origin)
-    ):
+    unstated = chosen.chosen_by == "default" and stated == (None,) * 4
+    if unstated and raw.layout.type.startswith("pose") and _like_latitudes(raw, origin):
         text = (
             "x and y are read as latitude and longitude, because their values allow it; "
             'if they are metres, state kind = "position" under [usbl]'

@@ -285,13 +285,9 @@ def _heading_offset_findings(
     code = "HEADING-BIAS" if stated else "DVL-MOUNT"
     topic = topic_of(log, "compass" if stated else "dvl")
     by = "" if best == result.as_read and result.observable else f", with {best.description}"
-    odds = ""
-    if (
-        identification is not None
-        and "heading" not in identification.contested
-        and "heading_bias_deg" in (identification.estimates)
-    ):
-        odds = f", {log_odds_text(identification, 'heading')}"
+    odds, found = "", identification
+    if found is not None and "heading" not in found.contested and "heading_bias_deg" in found.estimates:
+        odds = f", {log_odds_text(found, 'heading')}"
     turn = f"{offset:+.1f} deg (clockwise, ±{max(sd, 0.1):.1f}{odds})"
     text = f"{topic}: rotating dead reckoning by {turn} fits the fixes{by}"
     if far:

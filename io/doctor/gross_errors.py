@@ -56,9 +56,8 @@ def correct_velocity_unit(
     if corrected is not None and (scale := corrected.best.fit.scale) > 0:
         ratio, slower = ratio * scale, _with_velocity_divided(slower, scale)
         corrected = compare_interpretations(log, slower, sources)
-    if corrected is None or corrected.best.residual_m > THRESHOLDS.gross_residual_ratio * min(
-        result.best.residual_m, standstill_m
-    ):
+    most_m = THRESHOLDS.gross_residual_ratio * min(result.best.residual_m, standstill_m)
+    if corrected is None or corrected.best.residual_m > most_m:
         return 1.0, result, timeline
     return ratio, corrected, slower
 

@@ -138,20 +138,16 @@ class DataflashLog:
     @cached_property
     def _start_ns(self) -> int:
         """Return the time since 1970 of power-on by the first GPS fix; 0 without one."""
+        needed = {"TimeUS", "Status", "GMS", "GWk"}
         for number, form in self._formats.items():
-            if (
-                form.name == "GPS"
-                and number in self._places
-                and {"TimeUS", "Status", "GMS", "GWk"} <= set(form.columns)
-            ):
-                table = self._table(number)
-                dated = (table["GWk"] > 0) & (table["GWk"] < LAST_WEEK) & (table["TimeUS"] < LONGEST_US)
-                fixed = np.flatnonzero((table["Status"] >= FIX) & dated)
-                if len(fixed):
-                    gps_ms, week, time_us = (
-                        table[name][fixed[:1]].astype(np.int64) for name in ("GMS", "GWk", "TimeUS")
-                    )
-                    return int((utc_ns(week, gps_ms / 1000) - time_us * 1000)[0])
+            if form.name != "GPS" or number not in self._places or not needed <= set(form.columns):
+                continue
+            table = self._table(number)
+            dated = (table["GWk"] > 0) & (table["GWk"] < LAST_WEEK) & (table["TimeUS"] < LONGEST_US)
+            first = np.flatnonzero((table["Status"] >= FIX) & dated)[:1]
+            if len(first):
+                gps_ms, week, time_us = (table[name][first].astype(np.int64) for name in ("GMS", "GWk", "TimeUS"))
+                return int((utc_ns(week, gps_ms / 1000) - time_us * 1000)[0])
         return 0
 
     def _rows(self, source: Source) -> tuple[Mapping[str, Column], Nanoseconds]:

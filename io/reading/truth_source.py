@@ -81,14 +81,9 @@ def refuse_as_sensor(path: Path, choices: Mapping[str, TopicChoice], truth_role:
         if role not in choices or choices[role].topic.name != choices[truth_role].topic.name:
             continue
         fields, true_fields = (set(choices[who].layout.required.values()) for who in (role, truth_role))
-        if (
-            fields & true_fields or not choices[role].layout.by_columns
-        ):  # by columns, one topic may hold several sensors
-            raise UsageError(
-                f"{choices[role].topic.name} cannot be the {role} and the truth at once: "
-                'name another --truth, or "none"',
-                path=path,
-            )
+        if fields & true_fields or not choices[role].layout.by_columns:  # which give one topic several sensors
+            text = f"{choices[role].topic.name} cannot be the {role} and the truth at once"
+            raise UsageError(f'{text}: name another --truth, or "none"', path=path)
 
 
 def truth_section(configuration: Configuration, raws: Mapping[str, RawRecords], truth_by: str) -> GpsSection:

@@ -92,9 +92,8 @@ def write_tables(folder: Path, run: Run) -> None:
         depth = column_at(report.time_s, run.log.tables.get("depth"), "depth_m")  # of both: errors are horizontal
         write_tum(folder / "track.tum", run.log.start_ns, report.time_s, report.estimate_m, yaw, depth)
         write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m, None, depth)
-    if run.log.origin is not None and not (
-        run.log.map_unknown and (report is None or report.alignment.name != "shift")
-    ):
+    shifted = report is not None and report.alignment.name == "shift"
+    if run.log.origin is not None and (shifted or not run.log.map_unknown):
         moved, fixes, truth = _on_the_map(run, fixes)
         write_geojson(folder / "track.geojson", moved, truth, fixes, run.log.origin)
         title, deep = f"{run.label} on {run.log.path.name}", run.log.tables.get("depth")

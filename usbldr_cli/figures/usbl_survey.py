@@ -52,9 +52,8 @@ def transponder_figure(found: FittedSurvey) -> Figure:
     before = placed(survey, assumed(survey, found.stated))[fit.good, :2]
     after = placed(survey, fit.values)[fit.good, :2]
     place = fit.values[PLACE][:2]
-    for axes, shown, text in zip(
-        panels, (np.vstack([before, after]), after), ("before and after", "after"), strict=True
-    ):
+    both = np.vstack([before, after])
+    for axes, shown, text in zip(panels, (both, after), ("before and after", "after"), strict=True):
         if text != "after":
             axes.plot(*before.T, ".", color=BEFORE_COLOUR, ms=3, label="as configured")
         axes.plot(*after.T, ".", color=AFTER_COLOUR, ms=3, label="calibrated" if text != "after" else "_calibrated")
@@ -107,15 +106,13 @@ def residual_figure(found: FittedSurvey) -> Figure:
     )
     figure = titled_figure(f"Residuals: {found.report.path.name}", detail, 12, 7.5)
     panels = figure.subplots(3, 4, sharex="col", sharey="row")
+    kinds = (fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")
     for row, (name, sd) in enumerate(zip(RESIDUALS, sds, strict=True)):
         edge = SHOWN_SIGMAS * sd
         for column, (label, values) in enumerate(against.items()):
             axes: Axes = panels[row, column]
             axes.axhspan(-sd, sd, color="#dddddd", lw=0, zorder=0)
-            for chosen, colour, kind in (
-                (fit.good, AFTER_COLOUR, "good fix"),
-                (~fit.good, REJECTED_COLOUR, "false fix"),
-            ):
+            for chosen, colour, kind in kinds:
                 if chosen.any():
                     once = f"{'' if row == column == 0 else '_'}{kind}"
                     style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": once}
