@@ -16,7 +16,7 @@ from usbldr.io.writers.ros_messages import Channel, messages
 
 
 def write_bag(log: Log, file: Path, channels: Mapping[str, Channel]) -> None:
-    """Write the sensors of the channels that the log has, in order of arrival, bz2 chunks."""
+    """Write the sensors of the channels in order of arrival, bz2 chunks."""
     store = known_types(1)
     writer = BagWriter(file)
     writer.set_compression(BagWriter.CompressionFormat.BZ2)
@@ -38,9 +38,7 @@ def _write(
     writer: Any, serialize: Callable[[Any, str], Any], log: Log, channels: Mapping[str, Channel], store: Typestore
 ) -> None:
     connections = {
-        sensor: writer.add_connection(channel.topic, channel.type, typestore=store)
-        for sensor, channel in channels.items()
-        if sensor in log.tables
+        sensor: writer.add_connection(one.topic, one.type, typestore=store) for sensor, one in channels.items()
     }
     for received_ns, sensor, message in messages(log, channels, store):
         writer.write(connections[sensor], received_ns, serialize(message, channels[sensor].type))

@@ -178,16 +178,16 @@ LOCAL_GPS = Channel("/gps/fix", POSE, _fix, {"frame": "ENU"})
 
 
 def channels_of(log: Log, exported: bool) -> Mapping[str, Channel]:
-    """Return how each sensor becomes messages; ``exported``: messages that carry every canonical value.
+    """Return how each sensor of the log becomes messages; ``exported``: messages that carry every canonical value.
 
     Fixes with their own covariance always carry it.
     """
-    if not exported:
-        fixes = log.tables.get("usbl")
-        alike = fixes is None or all(fixes[name].nunique() <= 1 for name in ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
-        return CHANNELS if alike else {**CHANNELS, "usbl": EXPORTED["usbl"]}
-    placed = "gps" not in log.tables or bool(log.tables["gps"]["lat_deg"].notna().all())
-    return EXPORTED if placed else {**EXPORTED, "gps": LOCAL_GPS}
+    chosen, fixes, gps = dict(EXPORTED if exported else CHANNELS), log.tables.get("usbl"), log.tables.get("gps")
+    if exported and gps is not None and not gps["lat_deg"].notna().all():
+        chosen["gps"] = LOCAL_GPS
+    if fixes is not None and any(fixes[name].nunique() > 1 for name in ("cov_ee_m2", "cov_en_m2", "cov_nn_m2")):
+        chosen["usbl"] = EXPORTED["usbl"]
+    return {sensor: channel for sensor, channel in chosen.items() if sensor in log.tables}
 
 
 class Stamped(NamedTuple):
@@ -210,7 +210,7 @@ def messages(log: Log, channels: Mapping[str, Channel], store: Typestore) -> lis
 
 def _rows(log: Log, sensors: Mapping[str, Channel]) -> Iterator[tuple[str, int, TableRow]]:
     for sensor in sensors:
-        for row in log.tables[sensor].to_dict("records") if sensor in log.tables else ():
+        for row in log.tables[sensor].to_dict("records"):
             stamp_ns, received_ns = nanoseconds(log, row["time_s"]), nanoseconds(log, row["received_s"])
             yield sensor, received_ns, {str(name): value for name, value in row.items()} | {"stamp_ns": stamp_ns}
 

@@ -117,8 +117,7 @@ def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[
         return {}
     from usbldr.io.writers.ros_messages import channels_of
 
-    channels = channels_of(log, exported).items()
-    return {sensor: {"topic": one.topic, **one.conventions} for sensor, one in channels if sensor in log.tables}
+    return {sensor: {"topic": one.topic, **one.conventions} for sensor, one in channels_of(log, exported).items()}
 
 
 def _refuse_unless_written(folder: Path) -> None:
