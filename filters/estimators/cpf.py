@@ -81,7 +81,7 @@ class CubatureParticleFilter:
         """Return the belief after the step: predict; per measurement weigh, resample, draw modes and update; move."""
         rng = make_rng()
         kept = belief.past[1 - self.move_steps :] if self.move_steps > 1 else ()
-        past = (*kept, PastStep(belief.bank, step, np.zeros(self.particles)))
+        past: tuple[PastStep, ...] = (*kept, PastStep(belief.bank, step, np.zeros(self.particles)))
         bank = predict(belief.bank, self.motion, self.rule, step.t0_s, step.t1_s)  # time update, eqs. (8) to (12)
         updates: list[Update] = []
         least, resampled = float(self.particles), False

@@ -109,10 +109,10 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     good, invalid = valid_mask(raw, causes, "usbl", "left out", exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)
     levelled = fixes.levelled_by_m is not None
-    R, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m, levelled)
+    cov_m2, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m, levelled)
     if end is not None and fixes.relative_to_reference:
-        R = R + reference_covariance(end, fixes.turned_m)
-    R = with_variance_floor(R)
+        cov_m2 = cov_m2 + reference_covariance(end, fixes.turned_m)
+    R = with_variance_floor(cov_m2)
     columns = {
         "east_m": fixes.position_m[:, 0],
         "north_m": fixes.position_m[:, 1],

@@ -27,7 +27,7 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
 
     The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
     """
-    apart = found.contested | {pair.head for pair in found.open_pairs} | (set() if clock_known else {"latency"})
+    apart = {*found.contested, *(pair.head for pair in found.open_pairs), *(() if clock_known else ("latency",))}
     findings = [one for key in ERROR_FINDINGS if key not in apart and (one := _finding(log, found, key)) is not None]
     findings += [Finding("RIVAL-EXPLANATIONS", pair.text, topic_of(log, "usbl")) for pair in found.open_pairs]
     if found.contested:

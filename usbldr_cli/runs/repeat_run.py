@@ -157,12 +157,16 @@ def _tuples(options: Mapping[str, Json]) -> dict[str, Json]:
 
 def _differences(before: Json, now: Json, place: str) -> Generator[Difference]:
     """Give every value of both, in order, the same ones included."""
-    objects, lists = (isinstance(before, kind) and isinstance(now, kind) for kind in (dict, list))
-    if objects:
-        for key in dict.fromkeys((*before, *now)):
-            yield from _differences(before.get(key), now.get(key), f"{place}.{key}")
-    elif lists and len(before) == len(now):
-        for k, (one, other) in enumerate(zip(before, now, strict=True)):
+    if isinstance(before, dict) and isinstance(now, dict):
+        ours, theirs = cast("dict[str, Json]", before), cast("dict[str, Json]", now)
+        for key in dict.fromkeys((*ours, *theirs)):
+            yield from _differences(ours.get(key), theirs.get(key), f"{place}.{key}")
+    elif (
+        isinstance(before, list)
+        and isinstance(now, list)
+        and len(cast("list[Json]", before)) == len(cast("list[Json]", now))
+    ):
+        for k, (one, other) in enumerate(zip(cast("list[Json]", before), cast("list[Json]", now), strict=True)):
             yield from _differences(one, other, f"{place}[{k}]")
     else:
         yield Difference(place, before, now)
