@@ -53,8 +53,9 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...] = ()) -> str:
             sections[role] = _asked(drafted, role)
         elif log is not None:
             sections[role] = _topic(examination, log, role)
+    source = f"the log and {drafted.stated.file.name}" if drafted.stated.file else "the log alone"
     lines = [
-        comment(f"Settings for {path.name}, written by usbldr init from the log alone."),
+        comment(f"Settings for {path.name}, written by usbldr init from {source}."),
         "# GPS only excludes the mirror image and proposes the map origin, if that is unknown; no other key uses it.",
         "# Signs: docs/configuration.md. Commented keys cannot be determined from the log; their values are proposals.",
     ]

@@ -85,7 +85,7 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         ("baseline dive_db3 --smooth", 2, "--smooth is a flag, which the row of a baseline cannot hold"),
         ("baseline dive_db3 dive_db3", 2, "LOG"),
         ("drill dive_db3 --drop usbl@1:2 -o .", 2, ". contains the input dive_db3"),
-        ("init dive_db3 --config any.toml", 2, "init writes a configuration from the log alone; it takes no --config"),
+        ("init dive_db3 --config any.toml -o a.toml", 2, "any.toml: no such configuration file"),
     ],
 )
 def test_a_wrong_use_is_answered_in_one_sentence(
