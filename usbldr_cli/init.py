@@ -39,7 +39,7 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     read = [one.path for one in labelled_inputs(log, request) if one.role != "configuration"]  # its keys are kept
     refuse_file("--output", target, force, read)
     drafted = draft(path, request)
-    text = initial_configuration(drafted, selection["joined"])
+    text = initial_configuration(drafted, selection["joined"], target)
     write_file("--output", target, text)
     if drafted.fault:
         raise LogError(f"{drafted.fault}; {target} is written: complete the lines marked CHECK", path=path)

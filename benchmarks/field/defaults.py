@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, replace
-from functools import cache, partial
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,8 +31,8 @@ from usbldr.filters.evaluation.error_report import WHOLE_LOG
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification import evidence, noise_fit, usbl_likelihood
 from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, Start
-from usbldr.filters.replay import prior
-from usbldr.filters.replay.dead_reckoning import start_position, start_sensitivity
+from usbldr.filters.replay import dead_reckoning, prior
+from usbldr.filters.replay.dead_reckoning import LEAST_START_SD_M, START_FIXES
 from usbldr.filters.types import Mask, Timeline
 from usbldr.io.session import RunSettings, replay, resolve
 
@@ -41,7 +41,9 @@ FACTORS = {HALF: 0.5, TWICE: 2.0}
 LEAST_BIAS_M = 1e-6  # [m] the least that a configuration may state
 LOGS = ("uib_field", "uib_simulation", "stpere_marina", SCENARIO)
 DIVES = 3  # of the scenario, for a feature taken away
-MODULES = SimpleNamespace(evidence=evidence, noise_fit=noise_fit, usbl_likelihood=usbl_likelihood, prior=prior)
+MODULES = SimpleNamespace(
+    dead_reckoning=dead_reckoning, evidence=evidence, noise_fit=noise_fit, prior=prior, usbl_likelihood=usbl_likelihood
+)
 
 
 def _same_line(line: Timeline) -> Timeline:
@@ -127,15 +129,11 @@ def _scaled(owner: str, name: str, factor: float) -> Change:
 
 def _scaled_start(name: str, factor: float) -> Change:
     """Scale what is assumed of a start that is not stated."""
-    parts = (start_position, start_sensitivity) if name == "count" else (start_position,)
-    values = {"count": round(5 * factor), "least_sd_m": 3.0 * factor}
-    if name in values:
-        scaled = {part.__name__: partial(part, **{name: values[name]}) for part in parts}
-        return Change(
-            constants={
-                f"{module}.{part}": made for module in ("prior", "usbl_likelihood") for part, made in scaled.items()
-            }
-        )
+    if name == "count":
+        modules = ("dead_reckoning", "usbl_likelihood")
+        return Change(constants={f"{module}.START_FIXES": round(factor * START_FIXES) for module in modules})
+    if name == "least_sd_m":
+        return Change(constants={"dead_reckoning.LEAST_START_SD_M": factor * LEAST_START_SD_M})
     other = replace(UNKNOWN_START, **{name: factor * getattr(UNKNOWN_START, name)})
     return Change(constants={"prior.UNKNOWN_START": other})
 

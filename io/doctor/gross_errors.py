@@ -126,10 +126,11 @@ def correct_clock_offset(
 def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
     """Return the offset of the fixes' clock, beyond a minute, that explains most, and the most that it may leave, in m.
 
-    Both are of the fixes that lie within dead reckoning with and without it; 0 if there are too few of them.
+    Both are of the fixes that lie within dead reckoning with and without it; 0 if there are too few of them. Fixes that
+    hardly move fit at any time.
     """
     limits = THRESHOLDS
-    best_s, least_m, unmoved_m = 0.0, np.inf, 0.0
+    best_s, least_m, large_m = 0.0, np.inf, 0.0
     for line in lines:
         group = segment_numbers(line, line.fix_time_s)
         for late_s in np.arange(-limits.max_far_offset_s, limits.max_far_offset_s + 1, limits.far_offset_step_s):
@@ -141,8 +142,10 @@ def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
             there = np.unique(there, return_inverse=True)[1] - int(np.any(there < 0))
             rms_m = fit_rotation(line, there, [float(late_s)]).rms_m
             if rms_m < least_m:
-                best_s, least_m, unmoved_m = float(late_s), rms_m, fit_rotation(line, there, [0.0]).rms_m
-    return best_s, limits.far_residual_ratio * unmoved_m
+                best_s, least_m = float(late_s), rms_m
+                way_m = float(np.std(fix_points(line)[there >= 0]))
+                large_m = min(fit_rotation(line, there, [0.0]).rms_m, way_m)
+    return best_s, limits.far_residual_ratio * large_m
 
 
 def _clock_offsets_s() -> list[float]:

@@ -38,10 +38,11 @@ COLUMNS = {
 """What a sensor's ``columns`` name at least, besides the time."""
 
 
-def initial_configuration(drafted: Draft, joined: tuple[str, ...] = ()) -> str:
+def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path) -> str:
     """Return the text of a configuration for a log, with which it can be replayed if the draft has no fault.
 
-    Keys that the log's configuration states are kept; for what is missing the file asks.
+    Keys that the log's configuration states are kept, and its paths count from the ``target``; for what is missing the
+    file asks.
     """
     examination, proposals = drafted.examination, drafted.proposals
     log, path = examination.log, examination.path
@@ -73,14 +74,12 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...] = ()) -> str:
     if any(role not in proposals and (log is None or role not in log.tables) for role in SENSORS):
         lines += _unused_topics(drafted.unused)
     lines.append("schema = 1")
-    lines += _keep_stated(sections, drafted.stated)
+    more = [{"path": Path(os.path.relpath(name, path.resolve().parent)).as_posix()} for name in joined]
+    lines += _keep_stated(sections, drafted.stated, more, target)
     for name, rows in sections.items():
         if rows:
             empty = all(entry.startswith("#") for entry, _ in rows)  # a section without a key may not be allowed
             lines += ["", f"{'# ' if empty else ''}[{name}]", *(_row(*row) for row in rows)]
-    for name in joined:
-        relative = os.path.relpath(name, path.resolve().parent)
-        lines += ["", "[[file]]", _row(f"path = {quoted(Path(relative).as_posix())}", "option --with")]
     text = "\n".join(lines) + "\n"
     parse_configuration(tomllib.loads(text), own_configuration(path, path.is_dir()))  # must always be accepted
     return text
@@ -102,18 +101,37 @@ def _unused_topics(topics: Sequence[TopicInfo]) -> list[str]:
     return ["# Topics that no sensor uses, with the fields that topic and columns can name:", *lines] if lines else []
 
 
-def _keep_stated(sections: dict[str, list[ConfigLine]], stated: ConfigurationFile) -> list[str]:
+def _keep_stated(
+    sections: dict[str, list[ConfigLine]], stated: ConfigurationFile, joined: Sequence[object], target: Path
+) -> list[str]:
     """Put the keys that a configuration states in place of those found; return its lines outside sections."""
     who = f"stated in {stated.file.name}" if stated.file else "stated by --set"
     outside: list[str] = []
+    files: list[object] = []
     for name, content in (stated.content or {}).items():
         if isinstance(content, dict):
             rows = sections.setdefault(name, [])
             for key, value in cast("dict[str, object]", content).items():
-                _keep(rows, f"{key} = {inline(value)}", key, who)
-        elif name != "schema":
-            outside.append(_row(f"{name} = {inline(content)}", who))
+                moved = _moved(value, stated, target) if (name, key) == ("truth", "file") else value
+                _keep(rows, f"{key} = {inline(moved)}", key, who)
+        elif name == "file":
+            files = [
+                {**one, "path": _moved(one["path"], stated, target)} for one in cast("list[dict[str, object]]", content)
+            ]
+        elif name == "layouts":
+            moved = [_moved(one, stated, target) for one in cast("list[str]", content)]
+            outside.append(_row(f"layouts = {inline(moved)}", who))
+    if files or joined:
+        why = [who] * bool(files) + ["option --with"] * bool(joined)
+        outside.append(_row(f"file = {inline([*files, *joined])}", ", ".join(why)))
     return outside
+
+
+def _moved(name: object, stated: ConfigurationFile, target: Path) -> object:
+    """Return a path that counts from the folder of a configuration as one that counts from the folder of another."""
+    there = stated.file.resolve().parent / str(name) if stated.file else Path()
+    moved = stated.file is not None and there.exists() and stated.file.resolve().parent != target.resolve().parent
+    return Path(os.path.relpath(there, target.resolve().parent)).as_posix() if moved else name
 
 
 def _keep(rows: list[ConfigLine], entry: str, key: str, who: str) -> None:

@@ -161,18 +161,18 @@ def test_init_states_no_axes_that_the_names_of_columns_contradict(
     assert "\n# mount_deg = " in text  # it belongs to the other axes
     said = findings(tmp_path / "log", "--config", str(tmp_path / "found.toml"))
     assert "KEY-UNUSED" not in said
-    assert "state axes" not in said["DVL-AXES"]["text"]
+    assert "its longitudes have the wrong sign" in said["MAP-FRAME"]["text"]
 
 
 @pytest.mark.long
 def test_init_says_why_the_columns_that_it_would_propose_cannot_be_used(
     dive: dict[str, pd.DataFrame], tmp_path: Path
 ) -> None:
-    in_mm = {
-        name: lambda table, own=own: 1000 * table[own]
+    in_um = {
+        name: lambda table, own=own: 1e6 * table[own]
         for name, own in (("Fwd", "forward_mps"), ("Stbd", "starboard_mps"))
     }
-    write(tmp_path / "log", Export(since_1970("unix_time", 1e9), METRIC | {"dvl": in_mm}), dive)
+    write(tmp_path / "log", Export(since_1970("unix_time", 1e9), METRIC | {"dvl": in_um}), dive)
 
     with pytest.raises(LogError) as caught:
         output_of("init", tmp_path / "log", "-o", tmp_path / "found.toml")

@@ -200,6 +200,27 @@ def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp
     accepted(log, target)
 
 
+def test_paths_of_a_kept_configuration_count_from_the_new_one(log: Path, tmp_path: Path) -> None:
+    there, here = tmp_path / "there", tmp_path / "here"
+    there.mkdir()
+    here.mkdir()
+    layout = 'schema = 1\nabout = "a"\n[[layout]]\nsensor = "dvl"\ntype = "a/B"\ncolumns = { x = "x", y = "y" }\n'
+    (there / "acme.toml").write_text(layout, encoding="utf-8")
+    ends = f"{(T0 + SECOND)},1,1\n{(T0 + 9 * SECOND)},2,2\n"
+    (there / "true.csv").write_text(f"time_ns,east_m,north_m\n{ends}", encoding="utf-8")
+    (here / "depth.csv").write_text(f"time_ns,depth_m\n{T0},1\n", encoding="utf-8")
+    stated = there / "stated.toml"
+    stated.write_text('schema = 1\nlayouts = ["acme.toml"]\n[truth]\nfile = "true.csv"\n', encoding="utf-8")
+    target = here / "found.toml"
+
+    output_of("init", log, "--config", stated, "--with", here / "depth.csv", "--output", target)
+
+    found = tomllib.loads(target.read_text(encoding="utf-8"))
+    assert (found["layouts"], found["truth"]["file"]) == (["../there/acme.toml"], "../there/true.csv")
+    assert [Path(one["path"]).name for one in found["file"]] == ["depth.csv"]
+    accepted(log, target)
+
+
 LOCK, GYRO, ACOUSTIC = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker", "new_msgs/msg/Acoustic"
 define(
     {
