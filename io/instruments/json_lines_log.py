@@ -161,6 +161,9 @@ def _objects(lines: Iterable[str]) -> Iterator[tuple[int, str, str, Mapping[str,
     """
     for number, line in _joined(lines):
         end, place = 0, line.find("{") if not KEY.search(line.partition("{")[0]) else -1
+        if number == 1 and place >= 0 and (cut := _end_of_begun(line)):  # of a record whose beginning was lost
+            yield number, "", line[:cut], None
+            end, place = cut, line.find("{", cut)
         while place >= 0:
             try:
                 value, behind = DECODER.raw_decode(line, place)
@@ -173,6 +176,16 @@ def _objects(lines: Iterable[str]) -> Iterator[tuple[int, str, str, Mapping[str,
         rest = line[end:].strip("[], \r\n\t")
         if rest and (not end or place >= 0 or is_damaged(rest) or REMAINS.search(rest)):
             yield number, "", rest, None
+
+
+def _end_of_begun(line: str) -> int:
+    """Return the length of a line up to a bracket that closes more objects than were opened, 0 if none does."""
+    depth = 0
+    for place, character in enumerate(line):
+        depth += (character == "{") - (character == "}")
+        if depth < 0:
+            return place + 1
+    return 0
 
 
 def _first(line: str) -> Mapping[str, Any] | None:

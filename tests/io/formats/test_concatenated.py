@@ -91,6 +91,18 @@ def test_a_capture_that_begins_within_a_record_is_read_from_the_next_one(form: s
             assert said or found == once
 
 
+def test_an_object_within_a_record_whose_beginning_is_lost_is_no_record() -> None:
+    with recorded("JSON lines") as (file, _, whole, _):
+        first, _, rest = whole.partition(b"\n")
+        counts: list[int] = []
+        for begun in (b"", b'{"id": 1}, {"id": 2}], ' + first[1:] + b"\n"):
+            file.write_bytes(begun + rest)
+            counts.append(sum(topic.count for topic in open_log(file).topics()))
+
+        assert counts[0] == counts[1]
+        assert any(finding.code == "UNDECODED" for finding in open_log(file).findings())
+
+
 @pytest.mark.parametrize("form", [".tlog", ".BIN", "PD0", "PD4", "PD5", ".lsf"])
 @settings(max_examples=8)
 @given(share=st.floats(0.1, 0.9))
