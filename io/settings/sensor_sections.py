@@ -45,7 +45,7 @@ Clock: TypeAlias = Literal["header", "log"]
 Place: TypeAlias = Literal["x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
 CompassColumn: TypeAlias = Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
-Time: TypeAlias = Literal[
+Stamp: TypeAlias = Literal[
     "time_ns",
     "time_unix_us",
     "time_unix_ms",
@@ -53,10 +53,9 @@ Time: TypeAlias = Literal[
     "time_s",
     "time_datenum",
     "time_excel",
-    "received_ns",
-    "received_unix_s",
-    "time_format",
 ]
+Time: TypeAlias = Literal[Stamp, "received_ns", "received_unix_s", "time_format"]
+TruthColumn: TypeAlias = Literal[Stamp, "x", "y", "lat_deg", "lon_deg", "sd_m"]
 Flag: TypeAlias = Literal["valid", "error"]
 
 
@@ -261,22 +260,6 @@ class DepthSection(Section, frozen=True, kw_only=True):
     positive: Literal["down", "up"] | None = None
     time: Clock | None = None
     latency_s: Latency = 0.0
-
-
-TruthColumn: TypeAlias = Literal[
-    "time_ns",
-    "time_unix_us",
-    "time_unix_ms",
-    "time_unix_s",
-    "time_s",
-    "time_datenum",
-    "time_excel",
-    "x",
-    "y",
-    "lat_deg",
-    "lon_deg",
-    "sd_m",
-]
 
 
 class TruthSection(Section, frozen=True, kw_only=True):
