@@ -75,17 +75,6 @@ def test_dead_reckoning_starts_where_the_settings_say() -> None:
     assert track.position_m[0] == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("dr_from", "said"),
-    [("home", "--dr-from home is neither LAT,LON in degrees nor one of start"), ((91.0, 0.0), "is not a position")],
-)
-def test_a_start_that_is_none_is_refused(dr_from: str | tuple[float, float], said: str) -> None:
-    log = usbldr.open_log("paper")
-
-    with pytest.raises(usbldr.UsageError, match=said):
-        usbldr.replay(log, usbldr.timeline(log), "dr", usbldr.RunSettings(dr_from=dr_from))
-
-
 def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
     log = usbldr.open_log(SAMPLES / "lawnmower.mcap", usbldr.Request(truth="none"))
     timeline = usbldr.timeline(log)
@@ -103,6 +92,8 @@ def test_a_log_without_truth_can_be_replayed_but_not_scored() -> None:
         ("adf", usbldr.RunSettings(noise={"sonar": usbldr.Gaussian()}),
          r"noise of sonar: no such sensor \(sensors: dvl, "),
         ("dr", usbldr.RunSettings(smooth=True), "--smooth needs a filter, and dr is not one"),
+        ("dr", usbldr.RunSettings(dr_from="home"), "--dr-from home is neither LAT,LON in degrees nor one of start"),
+        ("dr", usbldr.RunSettings(dr_from=(91.0, 0.0)), "is not a position"),
     ],
 )  # fmt: skip
 def test_settings_that_do_not_fit_are_refused_in_python_as_in_the_shell(method: str, settings, sentence: str) -> None:

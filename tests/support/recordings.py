@@ -126,6 +126,7 @@ def write_mcap(
     chunked: bool = True,
     chunk_size: int = 1 << 20,
     summary: bool = True,
+    data_checksum: bool = False,
 ) -> Path:
     """Write messages in the order given."""
     with file.open("wb") as stream:
@@ -139,6 +140,7 @@ def write_mcap(
             use_summary_offsets=summary,
             repeat_channels=summary,
             repeat_schemas=summary,
+            enable_data_crcs=data_checksum,
         )
         writer.start(profile="ros2", library="by hand")
         channels: dict[tuple[str, str], int] = {}

@@ -6,12 +6,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from mcap.writer import Writer
 
 from commands import run
 from damage import recorded
 from damaged_formats import FORMATS
-from recordings import ROS2, SECOND, T0, message, short_dive
+from recordings import FIX, SECOND, T0, short_dive, write_mcap
 from usbldr.filters.errors import MAX_SENTENCE, LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
@@ -23,25 +22,11 @@ SHOWN = r'\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x
 
 def hostile_dive(file: Path) -> Path:
     """Write a dive whose topics and frames have hostile names."""
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        channels: dict[str, int] = {}
-        for time_ns, topic, type_name, values in [*short_dive(), *_fixes()]:
-            if topic not in channels:
-                text, _ = ROS2.generate_msgdef(type_name, ros_version=2)
-                schema = writer.register_schema(type_name, "ros2msg", text.encode())
-                channels[topic] = writer.register_channel(topic + HOSTILE, "cdr", schema)
-            named = dict(values) | {"header.frame_id": HOSTILE}
-            data = bytes(ROS2.serialize_cdr(message(type_name, named), type_name))
-            writer.add_message(channels[topic], time_ns, data, time_ns)
-        writer.finish()
-    return file
-
-
-def _fixes() -> list[tuple[int, str, str, dict[str, float]]]:
-    values = {"latitude": 45.0, "longitude": 7.0}
-    return [(T0 + k * SECOND, "/gps/fix", "sensor_msgs/msg/NavSatFix", values) for k in range(3)]
+    places = [(T0 + k * SECOND, "/gps/fix", FIX, {"latitude": 45.0, "longitude": 7.0}) for k in range(3)]
+    rows = [*short_dive(), *places]
+    return write_mcap(
+        file, [(t, topic + HOSTILE, kind, {**v, "header.frame_id": HOSTILE}) for t, topic, kind, v in rows]
+    )
 
 
 def test_names_show_as_they_are_and_do_nothing(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
 
 from logs import HEAD, MAP, METRES_A_DEGREE, codes, logged, logged_nmea
 from recordings import (
@@ -24,6 +23,7 @@ from recordings import (
     point,
     sentence,
     short_dive,
+    write_payloads,
 )
 from usbldr.filters.errors import UsageError
 from usbldr.io.reading.read import read_log
@@ -167,22 +167,16 @@ def test_a_target_that_a_format_has_as_a_float_is_the_same_target(tmp_path: Path
     fields = {"source_id": {"type": "number"}, "type": {"type": "number"}}
     place = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
     schema = {"properties": {**fields, "relative_position": place}}
-    with (tmp_path / "dive.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        number = writer.register_schema("dmac.mUSBLFix", "jsonschema", json.dumps(schema).encode())
-        channel = writer.register_channel("/usbl", "json", number)
-        for k, target in enumerate([2.0, 3.0, 3.0]):
-            reported: dict[str, Any] = {
-                "source_id": target,
-                "type": 2,
-                "relative_position": {"x": 1.0 + k, "y": 2.0, "z": 0.0},
-            }
-            writer.add_message(channel, T0 + k, json.dumps(reported).encode(), T0 + k)
-        writer.finish()
+    fixes = [
+        {"source_id": target, "type": 2, "relative_position": {"x": 1.0 + k, "y": 2.0, "z": 0.0}}
+        for k, target in enumerate([2.0, 3.0, 3.0])
+    ]
+    definition = ("dmac.mUSBLFix", "jsonschema", json.dumps(schema).encode())
+    payloads = (json.dumps(fix).encode() for fix in fixes)
+    file = write_payloads(tmp_path / "dive.mcap", "/usbl", "json", definition, payloads)
     (tmp_path / "usbldr.toml").write_text(HEAD + "target = 3", encoding="utf-8")
 
-    assert read_log(tmp_path / "dive.mcap").tables["usbl"]["east_m"].tolist() == [102.0, 103.0]
+    assert read_log(file).tables["usbl"]["east_m"].tolist() == [102.0, 103.0]
 
 
 def test_a_repeated_fix_of_unknown_ellipse_is_still_one_fix(tmp_path: Path) -> None:

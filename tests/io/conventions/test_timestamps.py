@@ -87,10 +87,3 @@ def test_time_zero_is_the_earliest_stamp_of_the_records_used(tmp_path: Path) -> 
     assert log.start_ns == T0 + SECOND  # the DVL record before is faster than any vehicle
     np.testing.assert_allclose(log.tables["dvl"]["time_s"], [-1, 1])
     np.testing.assert_allclose(log.tables["compass"]["time_s"], [0, 2])
-
-
-def test_times_keep_their_nanoseconds(tmp_path: Path) -> None:
-    log = logged(tmp_path, [twist(T0 + 1, 1.0, 0.0), twist(T0 + 124, 1.0, 0.0)])
-
-    assert log.start_ns == T0 + 1
-    assert list(log.tables["dvl"]["time_s"]) == [0.0, 123e-9]

@@ -179,8 +179,8 @@ LEVEL_M, TURN = 50 * math.cos(math.radians(30)), math.radians(10)
 OF_RANGER = {"position.latitude": 45.0009, "position.longitude": 7.0, "position.altitude": -30.0}
 
 
-def cola2(lat: float, lon: float, k: int) -> Row:
-    return row(POSE_COVARIANCE, {"pose.pose.position.x": lat, "pose.pose.position.y": lon}, k)
+def cola2(lat: float, lon: float, k: int, more: Mapping[str, Any] = {}) -> Row:
+    return row(POSE_COVARIANCE, {"pose.pose.position.x": lat, "pose.pose.position.y": lon, **more}, k)
 
 
 @pytest.mark.parametrize(
@@ -300,19 +300,12 @@ def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str
 
 
 def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
-    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)], MAP)
+    """Their first variance is north's."""
+    covariance = {"pose.covariance": np.diag([9.0, 4.0, 0.0, 0.0, 0.0, 0.0]).ravel()}
+    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k, covariance) for k in range(4)], MAP)
 
     assert places(log)[3] == pytest.approx([0, 3e-5 * 111132], abs=0.01)
     assert 'state kind = "position"' in codes(log)["USBL-LATLON"]
-
-
-def test_the_first_variance_of_a_pose_of_degrees_is_norths(tmp_path: Path) -> None:
-    covariance = np.zeros(36)
-    covariance[[0, 7]] = 9.0, 4.0
-    fixes = [cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(4)]
-
-    log = logged(tmp_path, [(*f[:3], dict(f[3]) | {"pose.covariance": covariance}) for f in fixes], MAP)
-
     assert log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy()[0] == pytest.approx([4.0, 9.0])
 
 

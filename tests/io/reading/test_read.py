@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from logs import only, refusal
-from recordings import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
+from recordings import SECOND, T0, Row, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.log import COLUMNS
 from usbldr.io.reading.read import Request, read_log, require
@@ -50,19 +50,20 @@ def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> N
     )
 
 
-def test_a_log_without_messages_says_so(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", [])
+@pytest.mark.parametrize(
+    ("rows", "cut", "why"),
+    [
+        ([], None, ""),
+        (short_dive(), 60, " (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"),
+    ],
+)
+def test_a_log_without_messages_says_so_and_if_it_was_cut(
+    tmp_path: Path, rows: list[Row], cut: int | None, why: str
+) -> None:
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+    file.write_bytes(file.read_bytes()[:cut])
 
-    assert refusal(LogError, read_log, file) == f"{file}: holds no messages"
-
-
-def test_a_log_cut_before_its_first_message_says_both(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", short_dive())
-    file.write_bytes(file.read_bytes()[:60])
-
-    assert refusal(LogError, read_log, file) == (
-        f"{file}: holds no messages (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"
-    )
+    assert refusal(LogError, read_log, file) == f"{file}: holds no messages{why}"
 
 
 def test_sensors_of_another_time_zone_are_named_together(tmp_path: Path) -> None:

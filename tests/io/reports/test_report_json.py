@@ -71,13 +71,6 @@ def test_a_run_directory_holds_the_files_of_the_design(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_raw_fixes_have_no_grid_in_their_file_names(tmp_path: Path) -> None:
-    out = written(tmp_path, a_run(USBL))
-
-    assert (out / "track_fixes.csv").is_file()
-    assert len(pd.read_csv(out / "errors_fixes.csv")) == 61
-
-
 def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> None:
     blind = Run(dataclasses.replace(LOG, truth=None, origin=None), TIMELINE, CONFIGURED, ScoredTrack(CKF, None))
 

@@ -34,7 +34,4 @@ def test_options_reach_the_reader(tmp_path: Path) -> None:
     assert log.provenance["dvl"].chosen_by == "option"
     assert log.configuration == tmp_path / "my.toml"
     assert set(log.tables["compass"]["sd_deg"]) == {2.0}
-
-
-def test_without_configuration_nothing_is_said(tmp_path: Path) -> None:
-    assert opened(str(write_mcap(tmp_path / "dive.mcap", short_dive()))).configuration is None
+    assert opened(str(file)).configuration is None

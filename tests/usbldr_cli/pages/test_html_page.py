@@ -65,6 +65,7 @@ def test_the_verdict_comes_first_and_every_table_has_the_numbers_of_the_json(pag
 
 
 def test_the_page_names_the_inputs_the_conventions_and_the_command(page: HtmlPage, report: Any) -> None:
+    assert "report.html" in report["files"]
     assert "usbldr" in page.shown
     for one in report["provenance"]["inputs"]:
         assert [one["role"], one["file"], one["sha256"]] in page.rows
@@ -72,10 +73,6 @@ def test_the_page_names_the_inputs_the_conventions_and_the_command(page: HtmlPag
         row = next(row for row in page.rows if row[0] == sensor and len(row) == 6)
         assert row[1] == found["topic"]
         assert all(convention["text"] in row[5] for convention in found["conventions"])
-
-
-def test_the_report_names_the_page_as_its_file(report: Any) -> None:
-    assert "report.html" in report["files"]
 
 
 def column(figure: Any, place: int) -> np.ndarray[Any, Any]:

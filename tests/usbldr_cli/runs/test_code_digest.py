@@ -19,22 +19,23 @@ def package(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("file", ["cpf.py", "kernel/__init__.py", "kernel/_kernel.abi3.so"])
-def test_every_file_that_makes_results_counts(package: Path, file: str) -> None:
-    before = digest_of(package, compiled=True)
+@pytest.mark.parametrize(
+    ("file", "compiled", "counts"),
+    [
+        ("cpf.py", True, True),
+        ("kernel/__init__.py", True, True),
+        ("kernel/_kernel.abi3.so", True, True),
+        ("kernel/_kernel.abi3.so", False, False),
+        ("kernel/_kernel.pyi", True, False),
+    ],
+)
+def test_every_file_that_makes_results_counts_and_no_other(
+    package: Path, file: str, compiled: bool, counts: bool
+) -> None:
+    before, of_the_other = digest_of(package, compiled=compiled), digest_of(package, compiled=not compiled)
     (package / file).write_text("changed")
-    assert digest_of(package, compiled=True) != before
-
-
-@pytest.mark.parametrize(("file", "compiled"), [("kernel/_kernel.pyi", True), ("kernel/_kernel.abi3.so", False)])
-def test_a_type_stub_and_a_kernel_that_does_not_run_count_for_nothing(package: Path, file: str, compiled: bool) -> None:
-    before = digest_of(package, compiled=compiled)
-    (package / file).write_text("changed")
-    assert digest_of(package, compiled=compiled) == before
-
-
-def test_results_of_numpy_and_of_the_kernel_are_kept_apart(package: Path) -> None:
-    assert digest_of(package, compiled=True) != digest_of(package, compiled=False)
+    assert (digest_of(package, compiled=compiled) != before) == counts
+    assert before != of_the_other
 
 
 def test_the_installed_kernel_is_among_the_files(tmp_path: Path) -> None:
