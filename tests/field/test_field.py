@@ -18,7 +18,6 @@ UIB_WINDOW = ["--truth", "csv/graph_vertices_455.txt", "--start", "4", "--end", 
 
 
 def replay(field_logs: Path, folder: Path, name: str, *options: str) -> dict:
-    """Run the command and return report.json."""
     target = folder / "-".join([name, *options]).replace("/", "")[:80]
     log = str(field_logs / name / f"{name}.mcap")
     config = str(FIELD_CONFIGURATIONS / f"{name}.toml")

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 import usbldr
 from checkout import SAMPLES
@@ -17,7 +16,6 @@ from usbldr.io.reports.locate import read_smoothed_run
 from usbldr.io.reports.run import ScoredTrack
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr_cli.main import cli
 
 
 def numbers(metrics: Mapping[str, float | None]) -> dict[str, float]:
@@ -26,10 +24,8 @@ def numbers(metrics: Mapping[str, float | None]) -> dict[str, float]:
 
 
 def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:
-    """Return the metrics of a run of the command line."""
     folder = tmp_path / "run"
-    done = CliRunner().invoke(cli, ["replay", str(log), *options, "-o", str(folder)], catch_exceptions=False)
-    assert done.exit_code == 0
+    output_of("replay", log, *options, "-o", folder)
     return numbers(json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"])
 
 

@@ -69,7 +69,6 @@ def row(number: int, codes: str, *values: Any) -> bytes:
 
 
 def onboard(gps: bool = True) -> list[bytes]:
-    """Return the messages of an onboard log."""
     parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
     parts += [fmt(129, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")]
     for number, name, codes, columns, units in DEFINITIONS:

@@ -20,7 +20,6 @@ USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
 
 
 def command(name: str) -> Command:
-    """Return a command by its name."""
     found = cli.get_command(Context(cli), name)
     assert found is not None, name
     return found

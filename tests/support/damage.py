@@ -26,8 +26,6 @@ MARKERS = ("<!-- make fuzz: begin -->", "<!-- make fuzz: end -->")
 
 
 class Read(NamedTuple):
-    """What was read of a file."""
-
     rows: Mapping[str, set[tuple[float, ...]]]
     said: bool  # that data were lost, or that it cannot be read at all
 
@@ -152,7 +150,6 @@ def job(form: str, kind: str, cases: int) -> Counter[str]:
 
 
 def row(form: str, cuts: Counter[str], flips: Counter[str]) -> str:
-    """Return a line of the table."""
     names = "tracebacks", "silently short", "silently wrong"
     cells: list[object] = [form, FORMATS[form].shows]
     for found in (cuts, flips):

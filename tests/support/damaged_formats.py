@@ -168,7 +168,6 @@ def of_tables(folder: Path, form: str) -> Path:
 
 
 def packed(pack: Callable[[bytes], bytes], write: Callable[[Path], Path], folder: Path) -> Path:
-    """Write a file and compress it."""
     file = write(folder)
     file.write_bytes(pack(file.read_bytes()))
     return file

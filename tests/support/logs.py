@@ -16,7 +16,6 @@ METRES_A_DEGREE = 111132.95  # of latitude at 45 degrees
 
 
 def on_map(lat_deg: float, lon_deg: float) -> str:
-    """Return the section that states the origin of the map."""
     return f"[map]\norigin_lat_deg = {lat_deg}\norigin_lon_deg = {lon_deg}\n"
 
 
@@ -44,20 +43,17 @@ def logged_nmea(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log
 
 
 def refusal(kind: type[Exception], call: Callable[..., object], *arguments: Any, **named: Any) -> str:
-    """Return the sentence with which a call is refused."""
     with pytest.raises(kind) as refused:
         call(*arguments, **named)
     return str(refused.value)
 
 
 def only(log: Log, code: str) -> str:
-    """Return the text of the only finding of a code."""
     (text,) = [finding.text for finding in log.findings if finding.code == code]
     return text
 
 
 def lost(log: Log) -> list[str]:
-    """Return the texts of the findings of lost data."""
     return [finding.text for finding in log.findings if finding.lost_data]
 
 

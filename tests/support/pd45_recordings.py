@@ -52,6 +52,5 @@ def pd45_ensembles(form: int, first_hundredths: int = 4_474_050) -> list[bytes]:
 
 
 def write_pd45(file: Path, form: int, first_hundredths: int = 4_474_050) -> Path:
-    """Write a file of PD4 or PD5."""
     file.write_bytes(b"".join(pd45_ensembles(form, first_hundredths)))
     return file

@@ -128,7 +128,6 @@ def write_mcap(
     summary: bool = True,
     data_checksum: bool = False,
 ) -> Path:
-    """Write messages in the order given."""
     with file.open("wb") as stream:
         writer = Writer(
             stream,
@@ -179,7 +178,6 @@ def write_payloads(file: Path, topic: str, encoding: str, schema: Schema, payloa
 
 
 def write_bag(file: Path, rows: Iterable[Row], compression: str = "none", chunk_size: int = 1 << 20) -> Path:
-    """Write messages in the order given."""
     writer = Writer1(file)
     if compression != "none":
         writer.set_compression(Writer1.CompressionFormat[compression.upper()])
@@ -206,7 +204,6 @@ def write_rosbag2(folder: Path, rows: Iterable[Row], storage: StoragePlugin = St
 
 
 def execute(file: Path, *statements: str) -> None:
-    """Run SQL on the database of a recording."""
     with closing(sqlite3.connect(file)) as database, database:
         for statement in statements:
             database.execute(statement)

@@ -62,12 +62,10 @@ def beliefs(estimator: Any, steps: Iterable[Step], prior: Prior = PRIOR, seed: i
 
 
 def estimates(estimator: Any, steps: Iterable[Step], prior: Prior = PRIOR, seed: int | None = 0) -> list[Estimate]:
-    """Return what the filter estimates after each step."""
     return [estimator.estimate(belief) for belief in beliefs(estimator, steps, prior, seed)]
 
 
 def end(estimator: Any, steps: Iterable[Step], seed: int | None = 0, prior: Prior = PRIOR) -> Estimate:
-    """Return what the filter estimates after the last step."""
     return estimates(estimator, steps, prior, seed)[-1]
 
 

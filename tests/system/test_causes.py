@@ -54,7 +54,6 @@ def edited(dive: dict[str, pd.DataFrame], tmp_path: Path) -> Callable[..., Path]
 
 
 def replayed(log: Path, *options: str) -> tuple[int, str]:
-    """Return the exit code and what was said."""
     result = run("replay", log, "-f", "adf", "--plots", "none", "-q", "--force", "-o", log.with_name("run"), *options)
     fault = result.exception
     code = fault.exit_code if isinstance(fault, UsbldrError) else result.exit_code

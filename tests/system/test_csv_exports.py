@@ -118,7 +118,6 @@ EXPORTS = {
 
 
 def write(folder: Path, export: Export, dive: Mapping[str, pd.DataFrame]) -> None:
-    """Write a CSV file for each sensor."""
     folder.mkdir()
     for sensor, table in dive.items():
         columns = {

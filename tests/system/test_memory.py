@@ -92,7 +92,6 @@ def write_dense(file: Path, count: int) -> Path:
 
 @pytest.fixture(scope="module")
 def dense_logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """A short and a long log."""
     folder = tmp_path_factory.mktemp("dense")
     return [write_dense(folder / f"{count}.mcap", count) for count in (SHORT, LONG)]
 

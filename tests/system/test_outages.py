@@ -40,8 +40,6 @@ POSITION = np.ix_(StateLayout().rows("x", "y"), StateLayout().rows("x", "y"))
 
 
 class Dive(NamedTuple):
-    """One dive, replayed."""
-
     line: Timeline
     assumed: Parameters
     track: Trajectory

@@ -8,6 +8,7 @@ import pytest
 from mcap.writer import CompressionType
 
 from checkout import ROOT
+from logs import refusal
 from recordings import FLOAT64, SECOND, T0, short_dive, twist, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -42,10 +43,7 @@ def test_what_may_not_be_read_is_named(tmp_path: Path, folder: bool, monkeypatch
 
     monkeypatch.setattr(Path, "iterdir" if folder else "open", refuse)  # a superuser may read all
 
-    with pytest.raises(LogError) as fault:
-        open_log(log)
-
-    assert str(fault.value) == f"{log}: cannot be read (Permission denied)"
+    assert refusal(LogError, open_log, log) == f"{log}: cannot be read (Permission denied)"
 
 
 def test_a_recording_under_way_is_read_whatever_its_name(tmp_path: Path) -> None:
@@ -87,10 +85,7 @@ def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> No
 def test_a_sensor_without_one_readable_message_is_an_error_with_the_reason(tmp_path: Path) -> None:
     file = write_payloads(tmp_path / "a.mcap", "/compass_hdg", "cdr", FLOAT64, [b"\0\7\0\0" + bytes(8)])
 
-    with pytest.raises(LogError) as fault:
-        read_log(file)
-
-    assert str(fault.value) == (
+    assert refusal(LogError, read_log, file) == (
         f"{file}: no message of /compass_hdg (compass) could be read: /compass_hdg: 1 messages, the first of "
         "2020-09-13T12:26:40.000Z, do not match their definition in the file: they are in XCDR2, not plain CDR"
     )

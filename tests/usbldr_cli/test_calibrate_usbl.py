@@ -3,13 +3,8 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 
-from usbldr_cli.main import cli
-
-
-def run(*args):
-    return CliRunner().invoke(cli, [str(arg) for arg in args], standalone_mode=False)
+from commands import run
 
 
 @pytest.fixture(scope="module")

@@ -80,7 +80,6 @@ def _spoil(baseline: Path, old: str, new: str) -> None:
 
 
 def _moved(baseline: Path, metric: str, factor: float) -> None:
-    """Multiply a stored value."""
     head, rest = baseline.read_text().split(f"{metric} = {{ value = ")
     value, tail = rest.split(",", 1)
     baseline.write_text(f"{head}{metric} = {{ value = {float(value) * factor},{tail}")

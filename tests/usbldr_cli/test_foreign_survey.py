@@ -11,16 +11,15 @@ import numpy as np
 import pandas as pd
 import pymap3d
 import pytest
-from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from commands import output_of
 from usbldr.filters.simulation.usbl_survey import simulate_survey
 from usbldr.filters.usbl_survey.calibration import calibrated, known_of
 from usbldr.filters.usbl_survey.geometry import NAMES
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.usbl_survey import read_usbl_survey
 from usbldr.io.scenarios.survey_scenarios import find_survey
-from usbldr_cli.main import cli
 
 UNKNOWN = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0])
 
@@ -144,9 +143,7 @@ def exports(tmp_path_factory):
 
 def test_a_foreign_survey_gives_the_installation_that_it_was_made_with(exports):
     """Within its sigmas, which are those of our own simulation of the same installation and pattern."""
-    done = CliRunner().invoke(cli, ["calibrate-usbl", str(exports[0]), "--json"], standalone_mode=False)
-    assert done.exception is None
-    found = json.loads(done.output)
+    found = json.loads(output_of("calibrate-usbl", exports[0], "--json"))
     assert found["result"] == "good"
     assert found["before"]["median_m"] > 5 * found["after"]["median_m"]
     parameters = {one["name"]: one for one in found["parameters"]}

@@ -12,6 +12,7 @@ import pytest
 
 from commands import findings, output_of, run
 from curved import curved_dive, in_radians
+from logs import MAP
 from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
@@ -33,8 +34,18 @@ def initialised(log: Path, target: Path) -> tuple[str, dict[str, Any]]:
 
 
 def accepted(log: Path, target: Path) -> None:
-    """Check that replay takes the configuration."""
     output_of("replay", log, "--config", target, "--filter", "dr", "--output", target.with_name("run"))
+
+
+def asked_in(log: Path, file: Path) -> tuple[str, str]:
+    """Return the sentence with which init refuses a log, and the text of the file to complete."""
+    done = run("init", log, "--output", file)
+    assert isinstance(done.exception, LogError)
+    return str(done.exception), file.read_text(encoding="utf-8")
+
+
+DVL_COLUMNS = {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
+COMPASS_COLUMNS = {"time_unix_ms": "stamp", "heading": "heading"}
 
 
 def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log: Path, tmp_path: Path) -> None:
@@ -133,30 +144,22 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
 
 def test_sensors_of_no_known_topic_are_asked_for(tmp_path: Path) -> None:
     compass = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] == "/imu"])
-
-    done = run("init", compass)
-
     file = tmp_path / "dive.usbldr.toml"
-    assert isinstance(done.exception, LogError)
-    assert str(done.exception) == (
-        f"{compass}: no topic is known to be dvl or usbl; {file} is written: complete the lines marked CHECK"
-    )
-    text = file.read_text(encoding="utf-8")
+
+    said, text = asked_in(compass, file)
+
+    why = "no topic is known to be dvl or usbl"
+    assert said == f"{compass}: {why}; {file} is written: complete the lines marked CHECK"
     assert tomllib.loads(text)["compass"]["topic"] == "/imu"
-    assert re.search(
-        r'^# \[usbl\]\n# topic = "\?" +# CHECK: no topic is known to be dvl or usbl\n# col', text, re.MULTILINE
-    )
+    assert re.search(rf'^# \[usbl\]\n# topic = "\?" +# CHECK: {why}\n# col', text, re.MULTILINE)
 
 
 def test_a_table_whose_columns_say_nothing_gets_a_file_to_complete(tmp_path: Path) -> None:
     log = write_csv(tmp_path / "made", a="Zeit;vor;rechts;Kurs;Ost;Nord\n1;2;3;4;5;6")
-    file = tmp_path / "made.toml"
 
-    done = run("init", log / "a.csv", "--output", file)
+    said, text = asked_in(log / "a.csv", tmp_path / "made.toml")
 
-    assert isinstance(done.exception, LogError)
-    assert "init" not in str(done.exception)
-    text = file.read_text(encoding="utf-8")
+    assert "init" not in said
     assert "#   /a: Zeit, vor, rechts, Kurs, Ost, Nord\n" in text
     assert re.findall(r'^# \[(\w+)\]\n# topic = "/a"', text, re.MULTILINE) == ["dvl", "compass", "usbl"]
 
@@ -168,11 +171,7 @@ def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> 
         late.append((at_ns, topic, kind, {**values, "header.stamp": at_ns} if topic == "/dvl" else values))
     log = write_mcap(tmp_path / "dive.mcap", sorted(late, key=lambda row: row[0]))
 
-    done = run("init", log)
-
-    assert isinstance(done.exception, LogError)
-    text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
-    assert "# CHECK: the sensors do not overlap in time" in text
+    assert "# CHECK: the sensors do not overlap in time" in asked_in(log, tmp_path / "found.toml")[1]
 
 
 def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp_path: Path) -> None:
@@ -295,10 +294,8 @@ def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None
 
     text, found = initialised(log, tmp_path / "found.toml")
 
-    assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
-    assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
-    assert found["dvl"]["axes"] == "FRD"
-    assert found["compass"]["unit"] == "deg"
+    assert (found["dvl"]["columns"], found["compass"]["columns"]) == (DVL_COLUMNS, COMPASS_COLUMNS)
+    assert (found["dvl"]["axes"], found["compass"]["unit"]) == ("FRD", "deg")
     assert text.count("# by the names of its columns") == 2
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
     accepted(log, tmp_path / "found.toml")
@@ -328,7 +325,6 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
 
     (_, of_csv), (_, of_log) = (initialised(path, tmp_path / "found.toml") for path in (csv, log))
 
-    assert of_csv["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
     assert of_log == of_csv
 
 
@@ -339,7 +335,7 @@ def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
     _, found = initialised(WRITERS["MATLAB"](tmp_path, tables), tmp_path / "found.toml")
 
     assert found["dvl"]["columns"] == {"time_datenum": "time", "x": "vx", "y": "vy", "z": "vz"}
-    assert found["compass"]["columns"] == {"time_unix_ms": "stamp", "heading": "heading"}
+    assert found["compass"]["columns"] == COMPASS_COLUMNS
 
 
 def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
@@ -351,7 +347,7 @@ def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
 
     assert found["usbl"]["columns"] == {"time_unix_s": "t", "x": "east", "y": "north"}
     assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat", "lon_deg": "lon"}
-    assert found["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert found["dvl"]["columns"] == DVL_COLUMNS
 
 
 def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
@@ -375,20 +371,16 @@ def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path: Path) -> None:
-    log = without_units(tmp_path / "dive")
-    first, *rows = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()
-    (log / "compass.csv").write_text("\n".join(["stamp,psi", *rows, ""]), encoding="utf-8")
+    log, file = without_units(tmp_path / "dive"), tmp_path / "found.toml"
+    sheet = (log / "ahrs.csv").read_text(encoding="utf-8")
+    (log / "compass.csv").write_text(sheet.replace("stamp,heading", "stamp,psi"), encoding="utf-8")
     (log / "ahrs.csv").unlink()
-    file = tmp_path / "found.toml"
 
-    done = run("init", log, "--output", file)
+    said, text = asked_in(log, file)
 
-    assert isinstance(done.exception, LogError)
-    assert first == "stamp,heading"
-    assert str(done.exception).endswith(f"{file} is written: complete the lines marked CHECK")
-    assert "usbldr init" not in str(done.exception)
-    text = file.read_text(encoding="utf-8")
-    assert tomllib.loads(text)["dvl"]["columns"] == {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert said.endswith(f"{file} is written: complete the lines marked CHECK")
+    assert "usbldr init" not in said
+    assert tomllib.loads(text)["dvl"]["columns"] == DVL_COLUMNS
     assert "CHECK: /compass cannot be read as compass: compass.csv has no column heading_deg, time_ns" in text
     asked = '# [compass]\n# columns = { time_unix_s = "?", heading = "?" }'
     completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
@@ -399,12 +391,9 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path
 def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(tmp_path: Path) -> None:
     log = without_units(tmp_path / "dive")
     (log / "gps.csv").write_text(f"t,place\n{T0 // SECOND},here\n", encoding="utf-8")
-    file = tmp_path / "found.toml"
 
-    done = run("init", log, "--output", file)
+    _, text = asked_in(log, tmp_path / "found.toml")
 
-    assert isinstance(done.exception, LogError)
-    text = file.read_text(encoding="utf-8")
     found = tomllib.loads(text)
     assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
     assert '# [gps]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }' in text
@@ -438,14 +427,12 @@ def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_st
     (log / "truth.csv").write_text("\n".join(["clock,phi,lambda", *rows, ""]), encoding="utf-8")
     file = log / "usbldr.toml"
 
-    done = run("init", log)
+    _, text = asked_in(log, file)
 
-    assert isinstance(done.exception, LogError)
-    text = file.read_text(encoding="utf-8")
     assert tomllib.loads(text)["dvl"]["axes"] == "FRD"
     asked = '# [truth]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }'
     assert asked in text
-    stated = '[map]\norigin_lat_deg = 45.0\norigin_lon_deg = 7.0\n[truth]\nfile = "truth.csv"\n'
+    stated = f'{MAP}[truth]\nfile = "truth.csv"\n'
     stated += 'columns = { time_unix_ms = "clock", lat_deg = "phi", lon_deg = "lambda" }'
     file.write_text(text.replace(asked, stated), encoding="utf-8")
     accepted(log, file)

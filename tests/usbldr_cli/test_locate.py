@@ -7,18 +7,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from checkout import SAMPLES
+from commands import run
 from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.reports.locate import BEFORE, OUTSIDE, SmoothedRun, located, radius
-from usbldr_cli.main import cli
-
-
-def run(*args):
-    return CliRunner().invoke(cli, [str(arg) for arg in args], standalone_mode=False)
 
 
 def circling(step_s=1.0, radius_m=20.0, speed_mps=2.0):

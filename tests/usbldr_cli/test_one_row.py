@@ -23,8 +23,6 @@ DIVE = str(SAMPLES / "paper.mcap")
 
 @dataclass(frozen=True)
 class LastFix:
-    """Holds the position of the last fix."""
-
     def start(self, prior: Prior) -> Prior:
         return prior
 

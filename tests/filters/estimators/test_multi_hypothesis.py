@@ -90,7 +90,6 @@ def replayed(
     usbl: NoiseFamily = GENERIC,
     gate: float | None = None,
 ) -> FilterRun:
-    """Run a filter over the dive, with or without the hypotheses."""
     assumed = Parameters(process=process, usbl=usbl)
     motion = VehicleMotion(StateLayout(), process)
     build = METHODS[name].build

@@ -138,14 +138,6 @@ def test_particles_tend_to_the_posterior_on_the_grid(name: str, noise: Noise) ->
 
 
 @BOTH_NOISES
-def test_after_one_reading_the_collapse_has_the_moments_of_the_posterior(noise: Noise) -> None:
-    for seed in range(5):
-        _, z = dive(seed, noise)
-        want, got = on_the_grid(z, noise), follow(KalmanFilter(Walk(), cubature, collapse), cubature, z, noise)
-        np.testing.assert_allclose([g[0] for g in got], [w[0] for w in want], atol=1e-6)
-
-
-@BOTH_NOISES
 @pytest.mark.parametrize("name", ["adf", "cpf-gaussian"])
 def test_one_gaussian_at_a_time_loses_little_of_the_posterior(name: str, noise: Noise) -> None:
     """The grid's mean has the least mean squared error there is, its variance; a filter adds its own distance to it.

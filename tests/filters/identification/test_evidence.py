@@ -68,13 +68,23 @@ def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None
         (Faults(usbl_latency_s=-1.8), "latency", (-1.8,)),
     ],
 )
-def test_one_fault_is_found_and_no_other(faults: Faults, key: str, value: tuple[float, ...]) -> None:
-    found = identify(weaving_dive(faults), ASSUMED)
+def test_one_fault_is_found_and_no_other_with_its_effect_on_the_fixes(
+    faults: Faults, key: str, value: tuple[float, ...]
+) -> None:
+    line = weaving_dive(faults)
+
+    found = identify(line, ASSUMED)
 
     (one,) = [one for one in found.evidence if one.exists]
     assert one.key == key
     assert [estimate.value for estimate in one.estimates] == pytest.approx(value, abs=4 * one.estimates[0].sd)
     assert one.log_odds > 3
+    ratio = {"scale": one.estimates[0].value, "heading": math.radians(one.estimates[0].value)}
+    if key in ratio:
+        distance_m = math.sqrt(line.fix_m.var(axis=0).sum())  # from their centre
+        assert one.effect_m == pytest.approx(abs(ratio[key]) * distance_m, rel=0.1)
+    assert [other.effect_m for other in found.evidence if not other.exists] == [0.0] * (len(OWN_KEYS) - 1)
+    assert kept_linearised.cache_info().currsize == 0
 
 
 @pytest.mark.parametrize(
@@ -93,25 +103,6 @@ def test_what_is_left_of_a_settled_error_begins_at_twice_its_sigma(faults: Fault
     left = {"heading": math.degrees(errors.heading_rad), "scale": errors.scale, "latency": errors.latency_s}
     assert one.key == key
     assert left[key] == pytest.approx(2 * one.estimates[0].sd)
-
-
-def test_nothing_is_kept_of_a_log_that_was_identified() -> None:
-    identify(weaving_dive(Faults()), ASSUMED)
-
-    assert kept_linearised.cache_info().currsize == 0
-
-
-@pytest.mark.parametrize("fault", [Faults(dvl_scale=0.03), Faults(heading_bias_deg=3.0)])
-def test_the_effect_of_an_error_is_how_far_it_moves_the_fixes(fault: Faults) -> None:
-    line = weaving_dive(fault)
-
-    found = identify(line, ASSUMED)
-
-    (one,) = [one for one in found.evidence if one.exists]
-    turn = math.radians(one.estimates[0].value) if one.key == "heading" else one.estimates[0].value
-    distance_m = math.sqrt(line.fix_m.var(axis=0).sum())  # from their centre
-    assert one.effect_m == pytest.approx(abs(turn) * distance_m, rel=0.1)
-    assert [other.effect_m for other in found.evidence if not other.exists] == [0.0] * (len(OWN_KEYS) - 1)
 
 
 def test_with_a_dvl_through_the_water_the_current_is_always_a_state_and_no_evidence_of_an_error() -> None:
@@ -218,14 +209,18 @@ def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -
     assert apart_m < 2 / 3 * as_state_m
 
 
-def test_a_late_compass_is_believed_only_if_every_usual_explanation_is_clearly_worse() -> None:
+@pytest.mark.parametrize(("key", "with_rival"), [(COMPASS_CLOCK, {"latency"}), (LEVER, {LEVER, "latency"})])
+def test_a_rival_latency_goes_before_a_late_compass_and_beside_a_lever_arm_unless_it_is_clearly_worse(
+    key: str, with_rival: set[str]
+) -> None:
     score = np.full(len(SUBSETS), -50.0)
-    score[SUBSETS.index(frozenset([COMPASS_CLOCK]))], score[SUBSETS.index(frozenset(["latency"]))] = 0.0, -2.9
+    one, other = (SUBSETS.index(frozenset([key])) for key in (key, "latency"))
+    score[one], score[other] = 0.0, -2.9
 
-    assert _present(score, SUBSETS)[0] == {"latency"}
-    score[SUBSETS.index(frozenset(["latency"]))] = -3.1  # log 20 is 2.996
-    assert _present(score, SUBSETS)[0] == {COMPASS_CLOCK}
-    assert not any(subset >= {COMPASS_CLOCK, other} for subset in SUBSETS for other in (DVL_CLOCK, "latency"))
+    assert _present(score, SUBSETS)[0] == with_rival
+    score[other] = -3.1  # log 20 is 2.996
+    assert _present(score, SUBSETS)[0] == {key}
+    assert not any(subset >= {COMPASS_CLOCK, usual} for subset in SUBSETS for usual in (DVL_CLOCK, "latency"))
 
 
 @pytest.mark.parametrize(("key", "is_taken"), [("latency", True), ("scale", False)])
@@ -239,16 +234,6 @@ def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, is_taken:
     )
 
     assert _likeliest([usual, wide]) is (wide if is_taken else usual)
-
-
-def test_lever_arm_and_latency_are_both_taken_if_the_log_cannot_choose() -> None:
-    score = np.full(len(SUBSETS), -50.0)
-    one, other = (SUBSETS.index(frozenset([key])) for key in (LEVER, "latency"))
-    score[one], score[other] = 0.0, -2.9
-
-    assert _present(score, SUBSETS)[0] == {LEVER, "latency"}
-    score[other] = -3.1  # log 20 is 2.996
-    assert _present(score, SUBSETS)[0] == {LEVER}
 
 
 @pytest.mark.parametrize("latency_s", [3.0, -3.0])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from commands import output_of
+from logs import refusal
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.calibration import layout_for
@@ -106,9 +107,7 @@ def replayed(log: Path, *options: str) -> str:
 
 
 def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
-    with pytest.raises(LogError) as fault:
-        replayed(log, "-f", "adf")
-    assert str(fault.value) == (
+    assert refusal(LogError, replayed, log, "-f", "adf") == (
         f"{log}: no USBL fix gives a filter its start: state [start] east_m, north_m, sd_m in the configuration, or "
         "use GPS fixes at the surface (--aid gps@FROM:TO); without fixes this is dead reckoning: --filter dr needs no "
         "start"

@@ -1,13 +1,15 @@
 """GPS as an aid: inside the stated windows a measurement, outside them the truth that no filter sees."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from logs import refusal
 from timelines import five_hz
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation.error_report import Window
+from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.noise import Gaussian
@@ -17,7 +19,7 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.position_fixes import DEFAULT_GPS_SD_M, gps_fixes, require_gps
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
-from usbldr.filters.types import Array, Indices, Timeline, Trajectory, Truth
+from usbldr.filters.types import Array, Indices, Mask, Timeline, Trajectory, Truth
 
 WINDOWS = ((3.0, 5.0), (20.0, 22.0))
 AIDED = Parameters(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
@@ -42,6 +44,14 @@ def timeline(gps_m: Array | None = None, sd_m: float = 0.5) -> Timeline:
 def elsewhere(line: Timeline) -> Indices:
     inside = np.any([(line.gps_time_s >= a) & (line.gps_time_s <= b) for a, b in WINDOWS], axis=0)
     return np.flatnonzero(~inside)
+
+
+def evaluated(east_m: Array, *, seen: Mask | None = None, **how: Any) -> ErrorReport:
+    """Hold a track that goes north at 1 m/s, off to the east, against a truth of some of its epochs."""
+    t = np.arange(float(len(east_m)))
+    rows = np.ones(len(t), dtype=bool) if seen is None else seen
+    truth = Truth(t[rows], np.column_stack([0 * t, t])[rows], np.full(rows.sum(), np.nan), "gps", "/gps")
+    return evaluate(Trajectory("ekf", ("x", "y"), t, np.column_stack([east_m, t]), None), truth, **how)
 
 
 @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.is_filter])
@@ -130,10 +140,8 @@ def test_errors_of_the_usbl_are_not_laid_to_gps() -> None:
 def test_nothing_is_scored_inside_the_windows() -> None:
     t = np.arange(0.0, 31.0)
     inside = ((t >= 3) & (t <= 5)) | ((t >= 20) & (t <= 22))
-    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([np.where(inside, 100.0, (-1.0) ** t), t]), None)
-    truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
 
-    report = evaluate(track, truth, aid=WINDOWS)
+    report = evaluated(np.where(inside, 100.0, (-1.0) ** t), aid=WINDOWS)
 
     assert report.east.max_abs_m == pytest.approx(1.0)
     assert report.time_s.tolist() == t[~inside].tolist()
@@ -143,11 +151,7 @@ def test_nothing_is_scored_inside_the_windows() -> None:
 
 
 def test_alignment_takes_nothing_from_inside_the_windows() -> None:
-    t = np.arange(0.0, 31.0)
-    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([np.where(t <= 5, 7.0, 1.0), t]), None)
-    truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
-
-    report = evaluate(track, truth, align="first", aid=((0.0, 5.0),))
+    report = evaluated(np.where(np.arange(31) <= 5, 7.0, 1.0), align="first", aid=((0.0, 5.0),))
 
     assert report.alignment.shift_m == pytest.approx((-1.0, 0.0))
 
@@ -155,26 +159,19 @@ def test_alignment_takes_nothing_from_inside_the_windows() -> None:
 def test_a_surfacing_that_aids_the_filter_is_no_test_of_it() -> None:
     t = np.arange(0.0, 200.0)
     seen = (t <= 10) | ((t >= 60) & (t <= 70)) | (t >= 150)
-    truth = Truth(t[seen], np.column_stack([0 * t, t])[seen], np.full(seen.sum(), np.nan), "gps", "/gps")
-    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([0 * t + 2.0, t]), None)
 
-    assert [s.time_s for s in evaluate(track, truth).surfacings] == [60.0, 150.0]
-    assert [s.time_s for s in evaluate(track, truth, aid=((55.0, 75.0),)).surfacings] == [150.0]
+    alone, aided = (evaluated(0 * t + 2.0, seen=seen, aid=aid) for aid in ((), ((55.0, 75.0),)))
+
+    assert [s.time_s for s in alone.surfacings] == [60.0, 150.0]
+    assert [s.time_s for s in aided.surfacings] == [150.0]
 
 
 def test_windows_over_all_of_the_truth_leave_nothing_to_score() -> None:
-    t = np.arange(0.0, 31.0)
-    track = Trajectory("ekf", ("x", "y"), t, np.column_stack([0 * t, t]), None)
-    truth = Truth(t, np.column_stack([0 * t, t]), np.full(len(t), np.nan), "gps", "/gps")
-
     with pytest.raises(LogError, match=r"all of its epochs .* lie in the windows that GPS aids"):
-        evaluate(track, truth, Window(), aid=((0.0, 30.0),))
+        evaluated(np.zeros(31), aid=((0.0, 30.0),))
 
 
 def test_a_window_without_gps_is_refused_with_what_there_is() -> None:
-    with pytest.raises(LogError) as reported:
-        require_gps(timeline(), ((3.0, 5.0), (40.0, 60.0)), "dive.mcap")
-
-    assert str(reported.value) == (
+    assert refusal(LogError, require_gps, timeline(), ((3.0, 5.0), (40.0, 60.0)), "dive.mcap") == (
         "dive.mcap: no GPS fix to aid a filter from 40 to 60 s of the log (it has GPS fixes from 0.0 to 30.0 s)"
     )

@@ -259,10 +259,8 @@ SECTION, LOG = "{folder}/usbldr.toml: [{section}] ", "{folder}/dive.mcap: "
 def test_what_the_records_refute_is_one_sentence_with_its_file(
     tmp_path: Path, rows: list[Row], toml: str, fault: type[Exception], said: str
 ) -> None:
-    with pytest.raises(fault) as found:
-        logged(tmp_path, rows, toml)
-
-    assert str(found.value) == said.format(folder=tmp_path, section=toml[1:].partition("]")[0])
+    expected = said.format(folder=tmp_path, section=toml[1:].partition("]")[0])
+    assert refusal(fault, logged, tmp_path, rows, toml) == expected
 
 
 def test_a_dvl_in_millimetres_is_refused_though_it_lay_still_at_first(tmp_path: Path) -> None:

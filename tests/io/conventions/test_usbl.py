@@ -107,17 +107,6 @@ def test_a_fix_that_cannot_be_placed_is_one_sentence(
     assert str(found.value) == said.format(folder=tmp_path)
 
 
-def test_a_map_whose_origin_is_not_stated_is_a_finding(tmp_path: Path) -> None:
-    log = logged(tmp_path, [point(T0, 3.0, 4.0), fix(T0, 45.0, 7.0)])
-
-    assert codes(log)["MAP-UNKNOWN"] == (
-        "/usbl: the map origin is not stated: errors against a truth in latitudes are those that remain after a "
-        "constant shift "
-        "(state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) "
-        "if fixes are relative to it)"
-    )
-
-
 POLAR = f"[usbl]\n{HEAD}\nrange_sd_m = 0.3\nrange_sd_rel = 0.005\nbearing_sd_deg = 1.0"
 
 

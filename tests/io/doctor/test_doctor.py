@@ -28,7 +28,6 @@ SENSOR_ERRORS = {"USBL-LATENCY", "DVL-LEVER", "DVL-CLOCK", "DVL-SCALE", "LEVER-O
 
 
 def replayed(log: Path, *options: str) -> str:
-    """Return what replay says on stderr."""
     return run("replay", log, "-f", "dr", "-q", "--force", "-o", log.with_name("run"), *options).stderr
 
 

@@ -4,16 +4,14 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from tests.support.ship_dive import write_dive
 
-from commands import run
-from usbldr_cli.main import cli
+from checkout import SAMPLES
+from commands import findings, run
 
 
 def calibrated(*args):
-    done = CliRunner().invoke(cli, ["calibrate-usbl", *map(str, args), "--json"], standalone_mode=False)
-    assert done.exception is None, done.output
+    done = run("calibrate-usbl", *args, "--json")
     content = json.loads(done.stdout)
     return done.return_value, content, {one["name"]: one for one in content["parameters"]}
 
@@ -34,9 +32,7 @@ def test_a_moving_ship_and_a_depth_settle_the_head_and_its_configuration_needs_n
     assert content["after"]["drms_m"] < content["before"]["drms_m"] / 2  # 2 degrees at 100 m are 3.5 m
     written = {*content["files"], "report.json", "fixes.png", "report.html", "report.md"}
     assert {path.name for path in (tmp_path / "calibration").iterdir()} == written
-    replayed = CliRunner().invoke(cli, ["doctor", str(dive), "--config", str(tmp_path / "found.toml")])
-    assert "USBL-HEADING" not in replayed.output
-    assert "USBL-RANGE" not in replayed.output
+    assert {"USBL-HEADING", "USBL-RANGE"}.isdisjoint(findings(dive, "--config", str(tmp_path / "found.toml")))
 
 
 def test_a_ship_that_rests_without_depths_leaves_the_head_open_and_says_what_would_settle_it(tmp_path):
@@ -61,5 +57,4 @@ def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its
 
 
 def test_a_head_at_an_unknown_place_is_asked_for(tmp_path):
-    done = CliRunner().invoke(cli, ["calibrate-usbl", "sample_logs/lawnmower.mcap"], standalone_mode=False)
-    assert "state head under [usbl]" in str(done.exception)
+    assert "state head under [usbl]" in str(run("calibrate-usbl", SAMPLES / "lawnmower.mcap").exception)

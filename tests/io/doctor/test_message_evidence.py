@@ -32,7 +32,6 @@ def told_by(kind: str, row: Row) -> Row:
 
 
 def deep(rows: list[Row]) -> list[Row]:
-    """Add what a depth sensor says."""
     times = range(T0, T0 + 300 * SECOND, SECOND)
     depths = [(ns, "/depth", DEPTH, {"header.stamp": ns, "depth": DEPTH_M}) for ns in times]
     return sorted([*rows, *depths], key=lambda row: row[0])

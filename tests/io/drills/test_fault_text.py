@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from logs import refusal
 from usbldr.filters.errors import UsageError
 from usbldr.io.drills.drill import Drill
 from usbldr.io.drills.fault_text import Fault, Span, fault_of
@@ -44,11 +45,10 @@ def test_a_fault_has_a_sensor_an_amount_and_places() -> None:
     ],
 )
 def test_a_fault_that_cannot_be_read_is_refused_in_one_sentence(kind: str, text: str, reported: str) -> None:
-    with pytest.raises(UsageError) as refused:
-        fault_of(kind, text)
-    assert reported in str(refused.value)
-    assert str(refused.value).startswith(f"{kind} {text}")
-    assert "\n" not in str(refused.value)
+    said = refusal(UsageError, fault_of, kind, text)
+    assert reported in said
+    assert said.startswith(f"{kind} {text}")
+    assert "\n" not in said
 
 
 def test_the_suite_that_is_shipped_can_be_read_and_has_every_kind_but_those_of_a_user() -> None:
@@ -71,10 +71,9 @@ def test_the_suite_that_is_shipped_can_be_read_and_has_every_kind_but_those_of_a
 def test_a_suite_that_cannot_be_read_names_file_and_drill(tmp_path: Path, content: str, reported: str) -> None:
     file = tmp_path / "own.toml"
     file.write_text(content)
-    with pytest.raises(UsageError) as refused:
-        read_suite(str(file))
-    assert str(refused.value).startswith(f"{file}: ")
-    assert reported in str(refused.value)
+    said = refusal(UsageError, read_suite, str(file))
+    assert said.startswith(f"{file}: ")
+    assert reported in said
 
 
 def test_a_drill_is_named_if_findings_name_each_of_its_faults() -> None:

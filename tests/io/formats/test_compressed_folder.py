@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from compressions import PACK
+from logs import refusal
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -29,7 +30,6 @@ def dive(folder: Path) -> Path:
 
 
 def packed(folder: Path, name: str, ending: str = "gz") -> Path:
-    """Compress a file of a folder in place of itself."""
     whole = (folder / name).read_bytes()
     (folder / name).unlink()
     (folder / f"{name}.{ending}").write_bytes(PACK[ending](whole))
@@ -60,9 +60,8 @@ def test_columns_of_a_compressed_file_are_named_by_the_configuration(tmp_path: P
 
     assert read_log(folder).tables["compass"]["heading_deg"].tolist() == [t % 7 for t in TIMES]
     (folder / "usbldr.toml").write_text('[compass]\ntopic = "ahrs"\ncolumns = { time_ns = "t", heading = "phi" }\n')
-    with pytest.raises(UsageError) as fault:
-        read_log(folder)
-    assert str(fault.value).startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
+    said = refusal(UsageError, read_log, folder)
+    assert said.startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
 
 
 def test_a_file_beside_its_compressed_copy_is_read_once(tmp_path: Path) -> None:
@@ -99,9 +98,8 @@ def test_a_wrong_cell_is_named_with_the_compressed_file(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl="time_ns,forward_mps,starboard_mps\n1,x,3")
     file = packed(folder, "dvl.csv")
 
-    with pytest.raises(LogError) as fault:
-        read_whole(open_log(folder), {"/dvl": ["forward_mps"]})
-    assert str(fault.value) == f'{file}: line 2: forward_mps is "x", not a number'
+    said = refusal(LogError, read_whole, open_log(folder), {"/dvl": ["forward_mps"]})
+    assert said == f'{file}: line 2: forward_mps is "x", not a number'
 
 
 def test_compressed_files_that_are_no_csv_are_passed_over(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
@@ -15,11 +14,12 @@ from google.protobuf.message_factory import GetMessageClass
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from commands import run
+from logs import refusal
 from recordings import ROS1, ROS2, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import from_msg
 from usbldr.io.reading.read import Request, read_log
-from usbldr_cli.main import cli
 
 TYPES = {
     "ping_msgs/msg/Hit": "string who\nbuiltin_interfaces/Time at\nfloat64[2] place\n",
@@ -117,7 +117,7 @@ def test_the_second_of_several_hits_is_read_if_there_is_one(tmp_path: Path, kind
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_the_fields_of_a_topic_show_the_first_element(tmp_path: Path, kind: str) -> None:
-    shown = CliRunner().invoke(cli, ["info", str(WRITERS[kind](tmp_path)), "--fields", "/pings"]).output
+    shown = run("info", WRITERS[kind](tmp_path), "--fields", "/pings").output
 
     for name in ("hits[0].who", "hits[0].at", "hits[0].place[0]"):
         assert f"  {name}\n" in shown
@@ -137,10 +137,9 @@ def test_a_part_that_is_no_field_is_one_sentence(tmp_path: Path, name: str, hint
     toml = f'[depth]\ntopic = "/pings"\ncolumns = {{ depth_m = "{name}" }}\n'
     (tmp_path / "other.toml").write_text(toml, encoding="utf-8")
 
-    with pytest.raises(UsageError) as fault:
-        read_log(write_mcap(tmp_path / "dive.mcap", rows()), Request(configuration=str(tmp_path / "other.toml")))
+    file, request = write_mcap(tmp_path / "dive.mcap", rows()), Request(configuration=str(tmp_path / "other.toml"))
+    sentence = refusal(UsageError, read_log, file, request)
 
-    sentence = str(fault.value)
     assert f"/pings has no {name} ([depth] columns depth_m)" in sentence
     assert "(it has note, hits[0].who, hits[0].at, hits[0].place[0])" in sentence
     assert hint in sentence

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from logs import MAP, codes, logged
+from logs import MAP, codes, logged, refusal
 from recordings import FIX, HEADER, IMU, ROS2, SECOND, T0, Row, define, fields, fix, turned, twist
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import KNOWN, SHIPPED
@@ -176,10 +176,9 @@ REFUSED = {
 
 @pytest.mark.parametrize(("kind", "role"), REFUSED)
 def test_messages_without_the_quantity_are_refused_with_what_to_use(tmp_path: Path, kind: str, role: str) -> None:
-    with pytest.raises(UsageError) as fault:
-        read(tmp_path, role, row(kind, {}))
+    said = refusal(UsageError, read, tmp_path, role, row(kind, {}))
 
-    assert f"cannot be used as {role}: it {REFUSED[kind, role]}" in str(fault.value)
+    assert f"cannot be used as {role}: it {REFUSED[kind, role]}" in said
 
 
 def test_what_drivers_log_beside_standard_messages_makes_no_choice_necessary(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from logs import HEAD, MAP, codes, logged, places
+from logs import HEAD, MAP, codes, logged, places, refusal
 from recordings import FIX, HEADER, ODOMETRY, POINT, POSE, POSE_COVARIANCE, SECOND, T0, Row, define, fields, record, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
@@ -154,10 +154,9 @@ def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
     log = logged(tmp_path, rows, HEAD + "target = 3")
     assert places(log)[:, 0] == pytest.approx([131, 133])
     assert Convention("target", "3", "configuration") in log.provenance["usbl"].conventions
-    with pytest.raises(UsageError) as fault:
-        logged(tmp_path, rows, HEAD + "target = 7")
+    said = refusal(UsageError, logged, tmp_path, rows, HEAD + "target = 7")
     file, targets = tmp_path / "usbldr.toml", "2 (3 fixes), 3 (2 fixes)"
-    assert str(fault.value) == f"{file}: [usbl] target: /usbl holds no fix of 7 (its targets: {targets})"
+    assert said == f"{file}: [usbl] target: /usbl holds no fix of 7 (its targets: {targets})"
 
 
 HOLOOCEAN = "holoocean_interfaces/msg/AcousticBeaconSensor"

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from logs import refusal
 from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.usbl_survey import simulate_survey
 from usbldr.filters.usbl_survey.geometry import NAMES, placed
@@ -88,9 +89,8 @@ def test_the_stamps_of_replies_are_honoured(folder):
 def test_a_survey_without_a_part_is_named(folder, file, sentence):
     (folder / file).unlink()
     (folder / "usbldr.toml").write_text('schema = 1\n[usbl]\nframe = "body"\nhead = { topic = "gps" }\n')
-    with pytest.raises(LogError) as caught:
-        read_usbl_survey(folder, Request())
-    assert sentence in str(caught.value) or file.split(".")[0] in str(caught.value)
+    said = refusal(LogError, read_usbl_survey, folder, Request())
+    assert sentence in said or file.split(".")[0] in said
 
 
 def test_fixes_that_are_turned_to_north_are_refused(folder):

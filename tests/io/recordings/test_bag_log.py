@@ -67,14 +67,6 @@ def test_every_compression_gives_the_same_columns(tmp_path: Path, compression: s
     assert log.findings() == ()
 
 
-def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
-    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
-
-    dvl = read_whole(BagLog(write_bag(tmp_path / "a.bag", rows, chunk_size=1)), TWIST_X)["/dvl"]
-
-    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 3, 1, 2])
-
-
 def test_a_bag_that_was_never_closed_has_lost_nothing(tmp_path: Path) -> None:
     whole = made("none", 4096)
     at, end = index_of(whole)

@@ -128,16 +128,6 @@ def test_a_wrong_index_is_not_used(tmp_path: Path, what: str) -> None:
     np.testing.assert_array_equal(dvl.received_ns, T0 + np.arange(1000) * (SECOND // 10))
 
 
-def test_records_come_in_the_order_of_the_file(tmp_path: Path) -> None:
-    rows = [twist(T0 + k * SECOND, float(k), 0.0) for k in (0, 3, 1, 2)]
-    log = McapLog(write_mcap(tmp_path / "a.mcap", rows))
-
-    dvl = read_whole(log, TWIST_X)["/dvl"]
-
-    np.testing.assert_array_equal(dvl.columns["twist.linear.x"], [0, 3, 1, 2])
-    np.testing.assert_array_equal(dvl.received_ns, T0 + np.array([0, 3, 1, 2]) * SECOND)
-
-
 def test_an_uncompressed_file_loses_only_the_message_it_is_cut_in(tmp_path: Path) -> None:
     file = written(tmp_path / "a.mcap", CompressionType.NONE)
     size = file.read_bytes().index(struct.pack("<d", 500.0))  # x of the 501st message

@@ -11,6 +11,7 @@ import pytest
 
 from checkout import SAMPLES
 from commands import output_of
+from logs import refusal
 from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.replay.run import run as run_filter
@@ -66,7 +67,6 @@ NAMES = {
 
 
 def simulated(folder: Path, section: str, wrong: dict[str, float]) -> Path:
-    """Write a dive with one thing wrong."""
     stated = {"usbl": ["accuracy = { sd_m = 0.2 }"]}
     stated.setdefault(section, []).extend(f"{key} = {value}" for key, value in wrong.items())
     sections = "".join(f"\n[{name}]\n" + "\n".join(keys) + "\n" for name, keys in stated.items())
@@ -187,10 +187,9 @@ def test_without_an_error_to_write_it_says_so_before_it_runs(
 ) -> None:
     file, run = tmp_path / "next.toml", tmp_path / "run"
 
-    with pytest.raises(UsageError) as refused:
-        output_of("replay", dive, *options, "--write-calibration", file, "-o", run)
+    said = refusal(UsageError, output_of, "replay", dive, *options, "--write-calibration", file, "-o", run)
 
-    assert sentence in str(refused.value)
+    assert sentence in said
     assert not file.exists()
     assert not run.exists()
 
@@ -199,10 +198,9 @@ def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> Non
     file = tmp_path / "next.toml"
     file.write_text("mine", encoding="utf-8")
 
-    with pytest.raises(UsageError) as refused:
-        output_of("replay", dive, "--calibrate", "scale", "--write-calibration", file, "-o", tmp_path / "r")
-
-    assert str(refused.value) == f"{file} exists already: choose another file for --write-calibration, or --force"
+    asked = ("replay", dive, "--calibrate", "scale", "--write-calibration", file, "-o", tmp_path / "r")
+    said = f"{file} exists already: choose another file for --write-calibration, or --force"
+    assert refusal(UsageError, output_of, *asked) == said
     assert file.read_text(encoding="utf-8") == "mine"
 
 

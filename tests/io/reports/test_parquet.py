@@ -10,7 +10,8 @@ import pyarrow.parquet
 import pytest
 
 from checkout import SAMPLES
-from commands import output_of, run
+from commands import output_of
+from logs import refusal
 from usbldr.filters.errors import UsageError
 
 LOG = SAMPLES / "lawnmower_turn_db3"
@@ -43,7 +44,6 @@ def _same(value: object, cell: str) -> bool:
 def test_without_pyarrow_the_option_names_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     finder = "usbldr_cli.options.run_outputs.find_spec"
     monkeypatch.setattr(finder, lambda name: None if name == "pyarrow" else find_spec(name))
-    done = run("replay", LOG, "-f", "ekf", "--parquet", "-o", tmp_path / "run")
-    assert isinstance(done.exception, UsageError)
-    assert "pip install 'usbldr[parquet]'" in str(done.exception)
+    said = refusal(UsageError, output_of, "replay", LOG, "-f", "ekf", "--parquet", "-o", tmp_path / "run")
+    assert "pip install 'usbldr[parquet]'" in said
     assert not (tmp_path / "run").exists()

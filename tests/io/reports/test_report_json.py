@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from scored_runs import WHOLE, run_of, scored
 from uncalibrated import dive_without_calibration
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification, SensorErrorEvidence
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
@@ -29,21 +29,14 @@ LOG = dive_without_calibration(dataclasses.replace(PAPER, duration_s=60.0), seed
 TIMELINE = timeline(LOG)
 
 
-def scored(trajectory: Trajectory, window: Window = Window(), align: str = "none") -> ScoredTrack:  # noqa: B008
-    assert LOG.truth is not None
-    times_s = None if trajectory.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
-    return ScoredTrack(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
-
-
-USBL, DR = dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2))
+USBL = dead_reckoning.usbl(TIMELINE)
 CKF = run_filter("ckf", TIMELINE, LOG.parameters)
 CONFIGURED = Identification(LOG.parameters)
 
 
-def a_run(trajectory: Trajectory = CKF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
-    judged, references = scored(trajectory, window, align), (scored(USBL), scored(DR))
+def a_run(trajectory: Trajectory = CKF, window: Window = WHOLE, align: str = "none") -> Run:
     request = {"log": "paper", "options": {"start": 4.0}}
-    return Run(LOG, TIMELINE, CONFIGURED, judged, references, request=request)
+    return run_of(LOG, TIMELINE, trajectory, window, align, request=request)
 
 
 def written(tmp_path: Path, run: Run) -> Path:
@@ -90,7 +83,8 @@ def test_a_far_over_confident_filter_says_what_to_try(evidence: tuple[SensorErro
     assert CKF.cov is not None
     found = Identification(dataclasses.replace(LOG.parameters, calibrate=()), evidence)
 
-    warnings = Run(LOG, TIMELINE, found, scored(dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))).warnings
+    sure = scored(LOG, TIMELINE, dataclasses.replace(CKF, cov=CKF.cov / 1e4, warnings=()))
+    warnings = Run(LOG, TIMELINE, found, sure).warnings
 
     (warning,) = [text for text in warnings if text.startswith("ckf is far over-confident")]
     assert hint in warning
@@ -156,9 +150,8 @@ def test_the_written_track_minus_the_truth_is_the_error(tmp_path: Path) -> None:
 
 def test_a_longer_table_is_written_for_other_rates(tmp_path: Path) -> None:
     slow = timeline(LOG, fast_hz=2.0, slow_hz=0.5)
-    trajectory = run_filter("ckf", slow, LOG.parameters)
 
-    out = written(tmp_path, Run(LOG, slow, CONFIGURED, scored(trajectory)))
+    out = written(tmp_path, run_of(LOG, slow, run_filter("ckf", slow, LOG.parameters)))
 
     assert len(pd.read_csv(out / "track_2hz.csv")) == 121
     assert (out / "errors_0.5hz.csv").is_file()

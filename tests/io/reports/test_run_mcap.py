@@ -15,7 +15,8 @@ import pytest
 from mcap.reader import make_reader
 
 from checkout import ROOT, SAMPLES
-from commands import output_of, run
+from commands import output_of
+from logs import refusal
 from recordings import decoded
 from usbldr.filters.errors import LogError, StorageError, UsageError
 from usbldr.io.reading.read import read_log
@@ -131,19 +132,15 @@ def test_topics_of_an_earlier_run_are_no_sensors(folder: Path) -> None:
 
 
 def test_only_an_mcap_file_is_merged(tmp_path: Path) -> None:
-    done = run("replay", SAMPLES / "lawnmower.bag", "--mcap", "merge", "-o", tmp_path / "run")
-
-    assert isinstance(done.exception, UsageError)
-    assert "usbldr export" in str(done.exception)
+    asked = ("replay", SAMPLES / "lawnmower.bag", "--mcap", "merge", "-o", tmp_path / "run")
+    assert "usbldr export" in refusal(UsageError, output_of, *asked)
 
 
 def test_a_damaged_log_is_not_merged_but_judged(tmp_path: Path) -> None:
     (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:150_000])
 
-    done = run("replay", tmp_path / "cut.mcap", "-f", "dr", "--mcap", "merge", "-o", tmp_path / "run")
-
-    assert isinstance(done.exception, LogError)
-    assert "leave merge out" in str(done.exception)
+    asked = ("replay", tmp_path / "cut.mcap", "-f", "dr", "--mcap", "merge", "-o", tmp_path / "run")
+    assert "leave merge out" in refusal(LogError, output_of, *asked)
     assert not (tmp_path / "run").exists()
 
 
@@ -161,10 +158,9 @@ def test_a_fault_of_the_disk_is_that_of_the_log_or_that_of_the_copy(
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(at_fault, fail)
-    done = run("replay", LOG, "-f", "usbl", "--plots", "none", "--mcap", "merge", "-o", tmp_path / "run")
+    asked = ("replay", LOG, "-f", "usbl", "--plots", "none", "--mcap", "merge", "-o", tmp_path / "run")
 
-    assert isinstance(done.exception, raised)
-    assert said in str(done.exception)
+    assert said in refusal(raised, output_of, *asked)
 
 
 def test_the_layout_for_foxglove_shows_topics_of_the_file(messages: dict[str, list[Any]]) -> None:

@@ -187,7 +187,6 @@ DOCUMENT = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
 
 
 def sections() -> list[tuple[str, str]]:
-    """Every section with every key that it takes."""
     return [
         (name, key)
         for name, annotation in typing.get_type_hints(Configuration).items()

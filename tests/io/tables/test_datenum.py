@@ -30,7 +30,6 @@ def day_number(seconds: float) -> float:
 
 
 def read(log: Path, topic: str = "nav", **columns: str) -> Log:
-    """Read headings whose times are day numbers."""
     named = ", ".join(f'{key} = "{column}"' for key, column in columns.items()) or 'time_datenum = "t", heading = "psi"'
     own = log.with_name("own.toml")
     own.write_text(f'[compass]\ntopic = "{topic}"\ncolumns = {{ {named} }}\n', encoding="utf-8")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from logs import refusal
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
@@ -64,10 +65,9 @@ def test_a_datetime_is_named_and_no_column(tmp_path: Path, write: Callable[[Path
 
 @pytest.mark.parametrize("write", [write_5, write_7_3])
 def test_a_file_of_nothing_but_objects_says_so(tmp_path: Path, write: Callable[[Path, str, bool], Path]) -> None:
-    with pytest.raises(LogError) as fault:
-        open_log(write(tmp_path / "dive.mat", "timetable", False))
-
-    assert str(fault.value) == f"{tmp_path / 'dive.mat'}: holds no vectors of numbers, but t (a timetable, not read)"
+    file = write(tmp_path / "dive.mat", "timetable", False)
+    said = f"{file}: holds no vectors of numbers, but t (a timetable, not read)"
+    assert refusal(LogError, open_log, file) == said
 
 
 def test_columns_beside_an_object_are_read(tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scored_runs import run_of, scored
 from uncalibrated import dive_without_calibration
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.methods import FilterSettings
@@ -40,13 +40,7 @@ USBL = dead_reckoning.usbl(TIMELINE)
 
 
 def a_run(trajectory: Trajectory, align: str = "none", log: Log = LOG, grid: Timeline = TIMELINE) -> Run:
-    def scored(track: Trajectory) -> ScoredTrack:
-        assert log.truth is not None
-        times_s = None if track.method == "usbl" else grid.time_s[grid.slow]
-        return ScoredTrack(track, evaluate(track, log.truth, align=align, times_s=times_s))
-
-    others = scored(dead_reckoning.usbl(grid)), scored(dead_reckoning.dr(grid, np.zeros(2)))
-    return Run(log, grid, Identification(log.parameters), scored(trajectory), others)
+    return run_of(log, grid, trajectory, align=align)
 
 
 def a_curved_run(method: str, align: str = "none") -> Run:
@@ -221,9 +215,8 @@ def judged(run: Run, row: int, off_m: float) -> Run:
     assert truth is not None
     moved_m = truth.position_m.copy()
     moved_m[row] += off_m
-    moved, times_s = dataclasses.replace(truth, position_m=moved_m), run.timeline.time_s[run.timeline.slow]
-    scored = ScoredTrack(run.scored.trajectory, evaluate(run.scored.trajectory, moved, times_s=times_s))
-    return dataclasses.replace(run, log=dataclasses.replace(run.log, truth=moved), scored=scored)
+    log = dataclasses.replace(run.log, truth=dataclasses.replace(truth, position_m=moved_m))
+    return dataclasses.replace(run, log=log, scored=scored(log, run.timeline, run.scored.trajectory))
 
 
 @pytest.mark.parametrize(("form", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
@@ -277,12 +270,9 @@ def test_the_axis_of_time_is_broken_where_a_long_time_has_no_truth() -> None:
     assert truth is not None
     kept = (truth.time_s < 20) | (truth.time_s > 90)
     parts = {name: getattr(truth, name)[kept] for name in ("time_s", "position_m", "sd_m")}
-    ends = dataclasses.replace(truth, **parts)
-    scored = ScoredTrack(CPF, evaluate(CPF, ends, times_s=TIMELINE.time_s[TIMELINE.slow]))
+    log = dataclasses.replace(run.log, truth=dataclasses.replace(truth, **parts))
 
-    figure = figure_of(
-        error_figure, dataclasses.replace(run, log=dataclasses.replace(run.log, truth=ends), scored=scored)
-    )
+    figure = figure_of(error_figure, dataclasses.replace(run, log=log, scored=scored(log, TIMELINE, CPF)))
 
     spans = [axes.get_xlim() for axes in figure.axes[:2]]
     assert spans[0] == pytest.approx((0, 19), abs=1.5)

@@ -3,16 +3,18 @@
 import errno
 import os
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import logs
 import usbldr_cli.compare
 import usbldr_cli.runs.one_run
 import usbldr_cli.tables.checked_rows
 from checkout import SAMPLES
-from commands import run
+from commands import output_of, run
 from usbldr.filters.errors import StorageError, UsageError
 from usbldr_cli.options.output_files import name_of, refuse_file, write_file
 
@@ -47,10 +49,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(usbldr_cli.tables.checked_rows, "run_jobs", never)
 
 
-def refusal(*arguments: object) -> str:
-    done = run(*arguments)
-    assert isinstance(done.exception, UsageError), (arguments, done.exception, done.output)
-    return str(done.exception)
+refusal = partial(logs.refusal, UsageError, output_of)
 
 
 @pytest.mark.usefixtures("_nothing_runs")

@@ -8,6 +8,7 @@ import pytest
 
 from checkout import SAMPLES
 from commands import output_of
+from logs import refusal
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.window_options import aid_windows
 
@@ -32,11 +33,10 @@ def test_windows_come_in_their_order_of_time() -> None:
     ],
 )
 def test_what_is_no_window_is_refused_in_one_sentence(text: str, reported: str) -> None:
-    with pytest.raises(UsageError) as error:
-        aid_windows(text)
+    said = refusal(UsageError, aid_windows, text)
 
-    assert str(error.value).startswith(f"--aid {text}: ")
-    assert reported in str(error.value)
+    assert said.startswith(f"--aid {text}: ")
+    assert reported in said
 
 
 def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(tmp_path: Path) -> None:

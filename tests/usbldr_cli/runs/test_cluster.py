@@ -44,7 +44,6 @@ def worker(address: str) -> subprocess.Popen[bytes]:
 
 @pytest.fixture(scope="module")
 def address() -> Generator[str]:
-    """A scheduler without workers."""
     scheduler = start("dask_scheduler", "--host", "127.0.0.1", "--port", port := free_port())
     yield f"tcp://127.0.0.1:{port}"
     scheduler.kill()

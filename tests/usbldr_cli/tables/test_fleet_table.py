@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 
-from usbldr_cli.main import cli
+from commands import run
 
 
 def noise(white, slow=0.1):
@@ -22,7 +21,7 @@ def a_run(folder, day, white, statistics=True):
 
 
 def compared(*args):
-    return CliRunner().invoke(cli, ["compare", *args, "--fixes"], standalone_mode=False)
+    return run("compare", *args, "--fixes")
 
 
 def test_the_dive_that_got_worse_is_named_and_rows_are_in_order_of_time(tmp_path):

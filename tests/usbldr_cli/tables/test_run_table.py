@@ -1,15 +1,13 @@
 import dataclasses
 import re
+from functools import partial
 
-import numpy as np
-
+from scored_runs import run_of
 from uncalibrated import dive_without_calibration
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.replay import dead_reckoning
 from usbldr.filters.replay.run import run as run_filter
-from usbldr.filters.types import Outage, Trajectory
+from usbldr.filters.types import Outage
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.report_json import json_values, report_content
 from usbldr.io.reports.run import Run, ScoredTrack
@@ -23,20 +21,11 @@ TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.parameters)
 
 
-def scored(trajectory: Trajectory, window: Window, align: str) -> ScoredTrack:
-    assert LOG.truth is not None
-    times_s = None if trajectory.method == "usbl" else TIMELINE.time_s[TIMELINE.slow]
-    return ScoredTrack(trajectory, evaluate(trajectory, LOG.truth, window, align, times_s))
-
-
-def a_run(trajectory: Trajectory = CPF, window: Window = Window(), align: str = "none") -> Run:  # noqa: B008
-    tracks = (trajectory, dead_reckoning.usbl(TIMELINE), dead_reckoning.dr(TIMELINE, np.zeros(2)))
-    first, *others = (scored(track, window, align) for track in tracks)
-    return Run(LOG, TIMELINE, Identification(LOG.parameters), first, tuple(others))
+a_run = partial(run_of, LOG, TIMELINE)
 
 
 def test_the_table_ends_in_the_verdict_and_fits_the_terminal() -> None:
-    run = a_run(window=Window(4.0, 50.0), align="rigid")
+    run = a_run(CPF, Window(4.0, 50.0), "rigid")
 
     lines = render(run).splitlines()
 
@@ -45,12 +34,12 @@ def test_the_table_ends_in_the_verdict_and_fits_the_terminal() -> None:
 
 
 def test_no_colour_code_is_written_unless_a_terminal_asks() -> None:
-    assert "\x1b" not in render(a_run())
-    assert "\x1b[1m" in render(a_run(), colour=True)
+    assert "\x1b" not in render(a_run(CPF))
+    assert "\x1b[1m" in render(a_run(CPF), colour=True)
 
 
 def test_every_number_of_the_table_is_in_report_json() -> None:
-    run = a_run()
+    run = a_run(CPF)
     numbers = [float(text) for text in re.findall(r"-?\d+\.\d+", "\n".join(render(run).splitlines()[6:]))]
 
     found = re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", str(json_values(report_content(run))))
@@ -61,7 +50,7 @@ def test_every_number_of_the_table_is_in_report_json() -> None:
 
 
 def test_truth_order_alignment_and_share_stand_above_the_numbers() -> None:
-    head = render(a_run(window=Window(4.0, 50.0), align="first")).split("error in m")[0]
+    head = render(a_run(CPF, Window(4.0, 50.0), "first")).split("error in m")[0]
 
     assert "truth        simulated: paper/gps" in head
     assert "47 of 61 epochs (77 % of the run)" in head
