@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from commands import interrupt, output_of, run
+from logs import refusal
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
@@ -97,22 +98,16 @@ def test_a_run_with_a_stated_key_is_verified_and_checked_with_it(dive: Path, tmp
     ],
 )
 def test_what_is_wrong_with_a_stated_key_is_said(dive: Path, tmp_path: Path, stated: str, said: str) -> None:
-    fault = run("replay", dive, "-f", "dr", "--set", stated, "-o", tmp_path / "run").exception
-
-    assert isinstance(fault, UsageError)
-    assert said in str(fault)
+    assert said in refusal(UsageError, output_of, "replay", dive, "-f", "dr", "--set", stated, "-o", tmp_path / "run")
 
 
-def test_samplers_run_once_a_seed_and_the_others_once_a_file(compared: Path) -> None:
+def test_samplers_run_once_a_seed_the_others_once_a_file_and_the_folder_holds_nothing_else(compared: Path) -> None:
     reported = content(compared)
 
     assert [(row["filter"], row["seeds"]) for row in reported["rows"]] == [("ckf", 1), ("pf", 3), ("usbl", 1)]
     assert reported["rows"][1]["mean_horizontal_m_se"] > 0
     assert "mean_horizontal_m_se" not in reported["rows"][0]
     assert len(list((compared / "units").glob("*.json"))) == 5
-
-
-def test_the_folder_holds_tables_pictures_and_units_and_nothing_else(compared: Path) -> None:
     assert sorted(path.name for path in compared.iterdir()) == [
         *("by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png"),
         *("report.html", "track.png"),
@@ -228,7 +223,9 @@ def test_another_comparison_is_replaced_only_by_force_and_a_foreign_folder_never
     assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
 
 
-def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> None:
+def test_finished_runs_are_compared_as_they_are_but_not_beside_a_log_or_without_their_report(
+    dive: Path, tmp_path: Path
+) -> None:
     for name in ("ckf", "usbl"):
         output_of("replay", dive, "--filter", name, "-o", tmp_path / name)
 
@@ -243,16 +240,11 @@ def test_finished_runs_are_compared_as_they_are(dive: Path, tmp_path: Path) -> N
     output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "-o", tmp_path / "out")
     assert (tmp_path / "out" / "errors.png").stat().st_size > 10_000
 
-
-def test_finished_runs_beside_a_log_or_without_their_report_are_refused(dive: Path, tmp_path: Path) -> None:
-    output_of("replay", dive, "--filter", "usbl", "-o", tmp_path / "whole")
-
     with pytest.raises(UsageError, match="cannot be mixed"):
-        output_of("compare", tmp_path / "whole", dive)
-
-    (tmp_path / "whole" / "report.json").write_text("{}")
+        output_of("compare", tmp_path / "usbl", dive)
+    (tmp_path / "usbl" / "report.json").write_text("{}")
     with pytest.raises(LogError, match=r"report\.json: is not a complete report of usbldr replay; run replay again"):
-        output_of("compare", tmp_path / "whole")
+        output_of("compare", tmp_path / "usbl")
 
 
 def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path: Path) -> None:

@@ -18,13 +18,13 @@ from usbldr.io.scenarios.shipped import find_scenario, scenario_names
 PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
 
 
+def _with(scenario: Scenario, sensor: str, **errors) -> Scenario:
+    return dataclasses.replace(scenario, **{sensor: dataclasses.replace(getattr(scenario, sensor), **errors)})
+
+
 def _without_noise(scenario: Scenario) -> Scenario:
-    return dataclasses.replace(
-        scenario,
-        dvl=dataclasses.replace(scenario.dvl, sd_mps=0.0, scale_error=0.0),
-        compass=dataclasses.replace(scenario.compass, sd_rad=0.0),
-        usbl=dataclasses.replace(scenario.usbl, accuracy=Accuracy(0.0)),
-    )
+    exact = _with(_with(scenario, "compass", sd_rad=0.0), "usbl", accuracy=Accuracy(0.0))
+    return _with(exact, "dvl", sd_mps=0.0, scale_error=0.0)
 
 
 def test_the_paper_ends_where_equation_1_leads_in_a_thousand_seconds() -> None:
@@ -37,13 +37,6 @@ def test_the_paper_ends_where_equation_1_leads_in_a_thousand_seconds() -> None:
     np.testing.assert_allclose(truth.position_m[-1], [1000 * (c - s), 1000 * (s + c)], rtol=1e-13)
 
 
-def test_the_paper_has_its_rates() -> None:
-    dive = simulate(PAPER, 0)
-
-    assert [len(r.time_s) for r in (dive.dvl, dive.compass, dive.usbl, dive.gps)] == [5001, 5001, 1001, 1001]
-    np.testing.assert_array_equal(dive.dvl.time_s[:3], [0, 0.2, 0.4])
-
-
 def test_sensors_without_noise_tell_the_truth() -> None:
     dive = simulate(_without_noise(TURNING), 3)
 
@@ -54,33 +47,32 @@ def test_sensors_without_noise_tell_the_truth() -> None:
     np.testing.assert_array_equal(paper.gps.value, paper.truth.position_m[::5])
 
 
-def test_a_positive_scale_error_reads_too_fast() -> None:
-    exact = _without_noise(PAPER)
-    fast = dataclasses.replace(exact, dvl=dataclasses.replace(exact.dvl, scale_error=0.01))
+@pytest.mark.parametrize(
+    ("error", "seen"),
+    [
+        ({"scale_error": 0.01}, [1.01, 1.01]),
+        ({"misalignment_rad": 0.1}, [math.cos(0.1) + math.sin(0.1), math.cos(0.1) - math.sin(0.1)]),
+    ],
+)
+def test_a_dvl_of_positive_scale_reads_too_fast_and_one_turned_counter_clockwise_sees_surge_as_starboard(
+    error: dict[str, float], seen: list[float]
+) -> None:
+    """The paper's vehicle goes 1 m/s to starboard and 1 m/s ahead."""
+    value = simulate(_with(_without_noise(PAPER), "dvl", **error), 0).dvl.value
 
-    np.testing.assert_allclose(simulate(fast, 0).dvl.value, 1.01)
-
-
-def test_a_dvl_turned_counter_clockwise_sees_surge_as_starboard_velocity() -> None:
-    exact = dataclasses.replace(_without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.0),))
-    turned = dataclasses.replace(exact, dvl=dataclasses.replace(exact.dvl, misalignment_rad=0.1))
-
-    np.testing.assert_allclose(simulate(turned, 0).dvl.value[0], [math.sin(0.1), math.cos(0.1)])
+    np.testing.assert_allclose(value, np.tile(seen, (5001, 1)))
 
 
 def test_what_one_sensor_draws_does_not_hang_on_the_others() -> None:
-    slow = dataclasses.replace(PAPER, dvl=dataclasses.replace(PAPER.dvl, rate_hz=1.5, noise=Gaussian()))
+    slow = _with(PAPER, "dvl", rate_hz=1.5, noise=Gaussian())
 
     np.testing.assert_array_equal(simulate(slow, 0).usbl.value, simulate(PAPER, 0).usbl.value)
     np.testing.assert_array_equal(simulate(slow, 0).compass.value, simulate(PAPER, 0).compass.value)
 
 
 def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
-    silent = dataclasses.replace(
-        PAPER,
-        dvl=dataclasses.replace(PAPER.dvl, timing=Timing(silences_s=((10.0, 20.0), (990.0, 2000.0)))),
-        usbl=dataclasses.replace(PAPER.usbl, timing=Timing(silences_s=((0.0, 5.0),))),
-    )
+    silent = _with(PAPER, "dvl", timing=Timing(silences_s=((10.0, 20.0), (990.0, 2000.0))))
+    silent = _with(silent, "usbl", timing=Timing(silences_s=((0.0, 5.0),)))
 
     dive, whole = simulate(silent, 0), simulate(PAPER, 0)
 
@@ -92,12 +84,9 @@ def test_a_silence_takes_away_its_own_records_and_changes_no_other() -> None:
 
 
 def test_jitter_delays_the_stamp_with_the_vehicle_and_spread_delays_the_arrival_alone() -> None:
-    exact = _without_noise(TURNING)
-    late = dataclasses.replace(
-        exact, usbl=dataclasses.replace(exact.usbl, timing=Timing(jitter_s=0.4, delay_s=0.5, delay_spread_s=1.5))
-    )
+    timing = Timing(jitter_s=0.4, delay_s=0.5, delay_spread_s=1.5)
 
-    fixes = simulate(late, 0).usbl
+    fixes = simulate(_with(_without_noise(TURNING), "usbl", timing=timing), 0).usbl
 
     jitter_s, delay_s = fixes.time_s - np.arange(len(fixes.time_s)), fixes.received_s - fixes.time_s
     for drawn, low, high in ((jitter_s, 0.0, 0.4), (delay_s, 0.5, 2.0)):
@@ -118,11 +107,6 @@ def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
     assert 0.5 <= delay_s.min() < delay_s.max() <= 2.0
     error_m = np.hypot(*(dive.usbl.value - leg_motion(LAWNMOWER, dive.usbl.time_s).position_m).T)
     assert 0.02 < (error_m > 5).mean() < 0.1
-
-
-def _with(scenario: Scenario, sensor: str, **errors) -> Scenario:
-    """Return the scenario with errors of one sensor."""
-    return dataclasses.replace(scenario, **{sensor: dataclasses.replace(getattr(scenario, sensor), **errors)})
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,8 @@ import pymap3d
 import pytest
 from mcap.reader import make_reader
 
-from commands import interrupt, output_of, run
+from commands import interrupt, output_of
+from logs import refusal
 from recordings import decoded
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
@@ -181,13 +182,19 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, name: str) -> None
     assert after != before
 
 
-def test_a_configuration_of_the_users_own_is_not_overwritten_either(tmp_path: Path) -> None:
-    (tmp_path / "dive.usbldr.toml").write_text("schema = 1\n")
+@pytest.mark.parametrize(
+    ("there", "name", "said"),
+    [("dive.usbldr.toml", "dive.mcap", r"dive\.usbldr\.toml: exists already"), ("file", "file/dive.mcap", "cannot")],
+)
+def test_the_users_own_configuration_and_a_file_where_a_folder_must_be_stay(
+    tmp_path: Path, there: str, name: str, said: str
+) -> None:
+    (tmp_path / there).write_text("schema = 1\n")
 
-    with pytest.raises(UsageError, match=r"dive\.usbldr\.toml: exists already"):
-        write_scenario(SHORT, 0, tmp_path / "dive.mcap")
+    with pytest.raises(UsageError, match=said):
+        write_scenario(SHORT, 0, tmp_path / name)
 
-    assert [f.name for f in tmp_path.iterdir()] == ["dive.usbldr.toml"]
+    assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [(there, "schema = 1\n")]
 
 
 @pytest.mark.parametrize("name", ["dive.zip", "dive.csv", "dive.MAT", "dive.mcap.x1"])
@@ -203,15 +210,6 @@ def test_an_ending_without_a_format_is_refused_with_those_that_have_one(tmp_path
 
 def test_a_number_at_the_end_of_a_folder_is_no_ending(tmp_path: Path) -> None:
     assert [log_format_of(Path(name)) for name in ("dive.2", "2026.05.12", "a.mcap/b")] == ["csv"] * 3
-
-
-def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-
-    with pytest.raises(UsageError, match="cannot"):
-        write_scenario(SHORT, 0, tmp_path / "file" / "dive.mcap")
-
-    assert [f.name for f in tmp_path.iterdir()] == ["file"]
 
 
 def test_the_command_reports_what_it_wrote(tmp_path: Path) -> None:
@@ -232,10 +230,8 @@ def test_the_command_lists_the_scenarios_and_answers_an_unknown_name_with_them(t
     assert {"paper", "lawnmower"} <= set(names)
     assert "section 3.1 of the paper" in listed[names.index("paper")]
 
-    fault = run("simulate", "pool", "-o", tmp_path / "x").exception
-
-    assert isinstance(fault, UsageError)
-    assert str(fault) == f"there is no scenario 'pool' (scenarios: {', '.join(names)}, or a file NAME.toml)"
+    said = f"there is no scenario 'pool' (scenarios: {', '.join(names)}, or a file NAME.toml)"
+    assert refusal(UsageError, output_of, "simulate", "pool", "-o", tmp_path / "x") == said
 
 
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path) -> None:

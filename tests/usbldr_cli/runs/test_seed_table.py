@@ -47,6 +47,7 @@ def test_a_row_averages_its_seeds() -> None:
     assert reported["mean_abs_east_m_seed_median"] == 2.0
     assert reported["diverged_share"] == pytest.approx(1 / 3)  # 2, 4 and 12 m
     assert reported["nees_mean"] is None
+    assert "diverged_share" not in row_metrics(row("ckf", 1.0, 2.0, sampled=False))
 
 
 def test_a_metric_is_averaged_over_the_runs_that_have_it() -> None:
@@ -63,10 +64,6 @@ def test_a_warning_of_many_runs_is_said_once_for_a_filter() -> None:
         ("warning", "cpf usbl.sd_m=1: correlated (41 sigma) at 41.5 s (3 of 3 runs, numbers of the first)"),
         ("warning", "cpf usbl.sd_m=1: no start (3 of 3 runs)"),
     ]
-
-
-def test_a_method_without_chance_has_no_share_of_diverged_seeds() -> None:
-    assert "diverged_share" not in row_metrics(row("ckf", 1.0, 2.0, sampled=False))
 
 
 def test_differences_are_taken_over_the_seeds_that_both_have() -> None:
@@ -138,20 +135,14 @@ def test_the_verdict_on_one_real_log_says_what_chance_explains(tmp_path: Path) -
 
 def test_a_single_method_a_pair_of_runs_and_diverged_runs_are_not_ranked() -> None:
     few = [row("cpf", 1.0, 2.0), row("ekf", 1.8, 2.1)]
-    lost = [row("pf", 0.1, 9.0, 9.1), row("cpf", 2.0, 2.1, 2.2)]
 
     assert best_method_sentence(few[:1]) == "dive: mean horizontal error of cpf 3.00 m over 2 dives"
     assert best_method_sentence(few).endswith("cpf, 3.00 m over 2 dives; too few runs to judge ekf")
-    assert best_method_sentence(lost).endswith("cpf, 4.20 m over 3 dives; pf diverged")
-    assert difference(*lost).significant is None  # type: ignore[union-attr]
-
-
-def test_a_filter_without_random_numbers_that_lost_half_of_its_dives_is_not_judged() -> None:
-    lost = [row("ekf", 0.1, 9.0, 9.1, sampled=False), row("adf", 2.0, 2.1, 2.2, sampled=False)]
-
-    assert best_method_sentence(lost).endswith("adf, 4.20 m over 3 dives; ekf diverged")
-    assert difference(*lost).significant is None  # type: ignore[union-attr]
-    assert not render(lost).splitlines()[6].endswith("*")
+    for lost, better, sampled in (("pf", "cpf", True), ("ekf", "adf", False)):
+        rows = [row(lost, 0.1, 9.0, 9.1, sampled=sampled), row(better, 2.0, 2.1, 2.2, sampled=sampled)]
+        assert best_method_sentence(rows).endswith(f"{better}, 4.20 m over 3 dives; {lost} diverged")
+        assert difference(*rows).significant is None  # type: ignore[union-attr]
+        assert not render(rows).splitlines()[6].endswith("*")
 
 
 def test_over_several_logs_the_verdict_counts_where_each_was_best() -> None:
