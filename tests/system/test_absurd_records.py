@@ -10,9 +10,11 @@ import pytest
 
 from commands import run
 from curved import curved_dive
+from logs import codes
 from recordings import HEADING, POSE_COVARIANCE, PRESSURE, SECOND, T0, TWIST_COVARIANCE, Row, write_mcap
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import read_log
+from usbldr_cli.figures.run_figures import run_pictures
 
 ODD = (1e300, -1e300, 1e308, math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e17, 1e10, 1e6, -1e6)
 FIELDS = {
@@ -113,25 +115,18 @@ def commands(log: Path) -> list[list[str]]:
     ]
 
 
-@pytest.mark.long
-def test_some_odd_logs_end_in_findings_or_one_sentence(tmp_path: Path) -> None:
+@pytest.mark.parametrize("some", [pytest.param(12, marks=pytest.mark.long), pytest.param(None, marks=pytest.mark.slow)])
+def test_odd_logs_end_in_findings_or_one_sentence(tmp_path: Path, some: int | None) -> None:
     every = logs()
-    for what in random.Random(1).sample(sorted(every), 12):
+    for what in random.Random(1).sample(sorted(every), some or len(every)):
         log = write_mcap(tmp_path / "odd.mcap", every[what])
         for command in commands(log):
             run(*command)
 
 
 @pytest.mark.slow
-def test_every_odd_log_ends_in_findings_or_one_sentence(tmp_path: Path) -> None:
-    for rows in logs().values():
-        log = write_mcap(tmp_path / "odd.mcap", rows)
-        for command in commands(log):
-            run(*command)
-
-
-@pytest.mark.slow
-def test_pictures_of_odd_logs_are_drawn_without_a_warning(tmp_path: Path) -> None:
+def test_pictures_of_odd_logs_are_drawn_without_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("usbldr_cli.figures.run_figures.run_pictures", run_pictures)
     every = logs()
     for what in [*random.Random(2).sample(sorted(every), 25), "1 of each", "every stamp alike", "1 of /usbl"]:
         log = write_mcap(tmp_path / "odd.mcap", every[what])
@@ -139,26 +134,19 @@ def test_pictures_of_odd_logs_are_drawn_without_a_warning(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("topic", "field", "code", "cause"),
+    ("topic", "field", "value", "code", "cause"),
     [
-        ("/usbl", "point.x", "USBL-INVALID", "1 beyond 20000 km"),
-        ("/depth", "fluid_pressure", "DEPTH-INVALID", "1 beyond 12 km"),
+        ("/usbl", "point.x", 3e9, "USBL-INVALID", "1 beyond 20000 km"),
+        ("/depth", "fluid_pressure", 3e9, "DEPTH-INVALID", "1 beyond 12 km"),
+        ("/imu", "orientation.z", 1e200, "COMPASS-INVALID", "1 not a number"),
     ],
 )
 def test_a_record_of_another_world_is_left_out_and_counted(
-    tmp_path: Path, topic: str, field: str, code: str, cause: str
+    tmp_path: Path, topic: str, field: str, value: float, code: str, cause: str
 ) -> None:
-    log = read_log(write_mcap(tmp_path / "dive.mcap", changed(topic, field, 3e9, "one")))
+    log = read_log(write_mcap(tmp_path / "dive.mcap", changed(topic, field, value, "one")))
 
-    said = {finding.code: finding.text for finding in log.findings}
-
-    assert said[code].endswith(f"records are invalid and left out ({cause})")
-
-
-def test_a_number_beyond_all_units_is_none(tmp_path: Path) -> None:
-    log = read_log(write_mcap(tmp_path / "dive.mcap", changed("/imu", "orientation.z", 1e200, "one")))
-
-    assert "1 not a number" in {finding.code: finding.text for finding in log.findings}["COMPASS-INVALID"]
+    assert codes(log)[code].endswith(f"records are invalid and left out ({cause})")
 
 
 def test_a_variance_without_bounds_is_unknown(tmp_path: Path) -> None:
