@@ -231,10 +231,11 @@ def test_a_file_that_cannot_be_read_is_one_sentence() -> None:
         "a0: &a0 [x, x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n" for k in range(1, 12))
         + "rosbag2_bagfile_information:\n  relative_file_paths: *a11\n",
         "a: " + "[" * 3_000,
+        "{ : [",
     ],
-    ids=["aliases", "depth"],
+    ids=["aliases", "depth", "no YAML"],
 )  # fmt: skip
-def test_metadata_that_multiplies_is_not_used(tmp_path: Path, text: str) -> None:
+def test_metadata_that_multiplies_or_is_not_yaml_is_ignored(tmp_path: Path, text: str) -> None:
     folder = write_rosbag2(tmp_path / "a", short_dive())
     (folder / "metadata.yaml").write_text(text, encoding="utf-8")
 

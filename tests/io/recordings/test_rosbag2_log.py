@@ -145,13 +145,6 @@ def test_a_missing_part_is_lost_data_and_a_renamed_one_is_not(
     assert (finding.code, finding.text, finding.lost_data) == (code, text, code == "MISSING-PART")
 
 
-def test_metadata_that_is_not_yaml_is_ignored(tmp_path: Path) -> None:
-    folder = parts(tmp_path / "dive", 0)
-    (folder / "metadata.yaml").write_text("{ : [")
-
-    assert x_of(folder) == list(range(10))
-
-
 @pytest.mark.parametrize(
     ("files", "sentence"),
     [
