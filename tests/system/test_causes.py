@@ -9,7 +9,7 @@ import pandas as pd
 import pymap3d
 import pytest
 
-from commands import run
+from commands import output_of, run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.reading.epochs import timeline
@@ -262,9 +262,7 @@ def test_of_two_topics_the_one_that_moves_with_the_others_is_chosen(
         (log / f"{name}.csv").rename(log / f"{name}_b.csv")
         edit(dive[name]).to_csv(log / f"{name}_a.csv", index=False)
 
-    said = run("init", log, "-o", tmp_path / "found.toml")
-
-    assert said.exception is None
+    output_of("init", log, "-o", tmp_path / "found.toml")
     found = (tmp_path / "found.toml").read_text(encoding="utf-8")
     assert 'topic = "/usbl_b"' in found
     assert 'topic = "/gps_b"' in found

@@ -4,21 +4,20 @@ import json
 
 import pytest
 
-from commands import run
+from commands import output_of, run
 
 
 @pytest.fixture(scope="module")
 def survey(tmp_path_factory):
     folder = tmp_path_factory.mktemp("surveys") / "box"
-    assert run("simulate", "survey-box", "-o", folder).exception is None
+    output_of("simulate", "survey-box", "-o", folder)
     return folder
 
 
 def test_a_survey_is_calibrated_and_its_configuration_needs_no_more(survey, tmp_path):
     folder, file = tmp_path / "calibration", tmp_path / "found.toml"
-    done = run("calibrate-usbl", survey, "-o", folder, "--write", file)
-    assert done.return_value == 0
-    assert "good: the fixes settle every error of the installation" in done.output
+    said = output_of("calibrate-usbl", survey, "-o", folder, "--write", file)
+    assert "good: the fixes settle every error of the installation" in said
     report = json.loads((folder / "report.json").read_text())
     assert set(report["files"]) | {"report.json"} == {path.name for path in folder.iterdir()}
     assert {one["name"]: one["open"] for one in report["parameters"]}["scale"] is False
@@ -43,8 +42,7 @@ def test_a_configuration_with_an_inline_table_is_completed(survey, tmp_path):
     (tmp_path / "inline.toml").write_text(
         f"schema = 1\nusbl = {usbl}\n[map]\norigin_lat_deg = 45.0\norigin_lon_deg = -30.0\n"
     )
-    done = run("calibrate-usbl", survey, "--config", tmp_path / "inline.toml", "--write", tmp_path / "found.toml")
-    assert done.exception is None
+    output_of("calibrate-usbl", survey, "--config", tmp_path / "inline.toml", "--write", tmp_path / "found.toml")
     assert "mount_deg" in (tmp_path / "found.toml").read_text()
 
 
@@ -61,9 +59,8 @@ def test_depths_count_from_the_surface_and_one_that_is_stated_wrong_is_said(surv
 
 
 def test_a_plan_needs_a_survey():
-    done = run("calibrate-usbl", "survey-spin", "--plan")
-    assert done.return_value == 0
-    assert "transponder depth" in done.output
+    said = output_of("calibrate-usbl", "survey-spin", "--plan")
+    assert "transponder depth" in said
     assert "usbldr simulate survey-spin" in str(run("calibrate-usbl", "survey-spin").exception)
     assert "is not a survey" in str(run("calibrate-usbl", "turns", "--plan").exception)
 

@@ -12,7 +12,7 @@ import pytest
 
 from commands import findings, output_of, run
 from curved import curved_dive, in_radians
-from logs import MAP
+from logs import MAP, refusal
 from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
@@ -86,16 +86,13 @@ def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tm
     copy.write_bytes(log.read_bytes())
     place = tmp_path / "dive.usbldr.toml"
 
-    first = run("init", copy)
+    output_of("init", copy)
     place.write_text("schema = 1\n# mine\n", encoding="utf-8")
-    refused, untouched = run("init", copy), place.read_text(encoding="utf-8")
-    forced = run("init", copy, "--force")
+    said = refusal(UsageError, output_of, "init", copy)
 
-    assert first.exception is None
-    assert isinstance(refused.exception, UsageError)
-    assert str(refused.exception) == f"{place} exists already: choose another file for --output, or --force"
-    assert untouched == "schema = 1\n# mine\n"
-    assert forced.exception is None
+    assert said == f"{place} exists already: choose another file for --output, or --force"
+    assert place.read_text(encoding="utf-8") == "schema = 1\n# mine\n"
+    output_of("init", copy, "--force")
     assert "# mine" not in place.read_text(encoding="utf-8")
 
 

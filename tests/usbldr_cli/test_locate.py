@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from checkout import SAMPLES
-from commands import run
+from commands import output_of, run
 from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.reports.locate import BEFORE, OUTSIDE, SmoothedRun, located, radius
 
@@ -86,8 +86,7 @@ def test_times_without_an_estimate_are_marked_and_not_extrapolated():
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dive")
-    done = run("replay", "lawnmower", "--filter", "ekf", "--smooth", "--plots", "none", "-o", folder / "run", "-q")
-    assert done.exception is None
+    output_of("replay", "lawnmower", "--filter", "ekf", "--smooth", "--plots", "none", "-o", folder / "run", "-q")
     return folder / "run"
 
 
@@ -97,8 +96,7 @@ def test_rows_of_a_table_keep_their_columns_in_every_format(dive, tmp_path):
     )
     files = [tmp_path / f"found{end}" for end in (".csv", ".geojson", ".kml")]
     args = [word for file in files for word in ("-o", file)]
-    done = run("locate", dive, "--at", tmp_path / "samples.csv", *args)
-    assert done.exception is None
+    output_of("locate", dive, "--at", tmp_path / "samples.csv", *args)
     table = pd.read_csv(files[0])
     assert list(table.bottle) == [7, 8, 9]
     assert table.own_lat_deg[0] == 60.1234567
@@ -118,8 +116,7 @@ def test_photos_are_timed_by_exif_and_the_clock(dive, tmp_path):
     exif.get_ifd(34665).update({36867: "2026:01:01 02:01:47", 37521: "25", 36881: "+02:00"})
     (tmp_path / "photos").mkdir()
     image.save(tmp_path / "photos" / "one.jpg", exif=exif)
-    done = run("locate", dive, "--at", tmp_path / "photos", "--clock", 7, "-o", tmp_path / "found.csv")
-    assert done.exception is None
+    output_of("locate", dive, "--at", tmp_path / "photos", "--clock", 7, "-o", tmp_path / "found.csv")
     found = pd.read_csv(tmp_path / "found.csv")
     assert list(found.name) == ["one.jpg"]
     assert found.time_ns[0] == 1_767_225_600_000_000_000 + 100_250_000_000
@@ -131,12 +128,11 @@ def test_photos_are_timed_by_exif_and_the_clock(dive, tmp_path):
 @pytest.mark.parametrize("name", ["lawnmower.mcap", "paper.mcap"])
 def test_places_err_as_the_track_does_on_the_sample_logs(name, tmp_path):
     args = ("replay", SAMPLES / name, "--filter", "adf", "--smooth", "--plots", "none", "-o", tmp_path / "run", "-q")
-    assert run(*args).exception is None
+    output_of(*args)
     truth = pd.read_csv(tmp_path / "run" / "truth.tum", sep=" ", header=None, dtype={0: str})
     stamps = truth[0].str.replace(".", "").rename("time_ns").astype("int64")
     stamps.to_csv(tmp_path / "times.csv", index=False)
-    done = run("locate", tmp_path / "run", "--at", tmp_path / "times.csv", "-o", tmp_path / "found.csv")
-    assert done.exception is None
+    output_of("locate", tmp_path / "run", "--at", tmp_path / "times.csv", "-o", tmp_path / "found.csv")
     found, report = pd.read_csv(tmp_path / "found.csv"), json.loads((tmp_path / "run" / "report.json").read_text())
     for axis, column in (("east", 1), ("north", 2)):
         error_m = found[f"{axis}_m"] - truth[column]
@@ -188,9 +184,8 @@ def test_copies_of_photos_have_the_place_and_the_same_picture(dive, tmp_path):
     exif.get_ifd(34665).update({36867: "2026:01:01 00:01:40"})
     Image.new("RGB", (4, 4)).save(folder / "three.png", exif=exif)
     args = ("locate", dive, "--at", folder, "--lever-arm", 0, 0, -30, "-o", tmp_path / "found.csv", "--geotag", tagged)
-    done = run(*args)
-    assert done.exception is None
-    assert "2 copies with GPS tags and 1 sidecars written" in done.output
+    said = output_of(*args)
+    assert "2 copies with GPS tags and 1 sidecars written" in said
     assert sorted(file.name for file in tagged.iterdir()) == ["one.jpg", "three.png.xmp", "two.JPG"]
     found = pd.read_csv(tmp_path / "found.csv").set_index("name")
     for name in ("one.jpg", "two.JPG"):

@@ -15,7 +15,7 @@ import pytest
 from click.testing import Result
 
 from checkout import SAMPLES
-from commands import run
+from commands import output_of, run
 from usbldr_cli.main import main
 
 
@@ -87,9 +87,7 @@ def test_the_configuration_is_parsed_once(dive: Path, monkeypatch: pytest.Monkey
     parse, texts = tomllib.loads, list[str]()
     monkeypatch.setattr(tomllib, "loads", lambda text: texts.append(text) or parse(text))
 
-    done = run(command, dive, "-o", dive.parent / "out", *(["-f", "dr"] if command == "replay" else []))
-
-    assert done.exit_code == 0
+    output_of(command, dive, "-o", dive.parent / "out", *(["-f", "dr"] if command == "replay" else []))
     assert texts == [(dive.parent / "paper.usbldr.toml").read_text(encoding="utf-8")]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from commands import run
+from commands import output_of, run
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
@@ -21,8 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("verify")
     write_scenario(replace(find_scenario("paper"), duration_s=100.0), 0, folder / "paper.mcap")
     options = ("-f", "ekf", "--gate", "0.99", "--end", "60", "--noise", "usbl=student-t:4", "--plots", "none")
-    done = run("replay", folder / "paper.mcap", *options, "-o", folder / "run")
-    assert done.exit_code == 0
+    output_of("replay", folder / "paper.mcap", *options, "-o", folder / "run")
     return folder
 
 

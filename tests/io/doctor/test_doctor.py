@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import findings, run
+from commands import findings, output_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv, yaw
@@ -79,12 +79,11 @@ def test_false_fixes_in_a_row_are_named_with_their_time_and_their_number(tmp_pat
 
 
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:
-    done = run("doctor", written(tmp_path, gps=True))
+    said = output_of("doctor", written(tmp_path, gps=True))
 
-    assert done.return_value == 0, done.output
-    assert re.search(r"CONVENTION-CHECKED: .* m RMS with axes FLU, convention ENU, frame ENU", done.output)
-    assert "HEADING-CHECKED" in done.output
-    assert "0 errors" in done.output
+    assert re.search(r"CONVENTION-CHECKED: .* m RMS with axes FLU, convention ENU, frame ENU", said)
+    assert "HEADING-CHECKED" in said
+    assert "0 errors" in said
 
 
 def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) -> None:
@@ -376,9 +375,7 @@ def test_senseless_sensors_end_in_findings_alone(tmp_path: Path, topic: str, val
 
 
 def test_a_scenario_is_examined_without_a_file() -> None:
-    done = run("doctor", "paper")
-    assert done.return_value == 0, done.output
-    assert "0 errors" in done.output
+    assert "0 errors" in output_of("doctor", "paper")
 
 
 def ahead(topic: str, by_s: float) -> list[Row]:

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from checkout import SAMPLES
-from commands import run
+from commands import output_of, run
 from html_pages import HtmlPage, chromium, in_chromium
 from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Plot, Section
 from usbldr.io.reports.report_text import Table
@@ -26,8 +26,7 @@ HOSTILE = "</script><img src=http://example.com/x onerror=alert(1)>{{ 7 * 7 }}"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("html") / "run"
-    done = run("replay", SAMPLES / "lawnmower_turn_db3", "-f", "ekf", "-o", out)
-    assert done.exception is None
+    output_of("replay", SAMPLES / "lawnmower_turn_db3", "-f", "ekf", "-o", out)
     return out
 
 
@@ -119,7 +118,7 @@ def test_names_do_nothing_but_show() -> None:
 def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> None:
     log = SAMPLES / "lawnmower_turn_db3"
     out = tmp_path / "compared"
-    assert run("compare", log, "-f", "dr,usbl", "-j", 1, "-o", out).exception is None
+    output_of("compare", log, "-f", "dr,usbl", "-j", 1, "-o", out)
     row = f'[[row]]\nname = "a"\nlog = "{log}"\nfilter = "dr"\n[row.metrics.mean_horizontal_m]\nvalue = 0\nabs = 0.1\n'
     (tmp_path / "baseline.toml").write_text(f"schema = 1\n{row}")
     run("check", tmp_path / "baseline.toml", "-j", 1, "-o", tmp_path / "failed", "--html", tmp_path / "check.html")
@@ -141,8 +140,8 @@ def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> N
 def test_without_figures_there_is_no_page_and_the_old_option_changes_nothing(tmp_path: Path) -> None:
     log = SAMPLES / "lawnmower_turn_db3"
 
-    assert run("replay", log, "-f", "dr", "--plots", "none", "-o", tmp_path / "none").exception is None
-    assert run("replay", log, "-f", "dr", "--html", "-o", tmp_path / "page").exception is None
+    output_of("replay", log, "-f", "dr", "--plots", "none", "-o", tmp_path / "none")
+    output_of("replay", log, "-f", "dr", "--html", "-o", tmp_path / "page")
 
     assert not (tmp_path / "none" / "report.html").exists()
     assert (tmp_path / "page" / "report.html").exists()
