@@ -26,7 +26,7 @@ from usbldr.filters.models.sigma_points import StateFunction
 from usbldr.filters.models.states import MOTION_STATES, StateLayout
 from usbldr.filters.types import Array, Vector
 
-_, MAX_STATES, MAX_MODES, MAX_COLUMNS, _ = KERNEL.limits
+_, MAX_STATES, MAX_MODES, MAX_COLUMNS, *_ = KERNEL.limits
 NO_GAP = (0.0,) * 9  # fixed: of velocity and turn rate outside a gap
 ARGUMENTS = (
     *(*MOTION_STATES, "dvl_scale", "dvl_mount", "current_east", "current_north"),

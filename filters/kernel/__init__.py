@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-CALLS = 5  # fixed: version of the arguments of advance and run_pass, as in module.c
+CALLS = 6  # fixed: version of the arguments of the functions, as in module.c
 FIELDS = {
     "Function": "number kind k nonlinear columns argument row axis angle bilinear uses",
     "NoiseModes": "probability log_probability R nominal",
@@ -20,6 +20,7 @@ FIELDS = {
     "Step": "dt_s remaining usual added state seed seeded gap readings padding",
     "Filter": "scale resample_below walk bias_s bias_m2 n N update move_steps bias_row padding",
     "Pass": "far offset_m2 log_negligible n N F G modes bias_row per_scalar padding",
+    "Search": "far offset_m2 walk_m2 rate_m2 bias_m2 n F modes pairs bias_row histories recent_bits gradual",
 }
 """The structures of layout.h in the order in which Python writes their fields; types and offsets are the module's."""
 TYPES = {"double": "f8", "Covariance": "3f8", "int32_t": "i4", "uint32_t": "u4", "uint64_t": "u8"}
@@ -34,6 +35,7 @@ class Limits(NamedTuple):
     modes: int = 0
     columns: int = 0
     depth: int = 0
+    histories: int = 0
 
 
 class Kernel(NamedTuple):
@@ -43,6 +45,7 @@ class Kernel(NamedTuple):
     reason: str  # why NumPy runs; empty for a compiled kernel
     advance: Callable[..., int] | None = None  # see module.c; None: NumPy
     run_pass: Callable[..., None] | None = None
+    run_histories: Callable[..., None] | None = None
     variant: int = 0
     limits: Limits = Limits()
     structures: Mapping[str, np.dtype[Any]] = MappingProxyType({})
@@ -87,7 +90,8 @@ def _choose() -> Kernel:
         return Kernel("numpy", "the kernel was compiled from another version: install usbldr again")
     for name, variant in _kernel.VARIANTS:
         if wanted in ("", name):
-            return Kernel(name, "", _kernel.advance, _kernel.run_pass, variant, Limits(*_kernel.LIMITS), structures)
+            functions = _kernel.advance, _kernel.run_pass, _kernel.run_histories
+            return Kernel(name, "", *functions, variant, Limits(*_kernel.LIMITS), structures)
     names = ", ".join(name for name, _ in _kernel.VARIANTS)
     return Kernel("numpy", f"USBLDR_KERNEL={wanted} is none of the variants for this machine: {names}, numpy")
 

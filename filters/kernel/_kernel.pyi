@@ -4,7 +4,7 @@ from numpy.typing import NDArray
 VARIANTS: list[tuple[str, int]]
 CALLS: int
 LAYOUT: dict[str, tuple[int, list[tuple[str, str, int, int]]]]
-LIMITS: tuple[int, int, int, int, int]
+LIMITS: tuple[int, int, int, int, int, int]
 
 def advance(
     variant: int,
@@ -36,5 +36,23 @@ def run_pass(
     cov_m2: NDArray[float64],
     counted: NDArray[float64],
     switching: NDArray[float64],
+    /,
+) -> None: ...
+def run_histories(
+    settings: bytes,
+    residual: NDArray[float64],
+    measurement_matrix: NDArray[float64],
+    changes: NDArray[float64],
+    probability: NDArray[float64],
+    cov_m2: NDArray[float64],
+    mean: NDArray[float64],
+    cov: NDArray[float64],
+    durations_s: NDArray[float64],
+    log_weight: NDArray[float64],
+    first: NDArray[int64],
+    parent: NDArray[int64],
+    decision: NDArray[int64],
+    gradual: NDArray[int64],
+    count: NDArray[int64],
     /,
 ) -> None: ...

@@ -100,6 +100,25 @@ typedef struct {
 } PassArrays;
 enum { PASS_ARRAYS = 13 };
 
+/* The search for false fixes in a row: histories.c. The last four of n states are those of a run: offset and rate. */
+enum { MAX_HISTORIES = 128, MAX_PAIRS = 4 }; /* of MAX_SEARCHED fixes: at most 90 */
+#define SEARCH_FIELDS(FIELD) \
+    FIELD(double, far, ) FIELD(double, offset_m2, ) FIELD(double, walk_m2, ) FIELD(double, rate_m2, ) \
+    FIELD(double, bias_m2, ) \
+    FIELD(int32_t, n, ) FIELD(int32_t, F, ) FIELD(int32_t, modes, ) FIELD(int32_t, pairs, ) \
+    FIELD(int32_t, bias_row, ) FIELD(int32_t, histories, ) FIELD(int32_t, recent_bits, ) FIELD(int32_t, gradual, )
+typedef struct { SEARCH_FIELDS(DECLARED) } Search;
+
+typedef struct {
+    const double *residual, *H, *changes, *probability, *R; /* (F, 2), (F, 2, n), (F, 3), (modes), (modes, F, 2, 2) */
+    const double *mean, *cov, *durations_s;                 /* (pairs, n), (pairs, n, n), (pairs, 2) */
+    double *log_weight;                                     /* (F, MAX_HISTORIES): results after each fix */
+    int64_t *first, *parent, *decision, *gradual;           /* as log_weight */
+    int64_t *count;                                         /* (F): how many of them there are */
+} SearchArrays;
+enum { SEARCH_ARRAYS = 14 };
+int run_histories(const Search *, const SearchArrays *);
+
 /* Return GOOD or NO_MEMORY. */
 typedef int RunPass(const Pass *, const PassArrays *);
 /* Return how many steps were run, or what went wrong. */

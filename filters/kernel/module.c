@@ -68,6 +68,13 @@ static PyObject *py_advance(PyObject *self, PyObject *args) {
     return NULL;
 }
 
+static PyObject *finished(int good, int status) {
+    if (good && status == NO_MEMORY) return PyErr_NoMemory();
+    if (good) Py_RETURN_NONE;
+    PyErr_SetString(PyExc_ValueError, "the kernel was given arrays that do not fit together");
+    return NULL;
+}
+
 /* run_pass(variant, pass, the arrays in the order of PassArrays) */
 static PyObject *py_run_pass(PyObject *self, PyObject *args) {
     (void)self;
@@ -93,10 +100,40 @@ static PyObject *py_run_pass(PyObject *self, PyObject *args) {
         status = VARIANTS[variant].run->run_pass(p, &arrays);
     }
     for (int i = 0; i < 1 + PASS_ARRAYS; i++) PyBuffer_Release(&part[i]);
-    if (good && status == NO_MEMORY) return PyErr_NoMemory();
-    if (good) Py_RETURN_NONE;
-    PyErr_SetString(PyExc_ValueError, "the kernel was given arrays that do not fit together");
-    return NULL;
+    return finished(good, status);
+}
+
+/* run_histories(search, the arrays in the order of SearchArrays) */
+static PyObject *py_run_histories(PyObject *self, PyObject *args) {
+    (void)self;
+    int status = GOOD;
+    Py_buffer part[1 + SEARCH_ARRAYS], *a = part + 1;
+    if (!PyArg_ParseTuple(args, "y*y*y*y*y*y*y*y*y*w*w*w*w*w*w*", &part[0], &a[0], &a[1], &a[2], &a[3], &a[4], &a[5],
+                          &a[6], &a[7], &a[8], &a[9], &a[10], &a[11], &a[12], &a[13]))
+        return NULL;
+    const Search *s = part[0].buf;
+    int good = part[0].len == sizeof(Search) && s->n > 6 && s->n <= MAX_STATES && s->F >= 0 && s->modes > 0 &&
+               s->modes <= MAX_MODES && s->pairs > 0 && s->pairs <= MAX_PAIRS && s->bias_row >= 2 &&
+               s->bias_row < s->n - 5 && s->histories > 0 && s->recent_bits > 0 && s->recent_bits < 20;
+    if (good) {
+        int octaves = 0;
+        while (s->F >> octaves) octaves++;
+        good = s->pairs * (s->histories + octaves) + 2 * octaves <= MAX_HISTORIES;
+        Py_ssize_t n = s->n, F = s->F, result = F * MAX_HISTORIES;
+        const Py_ssize_t sizes[SEARCH_ARRAYS] = {
+            2 * F,        2 * F * n, 3 * F,  s->modes, 4 * s->modes * F, s->pairs * n, s->pairs * n * n,
+            2 * s->pairs, result,    result, result,   result,           result,       F};
+        for (int i = 0; i < SEARCH_ARRAYS; i++) good = good && a[i].len == 8 * sizes[i];
+    }
+    if (good) {
+        const SearchArrays arrays = {a[0].buf, a[1].buf, a[2].buf, a[3].buf,  a[4].buf,  a[5].buf,  a[6].buf,
+                                     a[7].buf, a[8].buf, a[9].buf, a[10].buf, a[11].buf, a[12].buf, a[13].buf};
+        Py_BEGIN_ALLOW_THREADS
+        status = run_histories(s, &arrays);
+        Py_END_ALLOW_THREADS
+    }
+    for (int i = 0; i < 1 + SEARCH_ARRAYS; i++) PyBuffer_Release(&part[i]);
+    return finished(good, status);
 }
 
 typedef struct {
@@ -125,9 +162,10 @@ static void add_structure(PyObject *layout, const char *name, size_t size, const
     Py_XDECREF(both);
 }
 
-enum { CALLS = 5 }; /* counts the changes of the arguments of the two functions */
+enum { CALLS = 6 }; /* counts the changes of the arguments of the functions */
 static PyMethodDef METHODS[] = {{"advance", py_advance, METH_VARARGS, "Run steps on a bank; see span.h."},
                                 {"run_pass", py_run_pass, METH_VARARGS, "Run a bank over fixes; see fixes.h."},
+                                {"run_histories", py_run_histories, METH_VARARGS, "Follow false fixes; see histories.c."},
                                 {NULL, NULL, 0, NULL}};
 static struct PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernel", NULL, -1, METHODS, NULL, NULL, NULL, NULL};
 
@@ -147,11 +185,12 @@ PyMODINIT_FUNC PyInit__kernel(void) {
         ADD(layout, Step, STEP_FIELDS)
         ADD(layout, Filter, FILTER_FIELDS)
         ADD(layout, Pass, PASS_FIELDS)
+        ADD(layout, Search, SEARCH_FIELDS)
         PyModule_AddObjectRef(module, "LAYOUT", layout);
         Py_XDECREF(layout);
         PyModule_AddIntConstant(module, "CALLS", CALLS);
-        PyObject *limits = Py_BuildValue("(iiiii)", (int)LANES, (int)MAX_STATES, (int)MAX_MODES, (int)MAX_COLUMNS,
-                                         (int)MAX_DEPTH);
+        PyObject *limits = Py_BuildValue("(iiiiii)", (int)LANES, (int)MAX_STATES, (int)MAX_MODES, (int)MAX_COLUMNS,
+                                         (int)MAX_DEPTH, (int)MAX_HISTORIES);
         PyModule_AddObjectRef(module, "LIMITS", limits);
         Py_XDECREF(limits);
     }

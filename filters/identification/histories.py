@@ -1,0 +1,218 @@
+"""Follow the likeliest histories of false fixes in a row; the compiled kernel does it in compiled_histories.py.
+
+A Markov chain of two states, correct and in a run with an offset of its own: D. Reid, "An algorithm for tracking
+multiple targets", IEEE Trans. Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177. Histories that agree in the
+last RECENT fixes are one. Metres and seconds.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.identification.clusters import FAR, OFFSET_SD_M
+from usbldr.filters.models.noise import Noise
+from usbldr.filters.types import Array, Indices, Mask, Vector
+
+OFFSET_WALK_M = 0.1  # [m/√s] by judgement: an echo moves with the geometry, slowly
+RATE_MPS = 0.1  # [m/s] each axis, by judgement: of an offset that grows
+DURATIONS_S = ((60.0, 3600.0), (20.0, 120.0), (30.0, 60.0))
+"""Mean duration of a run and mean time between runs; the likeliest pair is taken."""
+HISTORIES = 10  # of each pair
+RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
+CORRECT, BEGINS, CONTINUES = range(3)
+RUN, OFFSET, RATE = slice(-4, None), slice(-4, -2), slice(-2, None)  # of the states, the last four are a run's
+
+
+class HistorySearch(NamedTuple):
+    """F fixes minus dead reckoning, linear in n states, of which the last four are those of a run."""
+
+    residual_m: Array  # (F, 2)
+    measurement_matrix: Array  # (F, 2, n) zero for a run: its states enter if there is one
+    dt_s: Vector  # (F,) since the fix before
+    fade: Vector  # (F,) of the correlated error since then
+    drift_m2: Vector  # (F,) of dead reckoning since then, each axis
+    noise: Noise  # covariances (J, F, 2, 2)
+    bias: slice  # the states of the correlated error
+    bias_m: float  # its sigma
+    mean: Vector  # (n,) at the start
+    cov: Array  # (n, n)
+    gradual: bool  # a run may begin with a fix that is not far from the track
+
+    def followed(self) -> list["Followed"]:
+        """Return the histories after each fix: the reference of the kernel."""
+        pairs, n = len(DURATIONS_S), len(self.mean)
+        now = _Histories(
+            np.zeros(pairs),
+            np.tile(self.mean, (pairs, 1)),
+            np.broadcast_to(self.cov, (pairs, n, n)),
+            np.zeros(pairs, np.bool_),
+            np.zeros(pairs, np.bool_),
+            np.arange(pairs),
+            *np.zeros((3, pairs), np.intp),
+        )
+        followed: list[Followed] = []
+        for f, z in enumerate(self.residual_m):
+            now = _predicted(now, self.bias, self.fade[f], self.bias_m, self.drift_m2[f], self.dt_s[f])
+            noise = Noise(self.noise.probabilities, self.noise.cov[:, f])
+            now, parent, decision = _updated(now, z, self.measurement_matrix[f], noise, self.dt_s[f], f, self.gradual)
+            followed.append(Followed(now.log_weight, now.first, parent, decision, now.gradual))
+        return followed
+
+
+class Followed(NamedTuple):
+    """N histories after a fix."""
+
+    log_weight: Vector  # (N,)
+    first: Indices  # (N,) how many of the first fixes are false
+    parent: Indices  # (N,) the history before it
+    decision: Indices  # (N,) what it takes the fix for: CORRECT, BEGINS or CONTINUES
+    gradual: Mask  # (N,) it is in a run that began with a fix that was not far from the track
+
+
+class _Histories(NamedTuple):
+    """N histories with the state of each, n numbers."""
+
+    log_weight: Vector  # (N,)
+    mean: Array  # (N, n)
+    cov: Array  # (N, n, n)
+    in_run: Mask  # (N,)
+    gradual: Mask  # (N,) the run began with a fix that was not far from the track
+    pair: Indices  # (N,) in DURATIONS_S
+    recent: Indices  # (N,) the last RECENT decisions as bits
+    first: Indices  # (N,) how many of the first fixes are false
+    octave: Indices  # (N,) of the fix with which the run began, or the last one if it was long, counted from 1; 0: none
+
+
+def _predicted(now: _Histories, bias: slice, fade: float, bias_m: float, drift_m2: float, dt_s: float) -> _Histories:
+    mean, cov = now.mean.copy(), now.cov.copy()
+    mean[:, bias] *= fade
+    cov[:, bias] *= fade
+    cov[:, :, bias] *= fade
+    variance = np.einsum("nii->ni", cov)  # a view
+    variance[:, :2] += drift_m2
+    variance[:, bias] += (1 - fade**2) * bias_m**2
+    mean[:, OFFSET] += dt_s * mean[:, RATE]
+    cov[:, OFFSET] += dt_s * cov[:, RATE]
+    cov[:, :, OFFSET] += dt_s * cov[:, :, RATE]
+    variance[now.in_run, OFFSET] += OFFSET_WALK_M**2 * dt_s
+    return now._replace(mean=mean, cov=cov)
+
+
+def _updated(
+    now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int, gradual: bool
+) -> tuple[_Histories, Indices, Indices]:
+    """Return the likeliest histories with this fix, the history before of each, and what each takes the fix for."""
+    count, offset = len(now.log_weight), now.cov[:, :, OFFSET]
+    decision, parent = np.divmod(np.arange(3 * count), count)
+    cross = np.concatenate([now.cov @ H.T] * 3)  # (3 N, n, 2)
+    e, S = z - now.mean @ H.T, H @ cross[:count]
+    # two offsets of which none is known: that of a run that begins, and that of first fixes that were all false
+    begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)[:, None, None] * np.eye(2)
+    apart_m2 = np.where(((now.first == f) & (f > 0))[:, None, None], begun_m2 - OFFSET_SD_M**2 * np.eye(2), 0.0)
+    shared = H @ offset
+    cross[: 2 * count, RUN] = 0.0
+    cross[:count, :2] += apart_m2
+    cross[count : 2 * count, OFFSET] = begun_m2
+    cross[2 * count :] += offset
+    log_l, inverse, weighted = _by_mode(
+        np.concatenate([e, e, e - now.mean[:, OFFSET]]),
+        np.concatenate([S + apart_m2, S + begun_m2, S + shared + shared.transpose(0, 2, 1) + offset[:, OFFSET]]),
+        noise,
+    )
+    of_fix = np.logaddexp.reduce(log_l, axis=0)
+    near = _chi_square(e, S + noise.cov[0]) < FAR
+    log_prior = _log_prior(now, dt_s, f)
+    log_prior[BEGINS, near & (now.first < f) & (not gradual)] = -np.inf
+    log_weight = of_fix + (now.log_weight + log_prior).ravel()
+    # a tail as heavy as a scale that is not known
+    offset_m2 = np.concatenate([apart_m2[:, 0, 0] + OFFSET_SD_M**2, begun_m2[:, 0, 0]])
+    log_weight[: 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / offset_m2)
+    recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
+    in_run = decision != CORRECT
+    short = now.in_run[parent] & ~in_run & (now.recent[parent] != 2**RECENT - 1)
+    octave = np.where(decision == BEGINS, (f + 1).bit_length(), np.where(short, 0, now.octave[parent]))
+    first = now.first[parent] + (in_run & (now.first[parent] == f))
+    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave, np.where(in_run, 0, first), in_run)
+    decision, parent, cross = decision[kept], parent[kept], cross[kept]
+    mean, cov = now.mean[parent], now.cov[parent]
+    ended = decision != CONTINUES
+    mean[ended, RUN] = 0.0
+    cov[ended, RUN] = 0.0
+    cov[ended, :, RUN] = 0.0
+    cov[decision == CORRECT, :2, :2] += apart_m2[parent[decision == CORRECT]]
+    cov[decision == BEGINS, OFFSET, OFFSET] = begun_m2[parent[decision == BEGINS]]
+    cov[decision == BEGINS, RATE, RATE] = RATE_MPS**2 * np.eye(2)
+    g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
+    mean += (cross @ g[:, :, None])[:, :, 0]
+    cov += cross @ G @ cross.transpose(0, 2, 1)
+    slowly = np.where(decision == BEGINS, near[parent], (decision == CONTINUES) & now.gradual[parent])
+    after = _Histories(
+        log_weight, mean, cov, in_run[kept], slowly, now.pair[parent], recent[kept], first[kept], octave[kept]
+    )
+    return after, parent, decision
+
+
+def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
+    """Return the log probability that each history takes the fix for correct, the first or another one of a run."""
+    run_s, gap_s = np.array(DURATIONS_S)[now.pair].T
+    begins = run_s / (run_s + gap_s) if f == 0 else -np.expm1(-dt_s / gap_s)
+    ends = np.where(now.in_run, -np.expm1(-dt_s / run_s), 1.0)
+    with np.errstate(divide="ignore"):
+        log_prior: Array = np.log([(1 - begins) * ends, begins * ends, 1 - ends])
+    return log_prior
+
+
+def _chosen(
+    log_weight: Vector, pair: Indices, recent: Indices, octave: Indices, start: Indices, in_run: Mask
+) -> tuple[Indices, Vector]:
+    """Return rows and weights of the likeliest HISTORIES of each pair, and of the likeliest long run of each octave.
+
+    So are the likeliest long run that has ended, of each octave, and the likeliest false start, of each octave of its
+    ``start`` fixes: many correct ones may have to follow until it is the likeliest of all. Of those that agree in the
+    recent fixes, or in the octave of a long run, the likeliest stands for all.
+    """
+    order = np.argsort(-log_weight, kind="stable")
+    order = order[np.isfinite(log_weight[order])]
+    long = recent[order] == 2**RECENT - 1
+    of_long = np.where(long | ~in_run[order], octave[order], 0)
+    code = ((pair[order] << RECENT | recent[order]) << 6) | of_long  # MAX_FIXES has 12 bits
+    _, first, group = np.unique(code, return_index=True, return_inverse=True)
+    top = log_weight[order[first]]
+    total = top + np.log(np.bincount(group, np.exp(log_weight[order] - top[group])))
+    kept = order[first]
+    likeliest = np.argsort(-total, kind="stable")
+    its_pair = np.where(long[first], -1, pair[kept])[likeliest]
+    rows = [np.flatnonzero(long[first]), *(likeliest[its_pair == p][:HISTORIES] for p in range(len(DURATIONS_S)))]
+    for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):  # octaves
+        octaves, best = np.unique(ended[likeliest], return_index=True)
+        rows.append(likeliest[best[octaves > 0]])
+    each = np.unique(np.concatenate(rows))
+    return kept[each], total[each]
+
+
+def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array, Array]:
+    """Return the log of each mode's part of the likelihood, (J, N), (S + R)^-1, (J, N, 2, 2), and its product by e."""
+    inverse, det = _inverse(S + noise.cov[:, None])
+    weighted = (inverse @ e[:, :, None])[..., 0]
+    log_l = -0.5 * ((weighted * e).sum(axis=-1) + np.log(det)) - np.log(2 * np.pi)
+    return log_l + np.log(noise.probabilities)[:, None], inverse, weighted
+
+
+def _chi_square(e: Array, S: Array) -> Vector:
+    """Return how far innovations (N, 2) are from zero by their covariances (N, 2, 2)."""
+    inverse, _ = _inverse(S)
+    return ((inverse @ e[:, :, None])[..., 0] * e).sum(axis=-1)
+
+
+def _inverse(S: Array) -> tuple[Array, Array]:
+    """Return the inverses and the determinants of symmetric matrices (..., 2, 2)."""
+    a, b, c = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
+    det = a * c - b * b
+    return np.stack([c, -b, -b, a], axis=-1).reshape(S.shape) / det[..., None, None], det
+
+
+def _correction(p: Array, inverse: Array, weighted: Array) -> tuple[Array, Array]:
+    """Return g and G of the moment-matched update: mean + C g, covariance + C G C^T with the cross covariance C."""
+    g = np.einsum("jn,jna->na", p, weighted)
+    outer = weighted[..., :, None] * weighted[..., None, :] - inverse
+    return g, np.einsum("jn,jnab->nab", p, outer) - g[:, :, None] * g[:, None, :]

@@ -1,0 +1,84 @@
+"""The search for false fixes in the kernel against NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from needed_kernel import require_kernel
+from usbldr.filters.identification import compiled_histories, false_runs
+from usbldr.filters.identification.histories import Followed, HistorySearch
+from usbldr.filters.identification.usbl_likelihood import Member
+from usbldr.filters.kernel import KERNEL, Kernel
+from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily, StudentT
+from usbldr.filters.models.parameters import Parameters, Start
+from usbldr.filters.types import Timeline
+from weaving import Faults, weaving_dive
+
+require_kernel()
+
+LINE = weaving_dive(Faults(0.01, 0.0, 1.0, 2.0, 1.0, 0.4), seconds=200)
+T = LINE.fix_time_s
+LEFT = np.clip(T - 150, 0.0, 25.0)[:, None] * (0.1, 0.05)  # slowly from the track, and never back
+FAULTS = {
+    "none": np.zeros((len(T), 2)),
+    "first": (T < 30)[:, None] * (30.0, -20.0),
+    "several": (T // 20 % 4 == 1)[:, None] * (12.0, 5.0),
+    "gradual": LEFT + ((T > 60) & (T < 66))[:, None] * (60.0, 0.0),
+}
+
+
+def assert_equal(got: list[Followed], want: list[Followed]) -> None:
+    assert len(got) == len(want)
+    for one, other in zip(got, want, strict=True):
+        np.testing.assert_allclose(one.log_weight, other.log_weight, rtol=1e-9, atol=1e-7)
+        for name in ("first", "parent", "decision", "gradual"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("family", [Gaussian(), Contamination(), StudentT()], ids=repr)
+def test_histories_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch, family: NoiseFamily, fault: str) -> None:
+    def both(search: HistorySearch) -> list[Followed]:
+        got = compiled_histories.followed(search)
+        assert_equal(got, search.followed())
+        return got
+
+    monkeypatch.setattr(false_runs, "followed", both)
+    cov_m2 = LINE.fix_cov_m2.copy()
+    cov_m2[:, [0, 1], [1, 0]] = 0.01
+    line: Timeline = replace(LINE, fix_m=LINE.fix_m + FAULTS[fault], fix_cov_m2=cov_m2)
+    for start, gradual in ((None, True), (Start(*LINE.fix_m[0].tolist(), sd_m=2.0), False)):
+        member = Member(Parameters(usbl=family, start=start), frozenset({"scale", "heading", "latency"}))
+        found = false_runs.false_runs(line, member, gradual)
+        assert found.false.any() or fault in ("none", "gradual")
+
+
+def test_numpy_follows_what_the_kernel_has_no_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    searches: list[HistorySearch] = []
+    followed = compiled_histories.followed
+    monkeypatch.setattr(false_runs, "followed", lambda search: (searches.append(search), followed(search))[1])
+    false_runs.false_runs(LINE, Member(Parameters(), frozenset()))
+    (search,) = searches
+    want = search.followed()
+
+    def refused(*_: object) -> None:
+        pytest.fail("the kernel has no room for it")
+
+    for limit in ("states", "modes", "histories"):
+        small = KERNEL._replace(limits=KERNEL.limits._replace(**{limit: 1}), run_histories=refused)
+        monkeypatch.setattr(compiled_histories, "KERNEL", small)
+        assert_equal(followed(search), want)
+    monkeypatch.setattr(compiled_histories, "KERNEL", Kernel("numpy", "as the test says"))
+    assert_equal(followed(search), want)
+
+
+def test_arrays_that_do_not_fit_together_are_refused() -> None:
+    assert KERNEL.run_histories is not None
+    settings = compiled_histories.SEARCH.pack(*[1.0] * 5, 10, 3, 1, 1, 2, 10, 10, 1)
+    arrays = [np.zeros(size) for size in (6, 60, 9, 1, 12, 10, 100, 2, *[3 * KERNEL.limits.histories] * 5, 3)]
+    KERNEL.run_histories(settings, *arrays)
+    for short in range(len(arrays)):
+        cut = [array[: array.size - (i == short)] for i, array in enumerate(arrays)]
+        with pytest.raises(ValueError, match="do not fit together"):
+            KERNEL.run_histories(settings, *cut)
