@@ -13,7 +13,7 @@ from typing import cast
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, usbl_lines
 from usbldr.io.doctor.map_origin import propose_origin
-from usbldr.io.doctor.proposed_columns import Draft
+from usbldr.io.doctor.proposed_columns import WHY_HEAD, Draft
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
@@ -66,6 +66,8 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
         for role, one in proposals.items():
             for key, (value, why) in one.words.items():
                 _keep(sections[role], f"{key} = {quoted(value)}", key, why)
+        if drafted.head:
+            _keep(sections["usbl"], f"head = {inline(drafted.head)}", "head", WHY_HEAD)
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
@@ -199,7 +201,9 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role not in log.provenance:
+        head = log.settings.usbl.head
         why = "no such topic in the log" + ("; only --filter usbl works" if role in ("dvl", "compass") else "")
+        why = f"{head.topic} is the ship's" if role == "gps" and head and head.topic else why
         return [('topic = "none"', why)] if role != "usbl" else []
     p = log.provenance[role]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"

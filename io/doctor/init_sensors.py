@@ -131,7 +131,7 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     if recorded_value(log, "usbl", "frame"):
         lines.append(_convention(log, result, "usbl", "frame"))
         lines.append(recorded_line(log, "usbl", "relative_to"))
-        if lines[-1][0]:
+        if lines[-1][0] and log.convention("usbl", "relative_to").value != "head":
             lines.append(("# head = { lat_deg = 0.0, lon_deg = 0.0, depth_m = 0.0 }", "if fixes count from a head"))
     stated_m = float(np.sqrt(np.median(log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].mean(axis=1))))
     lines.append(_sd("usbl", "sd_m", log, stated_m))

@@ -3,8 +3,10 @@
 A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import permutations
 from pathlib import Path
 from typing import cast
 
@@ -57,6 +59,7 @@ KEYS = {
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
 WHY_MM = "CHECK: in m/s its velocities are impossible"
+WHY_HEAD = "CHECK: the ship that carries the head; if the vehicle does, state beacon; lever_arm_m from antenna to head"
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -97,6 +100,7 @@ class Draft:
     unread: Mapping[str, str]  # sensor that the configuration has to name -> why it is not read
     unused: tuple[TopicInfo, ...]  # topics of no sensor
     fault: str  # why the log cannot be replayed as drafted, empty if it can
+    head: Mapping[str, object] = field(default_factory=dict[str, object])  # a ship's position and heading for the head
 
 
 def draft(path: Path, request: Request) -> Draft:
@@ -129,6 +133,16 @@ def _draft(path: Path, request: Request) -> Draft:
         again, _ = _with_proposals(path, request, stated, in_mm)
         if again is not None and again.log is not None:
             examination, proposals = again, in_mm
+    head: Mapping[str, object] = {}
+    if examination is None or examination.log is None:
+        tried = [
+            (keys, _with_proposals(path, request, _stating(stated, keys), proposals)[0])
+            for keys in _of_ship(topics, stated)
+        ]
+        readable = [(keys, found) for keys, found in tried if found is not None and found.log is not None]
+        if readable:
+            keys, examination = min(readable, key=lambda one: _unlike_fixes_m(one[1]))
+            head = cast("Mapping[str, object]", keys["usbl"]["head"])
     if examination is None or examination.log is None:
         without = _examined(path, request, stated)
         if examination is None or without.log is not None:
@@ -145,7 +159,30 @@ def _draft(path: Path, request: Request) -> Draft:
     unread = {role: why.removesuffix(f"; {PROPOSED}") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = tuple(topic for topic in topics if topic.first_row or topic.name not in used.values())
-    return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"))
+    return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"), head)
+
+
+def _of_ship(topics: Sequence[TopicInfo], stated: ConfigurationFile) -> list[dict[str, dict[str, object]]]:
+    """Return sections that give the only GPS, and one of two headings, to the ship that carries the head.
+
+    None if the configuration states where the head is.
+    """
+    content = cast("Mapping[str, Mapping[str, object]]", stated.content or {})
+    gps, headings = ([one.name for one in topics if message_layout_of(role, one)] for role in ("gps", "compass"))
+    if len(gps) != 1 or not {"head", "beacon"}.isdisjoint(content.get("usbl", ())):
+        return []
+    if len(headings) != 2:
+        return [{"usbl": {"head": {"topic": gps[0]}}}]
+    return [
+        {"usbl": {"head": {"topic": gps[0], "heading_topic": ship}}, "compass": {"topic": own}}
+        for ship, own in permutations(headings)
+    ]
+
+
+def _unlike_fixes_m(found: Examination) -> float:
+    """Return the residual of the fixes against dead reckoning."""
+    check = found.sensor_check
+    return check.result.best.residual_m if check and check.result else math.inf
 
 
 def _with_proposals(

@@ -1,12 +1,14 @@
 """A dive logged twice: the vehicle's DVL and compass below, a survey ship's sentences above."""
 
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pymap3d
 import pytest
 
+from commands import output_of
 from recordings import SECOND, T0, Row, sentence, twist, write_mcap, yaw
 from usbldr.io.reading.read import Request, read_log
 
@@ -95,3 +97,25 @@ def test_fixes_of_a_ship_that_turns_lie_on_the_vehicles_way(dive: Path) -> None:
     assert usbl["time_s"].to_numpy() == pytest.approx(0.5 + 2.0 * np.arange(60))
     assert (usbl["received_s"] - usbl["time_s"]).to_numpy() == pytest.approx(1.5)
     np.testing.assert_allclose(usbl[["east_m", "north_m"]].to_numpy(), truth, atol=0.03)
+
+
+def test_init_gives_position_and_heading_of_the_ship_to_the_head(dive: Path) -> None:
+    """Two headings are in the files: the compass is the one with which the fixes agree with dead reckoning."""
+    configuration = dive.with_name("usbldr.toml")
+    head = next(line for line in CONFIGURATION.splitlines() if line.startswith("head"))
+    configuration.write_text(CONFIGURATION.replace(head, ""), encoding="utf-8")
+
+    output_of("init", dive, "--output", dive.with_name("found.toml"))
+
+    text = dive.with_name("found.toml").read_text(encoding="utf-8")
+    found = tomllib.loads(text)
+    assert found["usbl"]["head"] == {"topic": "/GPGGA", "heading_topic": "/HEHDT"}
+    assert found["compass"]["topic"] == "/imu"
+    assert found["gps"]["topic"] == "none"
+    assert "CHECK: the ship that carries the head" in text
+    assert "# head" not in text
+    configuration.write_text(text, encoding="utf-8")
+    usbl = read_log(dive, Request()).tables["usbl"]
+    truth = np.array([vehicle_at(t) for t in usbl["time_s"]])
+    away_m = np.hypot(*(usbl[["east_m", "north_m"]].to_numpy() - truth).T)
+    np.testing.assert_allclose(away_m, math.hypot(*ARM), atol=0.1)  # the arm is not known
