@@ -137,7 +137,7 @@ def _draft(path: Path, request: Request) -> Draft:
     if examination is None or examination.log is None:
         tried = [
             (keys, _with_proposals(path, request, _stating(stated, keys), proposals)[0])
-            for keys in _of_ship(topics, stated)
+            for keys in _of_ship(topics, roles, stated)
         ]
         readable = [(keys, found) for keys, found in tried if found is not None and found.log is not None]
         if readable:
@@ -162,14 +162,18 @@ def _draft(path: Path, request: Request) -> Draft:
     return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"), head)
 
 
-def _of_ship(topics: Sequence[TopicInfo], stated: ConfigurationFile) -> list[dict[str, dict[str, object]]]:
+def _of_ship(
+    topics: Sequence[TopicInfo], roles: Roles, stated: ConfigurationFile
+) -> list[dict[str, dict[str, object]]]:
     """Return sections that give the only GPS, and one of two headings, to the ship that carries the head.
 
-    None if the configuration states where the head is.
+    None if fixes do not count from a head by their type, or if the configuration states where the head is.
     """
     content = cast("Mapping[str, Mapping[str, object]]", stated.content or {})
     gps, headings = ([one.name for one in topics if message_layout_of(role, one)] for role in ("gps", "compass"))
-    if len(gps) != 1 or not {"head", "beacon"}.isdisjoint(content.get("usbl", ())):
+    fixes = roles.chosen.get("usbl")
+    from_head = fixes and (fixes.layout.defaults.get("relative_to") == "head" or "bearing_deg" in fixes.layout.required)
+    if not from_head or len(gps) != 1 or not {"head", "beacon"}.isdisjoint(content.get("usbl", ())):
         return []
     if len(headings) != 2:
         return [{"usbl": {"head": {"topic": gps[0]}}}]
