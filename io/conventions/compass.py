@@ -14,7 +14,6 @@ from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.attitude import YAW, vertical, with_yaw, without_direction
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
-from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
@@ -69,7 +68,7 @@ def compass(
     chosen += corrections("deg", bias_deg=section.bias_deg, deviation_sin_deg=A, deviation_cos_deg=B)
     sd, sd_chosen = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0, out=heading), "sd_deg": sd}
-    made = keep_valid(converted_table(raw, times, columns, [*chosen, sd_chosen], findings), good)
+    made = converted_table(raw, times, columns, [*chosen, sd_chosen], findings).only(good)
     if raw.attitude is None:
         return made
     return replace(made, attitude=_attitude(raw.attitude, section, str(chosen[0].value)))

@@ -1,7 +1,7 @@
 """A sensor's records in the making: the convention of each key, the valid records, and the table of both."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -24,6 +24,10 @@ class ConvertedTable:
     findings: tuple[Finding, ...]
     geodetic: bool = False  # its positions are known by latitude and longitude
     attitude: "ConvertedTable | None" = None  # of a compass that knows it: fewer records, with compass.VERTICAL
+
+    def only(self, good: Mask) -> "ConvertedTable":
+        """Return it without the records that are not good."""
+        return self if good.all() else replace(self, table=self.table[good].reset_index(drop=True))
 
 
 def chosen_convention(

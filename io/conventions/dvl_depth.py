@@ -3,8 +3,6 @@
 An error of a sensor that the configuration states is subtracted here. Angles are degrees clockwise.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from usbldr.filters.errors import SettingError
@@ -160,7 +158,7 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
     causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}
     good, invalid = valid_mask(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
-    return keep_valid(converted_table(raw, times, {"depth_m": value}, chosen, [*findings, *invalid]), good)
+    return converted_table(raw, times, {"depth_m": value}, chosen, [*findings, *invalid]).only(good)
 
 
 def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
@@ -179,10 +177,3 @@ def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
 def _refuse(value: str | None, key: str, what: str, raw: RawRecords) -> None:
     if value is not None:
         raise SettingError(f"[depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")
-
-
-def keep_valid(made: ConvertedTable, good: Mask) -> ConvertedTable:
-    """Leave out the records that are not good."""
-    if good.all():
-        return made
-    return replace(made, table=made.table[good].reset_index(drop=True))

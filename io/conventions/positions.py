@@ -11,7 +11,6 @@ from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.axes import named_ned
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, valid_mask
-from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.decoding.nmea_kinds import ESTIMATED_QUALITIES, in_hemisphere
 from usbldr.io.findings import Finding
@@ -241,7 +240,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     chosen = [frame_chosen, *(notation_of(raw) if latlon else ()), sd_chosen]
     on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid, *on_grid])
-    return keep_valid(replace(made, geodetic=frame == "latlon"), good)
+    return replace(made.only(good), geodetic=frame == "latlon")
 
 
 def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:

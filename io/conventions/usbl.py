@@ -18,7 +18,6 @@ from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.axes import axis_signs, named_frd, named_ned
 from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
-from usbldr.io.conventions.dvl_depth import keep_valid
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.positions import exchanged_advice, grid_findings, notation_of, off_plane_causes, on_plane
 from usbldr.io.conventions.time_series import TimeSeries
@@ -128,7 +127,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
     from_geodetic_end = end is not None and end.plane_lat_deg is not None and fixes.relative_to_reference
-    return keep_valid(replace(made, geodetic=kind == "latlon" or from_geodetic_end), good)
+    return replace(made.only(good), geodetic=kind == "latlon" or from_geodetic_end)
 
 
 def _by_latitude(raw: RawRecords, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
