@@ -15,7 +15,13 @@ import pandas as pd
 
 from usbldr.filters.types import Array, Indices, Mask, Truth, Vector
 from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
-from usbldr.io.conventions.spikes import heading_jumps, heading_spikes, velocity_spikes, without_jumps
+from usbldr.io.conventions.spikes import (
+    displaced_velocities,
+    heading_jumps,
+    heading_spikes,
+    velocity_spikes,
+    without_jumps,
+)
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
@@ -111,7 +117,10 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
     records, spikes = _without_spikes(records, velocity_spikes, "m/s")
-    return records, [*found, *stuck_found, *spikes]
+    displaced = displaced_velocities(records.time_s, records.values)
+    text = f"lie between two steps of the velocity, there and back, that no vehicle makes; {LEFT_OUT}"
+    steps = _stretch_finding("DVL-JUMP", records, displaced, text)
+    return records.without(displaced), [*found, *stuck_found, *spikes, *steps]
 
 
 def _compass(records: Records, tables: Tables) -> Judged:

@@ -1,4 +1,4 @@
-"""Spikes of DVL and compass that no vehicle could follow, and jumps of the heading that stay.
+"""Spikes of DVL and compass that no vehicle could follow, and jumps of heading and velocity that stay.
 
 A Hampel rule with a running median (F. R. Hampel, "The Influence Curve and its Role in Robust Estimation", J. Amer.
 Statist. Assoc. 69, 1974, doi:10.1080/01621459.1974.10482962) finds records far from their neighbours. A running median
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.frames import wrapped
-from usbldr.filters.types import Array, Indices, Vector
+from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs
 from usbldr.io.messages.layouts import blocks
 
@@ -24,6 +24,7 @@ NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between 
 MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
 MIN_SPIKE_MPS = 0.5  # [m/s] likewise
 AGREEING = 0.8  # [-] by judgement: share of the records beside a jump that do not scatter
+RETURNING = 0.5  # [-] of a jump of the velocity, by judgement: what is left of it after the jump back
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
@@ -38,6 +39,34 @@ def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
         return change - MAX_ACCELERATION_MPS2 * (time_s[rows] - time_s[rows - 1])
 
     return _impossible(deviation, window, MIN_SPIKE_MPS, excess)
+
+
+def displaced_velocities(time_s: Vector, velocity_mps: Array) -> Mask:
+    """Return which velocities (n, 2) in m/s lie between a jump that no vehicle makes and the jump back, (n,).
+
+    So does a DVL that tracks something else for a while, or nothing; a jump is the difference of the medians after and
+    before. If most of the records lie there, nothing says which are right, and none is returned.
+    """
+    between = np.zeros(len(time_s), dtype=np.bool_)
+    step_mps = np.linalg.norm(np.diff(velocity_mps, axis=0), axis=1)
+    if not len(step_mps):
+        return between
+    noise_mps = NOISE_RATIO * float(np.median(step_mps))
+    least_mps = np.maximum(MIN_SPIKE_MPS, MAX_ACCELERATION_MPS2 * np.diff(time_s) + noise_mps)
+    half, open_jumps = _window(time_s) // 2, list[tuple[int, Vector]]()
+    for k in (np.flatnonzero(step_mps > least_mps) + 1).tolist():
+        sides = velocity_mps[max(0, k - half) : k], velocity_mps[k : k + half]
+        before, after = (np.median(side, axis=0) for side in sides)
+        jump = after - before
+        scatter = [np.linalg.norm(side - level, axis=1) for side, level in zip(sides, (before, after), strict=True)]
+        size = float(np.linalg.norm(jump))
+        if size < least_mps[k - 1] or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
+            continue
+        if open_jumps and np.linalg.norm(jump + open_jumps[-1][1]) < RETURNING * size:
+            between[open_jumps.pop()[0] : k] = True
+        else:
+            open_jumps.append((k, jump))
+    return between if between.mean() < 0.5 else np.zeros_like(between)
 
 
 def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:

@@ -13,12 +13,16 @@ WRONG_CLOCKS: Mapping[str, tuple[str, ...]] = {
 FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
     "usbl": FALSE_FIXES,
     "compass": ("SPIKES", "HEADING-JUMP"),
-    "dvl": ("SPIKES",),
+    "dvl": ("SPIKES", "DVL-JUMP"),
 }
 NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "sd": {"usbl": ("USBL-NOISE",), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
     "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT", "SENSOR-CHANGE")},
-    "bias": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
+    "bias": {
+        "compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP", "SENSOR-CHANGE"),
+        "dvl": ("DVL-JUMP",),
+        "usbl": FALSE_FIXES,
+    },
     "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
     "lever": {"dvl": ("DVL-LEVER", "LEVER-OR-LATENCY"), "usbl": ("DVL-LEVER", "LEVER-OR-LATENCY")},
     "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},

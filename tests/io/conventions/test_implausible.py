@@ -179,6 +179,47 @@ def test_a_wrong_heading_of_any_size_changes_no_other(dive: Log, at: int, size_d
     pd.testing.assert_series_equal(now, was)
 
 
+def with_velocities(dive: Log, wrong: Mask, velocity_mps: tuple[float, float], share: float = 1.0) -> Log:
+    """Add a velocity to some records, with a share of what they were."""
+    was = dive.tables["dvl"][VELOCITY].to_numpy()
+    return changed(dive, "dvl", VELOCITY, np.where(wrong[:, None], share * was + velocity_mps, was))
+
+
+@pytest.mark.parametrize(("from_s", "to_s"), [(200, 240), (200, 206), (480, 860)])
+@pytest.mark.parametrize(
+    ("velocity_mps", "share"), [((0.0, -1.0), 1.0), ((0.8, 0.3), 1.0), ((0.0, 0.0), 0.01), ((0.01, 0.02), -1.0)]
+)
+def test_velocities_that_no_vehicle_reaches_and_leaves_are_left_out(
+    dive: Log, from_s: float, to_s: float, velocity_mps: tuple[float, float], share: float
+) -> None:
+    """They are nearly 0, of another target, or of the wrong sign, and still noisy."""
+    wrong = within(dive, "dvl", from_s, to_s)
+    log = with_velocities(dive, wrong, velocity_mps, share)
+
+    assert found(log) == ["DVL-JUMP"]
+    assert lost(log) == {"dvl": times(log, "dvl")[wrong].tolist()}
+    assert without_implausible(log).findings[-1].worst == pytest.approx(to_s - from_s, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("spans_s", "velocity_mps"),
+    [
+        ([(200, 240)], (0.0, 0.4)),  # within what a vehicle reaches between two records
+        ([(200, 950)], (0.0, 1.0)),  # never leaves it: the log may end in it
+        ([(100, 800)], (0.0, 1.0)),  # most of the log
+        ([(200, 400), (300, 400)], (0.0, 1.0)),  # one step up, another one up, then down by both
+    ],
+)
+def test_velocities_that_a_vehicle_may_have_stay(
+    dive: Log, spans_s: list[tuple[float, float]], velocity_mps: tuple[float, float]
+) -> None:
+    log = dive
+    for span_s in spans_s:
+        log = with_velocities(log, within(dive, "dvl", *span_s), velocity_mps)
+
+    assert "DVL-JUMP" not in found(log)
+
+
 @pytest.mark.parametrize("share", [0.02, 0.1])
 def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: float) -> None:
     rng = np.random.default_rng(3)
@@ -240,10 +281,9 @@ def test_a_sensor_may_repeat_itself_if_it_is_coarse_or_polled_faster_than_it_mea
 
 
 def test_a_vehicle_at_rest_may_show_the_same_values_again(dive: Log) -> None:
-    still = within(dive, "dvl", 300, 400)[:, None]
-    velocity = np.where(still, 0.01 * np.random.default_rng(5).normal(size=(len(still), 2)), 1.0)
-    noise = np.random.default_rng(6).normal(0, 0.02, velocity.shape) * ~still
-    log = changed(dive, "dvl", VELOCITY, velocity + noise)
+    share = np.clip(np.abs(times(dive, "dvl") - 350)[:, None] - 50, 0, 1)  # it stops and starts within a second
+    noise = np.random.default_rng(6).normal(size=(len(share), 2))
+    log = changed(dive, "dvl", VELOCITY, share + (0.01 + 0.01 * share) * noise)
     log = changed(log, "compass", ["heading_deg"], holding_90_deg(dive)[:, None])
     log = stuck(log, "usbl", PLACE, 301, 400)
 
