@@ -42,7 +42,8 @@ from usbldr.io.settings.noise_sections import (
 MIN_SCALE_ERROR, MAX_SCALE_ERROR = -0.9, 10.0  # of a DVL's scale_error: a larger one is a wrong unit
 FIRST_YEAR, LAST_YEAR = 1970, 2115  # fixed: of times in nanoseconds since 1970
 Clock: TypeAlias = Literal["header", "log"]
-Place: TypeAlias = Literal["x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
+FixFlag: TypeAlias = Literal["fix_status", "fix_type", "quality"]
+Place: TypeAlias = Literal[FixFlag, "x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
 CompassColumn: TypeAlias = Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
 Stamp: TypeAlias = Literal[

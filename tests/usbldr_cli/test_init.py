@@ -16,6 +16,7 @@ from logs import MAP, refusal
 from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.reading.read import Request, read_log
 
 MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
 
@@ -255,6 +256,27 @@ def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_pa
     assert found["dvl"]["axes"] == "FRD"
     assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
     accepted(log, tmp_path / "found.toml")
+
+
+def test_the_words_of_ships_and_flags_of_receivers_are_proposed_and_used(tmp_path: Path) -> None:
+    """An autopilot's export: a position counts only with a fix."""
+    rows = [f"{(T0 + k * SECOND) // 1000},45.0,{7 + k * 1e-5:.5f},{3 * (k > 9)}" for k in range(40)]
+    speeds = [f"{(T0 + k * SECOND) // 1000},0.8,0.1" for k in range(40)]
+    log = write_csv(
+        tmp_path / "dive",
+        log_sensor_gps_0="\n".join(["timestamp,lat,lon,fix_type", *rows]),
+        log_dvl_0="\n".join(["timestamp,vel_forward,vel_right", *speeds]),
+    )
+
+    run("init", log, "--output", tmp_path / "found.toml")
+
+    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
+    at = {"time_unix_us": "timestamp"}
+    assert found["gps"]["columns"] == {**at, "lat_deg": "lat", "lon_deg": "lon", "fix_type": "fix_type"}
+    assert found["dvl"]["columns"] == {**at, "x": "vel_forward", "y": "vel_right"}
+    assert found["dvl"]["axes"][:2] == "FS"
+    read = read_log(log, Request(tmp_path / "found.toml", topics={"compass": "none"}))
+    assert (len(read.tables["gps"]), read.provenance["gps"].messages) == (30, 40)
 
 
 def test_the_depth_of_a_transponder_is_no_depth_sensor(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Fields of any sentence, line or object by name, and layout files that define them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence
 from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_sentences import WORD_LINE, find_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
@@ -186,6 +188,34 @@ def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
 
     assert {name: topic.count for name, topic in topics.items()} == {"/object": 3, "/nav": 3}
     assert topics["/nav"].has("a.b")
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("time", lambda k: f"2020-09-13T12:26:4{k}.5Z"),
+        ("timestamp", lambda k: 1600000000.5 + k),
+        ("t_ms", lambda k: 1600000000500 + 1000 * k),
+        ("time_ns", lambda k: 1600000000500000000 + 10**9 * k),
+    ],
+)
+def test_an_object_may_hold_its_time(tmp_path: Path, name: str, of: Callable[[int], object]) -> None:
+    rows = [{"type": "nav", "x": 1600000001.0, "truth_time": 5, name: of(k)} for k in range(5)]
+    (tmp_path / "a.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")
+
+    log = open_log(tmp_path / "a.jsonl")
+
+    read = read_whole(log, {"/nav": ["x"]})["/nav"]
+    assert read.received_ns.tolist() == [1600000000500000000 + 10**9 * k for k in range(5)]
+    assert not log.findings()
+
+
+def test_objects_without_a_time_are_a_second_apart(tmp_path: Path) -> None:
+    (tmp_path / "a.jsonl").write_text('{"type": "nav", "x": 1}\n' * 3, encoding="utf-8")
+
+    (finding,) = open_log(tmp_path / "a.jsonl").findings()
+
+    assert finding.text == "a.jsonl: 3 objects have no time that is known; they are taken as 1 s apart"
 
 
 def test_the_word_that_a_line_begins_with_is_not_part_of_a_number() -> None:
