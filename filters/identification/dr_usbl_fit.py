@@ -116,7 +116,8 @@ def _huber_rotation(track: Points, fixes: Points, group: Indices) -> tuple[float
         a, b = centred(track), centred(fixes)
         rotation = float(np.angle(np.sum(weights * b * np.conj(a))))
         distance = np.abs(b - np.exp(1j * rotation) * a)
-        weights = np.minimum(1.0, 2 * _scale(distance) / np.maximum(distance, 1e-12))
+        most = 2 * _scale(distance)  # 0 if most fixes are alone in their group
+        weights = np.where(distance <= most, 1.0, most / np.maximum(distance, 1e-12))
     return rotation, weights
 
 

@@ -159,6 +159,8 @@ def _with_earlier_records(
 ) -> Timeline:
     """Return the timeline with records that are true earlier by ``clock_s``; those of an epoch stay together."""
     t, at_epochs = timeline.time_s, getattr(timeline, reckoned)
+    if len(t) < 2:  # a single epoch has no earlier one
+        return timeline
     earlier = interpolate(timeline, at_epochs.reshape(len(t), -1), t + clock_s).reshape(at_epochs.shape)
     rows = np.arange(len(t)) + round(clock_s / float(t[1] - t[0]))
     inside, rows = (rows >= 0) & (rows < len(t)), np.clip(rows, 0, len(t) - 1)

@@ -49,6 +49,8 @@ def _outliers(log: Log, timeline: Timeline, found: Identification) -> list[Findi
 def _change(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
     """Report a change of the noise within the dive, from the distance of fixes to dead reckoning fitted to them."""
     sigmas = residuals_m(without_errors(timeline, found)) / _stated_m(timeline)
+    if not np.isfinite(sigmas).any():
+        return []
     middle = max(float(np.nanmedian(sigmas)), 1e-9)
     change = noise_change(timeline.fix_time_s, (sigmas * MEDIAN_SIGMAS / middle) ** 2 / 2)
     if change is None:

@@ -2,8 +2,8 @@
 
 Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
 time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
-takes that of the line before. Any other object is a topic by its "type"; without any time they are taken as 1 s apart.
-An object may fill several lines.
+takes that of the line before. Any other object is a topic by its "type", and timed by a field that is called a time, in
+any unit since 1970 or as a date; without any time they are taken as 1 s apart. An object may fill several lines.
 """
 
 import json
@@ -18,6 +18,7 @@ from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, js
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
+from usbldr.io.messages.field_names import named_column
 from usbldr.io.reader import Records, TopicInfo, name_of
 
 REPORTS = ("velocity", "velocity_water", "position_local")
@@ -91,7 +92,7 @@ class JsonLinesLog:
             text = f"{self.path.name}: {untimed} lines have no time; log them with one before each line"
             self._lost.append(Finding("UNDECODED", text, lost_data=True))
         if numbered:
-            text = f"{self.path.name}: {numbered} lines begin with no time; they are taken as 1 s apart"
+            text = f"{self.path.name}: {numbered} objects have no time that is known; they are taken as 1 s apart"
             self._lost.append(Finding("NMEA-TIME", text))
         return found
 
@@ -232,4 +233,7 @@ def _own_time(value: Mapping[str, Any], last: int) -> int:
         return sent_us * 1000
     if isinstance(seconds, int | float) and EARLIEST_S < seconds < LATEST_S:
         return round(seconds * 1e6) * 1000  # microseconds: a float has no more
-    return last
+    if _kind(value) in WATER_LINKED:
+        return last
+    named = (stated for name, stated in value.items() if (column := named_column(name)) and column.rule.key == "time")
+    return next((time_ns for stated in named if (time_ns := prefixed_ns(str(stated))) != NO_TIME), last)

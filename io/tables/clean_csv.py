@@ -100,6 +100,7 @@ def clean_columns(file: Path, header: Sequence[str], begin: int) -> Mapping[str,
     """Return the columns of a clean file whose rows begin behind line ``begin``; None for any other file."""
     options: dict[str, Any] = {"header": None, "names": list(header), "skiprows": begin, "keep_default_na": False}
     options["quoting"] = csv.QUOTE_NONE  # before the rows, too
+    options["compression"] = None  # whatever the file is called
     columns: dict[str, Sequence[str]] = {}
     with opened(file) as content:
         before = b"".join(content.readline(limit(LINE_CHARACTERS)) for _ in range(begin))

@@ -10,8 +10,10 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from recordings import T0
+from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.collected import read_whole
+from usbldr.io.formats.detect import open_log
 from usbldr.io.tables import clean_csv, csv_text
 from usbldr.io.tables.cells import nanoseconds, numbers, times
 from usbldr.io.tables.clean_csv import NumberColumn
@@ -61,6 +63,15 @@ def test_a_cell_means_the_same_on_all_paths(table: Sequence[Sequence[str]], end:
             assert fast == interpreted(file)
         with patch.object(clean_csv, "_by_pyarrow", lambda *_: None):
             assert fast == interpreted(file)
+
+
+def test_a_clean_file_may_have_any_ending(tmp_path: Path) -> None:
+    write_csv(tmp_path / "dive", dvl="time_ns,forward_mps,starboard_mps\n1,2.5,0.1\n2,2.5,0.2")
+    (tmp_path / "dive" / "dvl.csv").rename(tmp_path / "dive" / "dvl.csv.gz")
+
+    log = open_log(tmp_path / "dive")
+
+    assert read_whole(log, {"/dvl.csv": ["forward_mps"]})["/dvl.csv"].columns["forward_mps"].tolist() == [2.5, 2.5]
 
 
 def test_a_clean_file_takes_the_fast_path(tmp_path: Path) -> None:
