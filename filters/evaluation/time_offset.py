@@ -22,6 +22,7 @@ LEAST_POINTS = 40  # [points] five in each part
 SIGNIFICANT_SIGMAS = 4.0  # chance is below 1 in 10 000
 LEAST_OFFSET_S = 0.3  # [s] less moves a vehicle by less than a fix scatters
 EXPLAINED_SHARE = 0.5  # of the mean square distance: an offset that explains less is not its cause
+LONGEST_ARM_M = 5.0  # [m] by judgement: a vehicle with an antenna and a transponder further apart is rare
 LEAP_SECONDS, LEAP_TOLERANCE_S = 18.0, 1.5  # fixed: GPS time minus UTC since 2017
 
 
@@ -32,6 +33,7 @@ class TimeOffset(NamedTuple):
     sd_s: float
     rms_m: float
     corrected_m: float
+    speed_mps: float = np.inf  # of the truth, RMS about its mean velocity
 
     @property
     def notable(self) -> bool:
@@ -46,10 +48,15 @@ class TimeOffset(NamedTuple):
         why = f" (GPS time and UTC are {LEAP_SECONDS:g} s apart)" if leap else ""
         late = by_fixes and self.late_s < 0
         fixes = f"; if the truth's is, the fixes are late: latency_s = {-self.late_s:.2f} under [usbl]" if late else ""
+        ahead_m = -self.late_s * self.speed_mps
+        where = f"{abs(ahead_m):.1f} m {'ahead' if ahead_m > 0 else 'astern'}"
+        point = f"; if both clocks are right, the truth may be of a point {where}: lever_arm_m under [{section}]"
+        point = point if abs(ahead_m) < LONGEST_ARM_M else ""
         return (
             f"{truth}: stamps of the truth are {abs(self.late_s):.2f} ± {self.sd_s:.2f} s {side} against {track}{why}; "
             f"the RMS distance without a constant shift is {self.rms_m:.2f} m, and {self.corrected_m:.2f} m with them "
             f"corrected; if the sensors' clock is right, state latency_s = {self.late_s:.2f} under [{section}]{fixes}"
+            f"{point}"
         )
 
 
@@ -93,7 +100,11 @@ def _offset(time_s: Vector, track_m: Array, truth: Truth, farthest_s: float) -> 
         return None
     if farthest_s > FARTHEST_S:
         unmoved_m = _rms_m(time_s[used], track_m[used], truth, 0.0)
-    return None if unmoved_m is None else TimeOffset(late_s, sd_s, unmoved_m, corrected_m)
+    return (
+        None
+        if unmoved_m is None
+        else TimeOffset(late_s, sd_s, unmoved_m, corrected_m, float(np.sqrt(2 * np.mean(velocity_mps**2))))
+    )
 
 
 def _apart(time_s: Vector, track_m: Array, truth: Truth, late_s: float) -> tuple[Mask, Array, Array]:

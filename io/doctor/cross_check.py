@@ -176,8 +176,11 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
 FIXED_ADVICE = "the names of its columns say how it was read; check them, and the signs of their values"
 
 
-def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
-    """Return a finding for each convention, mounting or clock if another fits clearly better; change nothing."""
+def convention_warnings(log: Log, timeline: Timeline, identification: Identification | None = None) -> list[Finding]:
+    """Return a finding for each convention, mounting or clock if another fits clearly better; change nothing.
+
+    An identification says which rotation is evident beside other sensor errors, if the log is read right.
+    """
     if not {*SENSORS} <= log.tables.keys():
         return []
     sources = message_evidence(log)
@@ -191,7 +194,8 @@ def convention_warnings(log: Log, timeline: Timeline) -> list[Finding]:
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
         return heading_unit_findings(log, corrected, result) or moving
-    found = [*steps, *_fit_findings(log, corrected, result)]
+    asked = identification is not None and identification.evidence and result.best == result.as_read
+    found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
     return [d for d in found if d.code in REPLAY_WARNING_CODES]

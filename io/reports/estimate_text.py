@@ -47,13 +47,15 @@ def noise_changes_text(changes: Sequence[NoiseChange]) -> str:
 
 
 def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
-    """Return which sensor errors were found and which not, with the natural logarithms of their odds."""
-    sides = {"found": True, "not found": False}
-    texts = {
-        side: ", ".join(f"{one.key} ({one.log_odds:+.1f})" for one in evidence if one.exists is exists)
-        for side, exists in sides.items()
-    }
-    return "; ".join(f"{side} {text}" for side, text in texts.items() if text) + " (log odds; 3: 20 to 1)"
+    """Return which sensor errors were found and which not, with the natural logarithms of their odds.
+
+    Possible is one that another error explains as well, or better: the track covers both.
+    """
+    sides: dict[str, list[str]] = {"found": [], "possible": [], "not found": []}
+    for one in evidence:
+        side = "not found" if not one.exists else "found" if one.log_odds > 0 else "possible"
+        sides[side].append(f"{one.key} ({one.log_odds:+.1f})")
+    return "; ".join(f"{side} {', '.join(keys)}" for side, keys in sides.items() if keys) + " (log odds; 3: 20 to 1)"
 
 
 def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:

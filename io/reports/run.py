@@ -24,7 +24,8 @@ from usbldr.io.log import Log
 from usbldr.io.reports.poses import column_at
 from usbldr.io.reports.run_provenance import RunProvenance
 
-FAR = 3.0  # [-] of the fixes' median distance: so far from the truth is a track that is as near as that to the fixes
+MOST = 0.8  # [-] of the fixes, by judgement: fewer do not show that the track is right
+FAR = 2.0  # [-] of the distance within which they are: the truth is further from the track than the fixes
 
 
 class ScoredTrack(NamedTuple):
@@ -113,12 +114,13 @@ class Run:
         return np.array([parameters.usbl.modes(one).mixture_cov for one in cov_m2])
 
     @property
-    def _fix_scatter_m(self) -> float:
-        """The median distance of the fixes from the track; NaN without fixes."""
+    def _most_fixes_within_m(self) -> float:
+        """The distance from the track within which MOST of the fixes are; NaN without fixes."""
         time_s, fix_m = self._fixes
         track = self.scored.trajectory
         east_m, north_m = (np.interp(time_s, track.time_s, track.position_m[:, axis]) for axis in (0, 1))
-        return float(np.median(np.hypot(fix_m[:, 0] - east_m, fix_m[:, 1] - north_m))) if len(time_s) else np.nan
+        away_m = np.hypot(fix_m[:, 0] - east_m, fix_m[:, 1] - north_m)
+        return float(np.quantile(away_m, MOST)) if len(time_s) else np.nan
 
     @property
     def verdict(self) -> str:
@@ -140,10 +142,10 @@ class Run:
                 hint = "an error that the filter does not estimate is left; usbldr doctor looks for others"
             if self.method not in METHODS:
                 hint = "its covariance is too small"
-            elif (scatter_m := self._fix_scatter_m) * FAR < report.shift.mean_m:
+            elif (most_m := self._most_fixes_within_m) * FAR < report.shift.mean_m:
                 hint = (
-                    f"the fixes are within {scatter_m:.1f} m of the track (median), so that the truth is of another "
-                    "vehicle (a ship's receiver), or all fixes share an error; usbldr doctor looks for others"
+                    f"{100 * MOST:.0f} % of the fixes are within {most_m:.1f} m of the track, so that the truth is of "
+                    "another vehicle (a ship's receiver), or all fixes share an error; usbldr doctor looks for others"
                 )
             apart = f", without a constant shift {report.shift.nees:.1f}" if report.mostly_shift else ""
             nees = f"NEES {report.nees.mean:.1f}{apart}, expected {DOF}"

@@ -81,7 +81,7 @@ def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> Prepare
 
     settings = plan.choices.settings(log.start_ns)
     found = resolve(log, dive_timeline, plan.method, settings)
-    log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline)))
+    log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline, found)))
     return PreparedRun(log, dive_timeline, settings, found)
 
 

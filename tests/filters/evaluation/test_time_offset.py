@@ -63,6 +63,21 @@ def test_a_clock_of_18_s_is_said_and_proposed_and_a_right_one_is_not() -> None:
     assert evaluate(track, truth_of(SECONDS, turning_m(SECONDS))).warnings == ()
 
 
+@pytest.mark.parametrize(("ahead_m", "where"), [(3.0, "ahead"), (-3.0, "astern")])
+def test_a_truth_of_another_point_is_named_beside_its_clock(ahead_m: float, where: str) -> None:
+    heading = np.sin(SECONDS / 60)
+    ahead = np.column_stack([np.sin(heading), np.cos(heading)])
+    way_m = np.cumsum(1.5 * ahead, axis=0)
+    track = Trajectory("adf", ("x", "y"), SECONDS, way_m, np.tile(0.01 * np.eye(2), (600, 1, 1)))
+
+    warning = evaluate(track, truth_of(SECONDS, way_m + ahead_m * ahead)).warnings[-1]
+
+    arm_m = float(re.findall(rf"a point ([\d.]+) m {where}: lever_arm_m under \[gps\]", warning)[0])
+    assert arm_m == pytest.approx(3.0, rel=0.4)  # part of it is a constant shift
+    warning = evaluate(track, truth_of(SECONDS + 18, way_m)).warnings[-1]
+    assert "lever_arm_m" not in warning  # no vehicle is so long
+
+
 def test_on_a_straight_course_a_clock_is_named_beside_the_shift() -> None:
     line_m = np.column_stack([1.2 * SECONDS, 1.6 * SECONDS])
     track = Trajectory("adf", ("x", "y"), SECONDS, line_m + NOISE_M, np.tile(np.eye(2), (600, 1, 1)))

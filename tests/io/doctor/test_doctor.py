@@ -16,7 +16,9 @@ from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radi
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv, yaw
 from usbldr.filters.errors import LogError
-from usbldr.io.doctor.cross_check import cross_check
+from usbldr.filters.identification.identification import Identification, SensorErrorEvidence
+from usbldr.filters.models.parameters import Parameters
+from usbldr.io.doctor.cross_check import convention_warnings, cross_check
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.reader import Records
 from usbldr.io.reading.epochs import timeline
@@ -96,6 +98,14 @@ def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) ->
     assert "HEADING-CONVENTION" in [finding["code"] for finding in report["findings"]]
     texts = [convention["text"] for convention in report["sensors"]["compass"]["conventions"]]
     assert "convention ENU (by type)" in texts
+
+
+def test_replay_warns_of_no_turn_for_which_there_is_no_evidence(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, curved_dive(mount_deg=7.0)), Request("none"))
+    line, unfounded = timeline(log), SensorErrorEvidence("heading", -5.0, exists=False, estimates=())
+
+    for found, warned in ((None, True), (Identification(Parameters(), (unfounded,)), False)):
+        assert ("DVL-MOUNT" in [one.code for one in convention_warnings(log, line, found)]) == warned
 
 
 def test_replay_and_doctor_exclude_the_mirror_image_by_the_same_evidence(tmp_path: Path) -> None:

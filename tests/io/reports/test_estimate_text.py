@@ -3,7 +3,13 @@ import pytest
 
 from usbldr.filters.identification.identification import ErrorEstimate, NoiseChange, SensorErrorEvidence
 from usbldr.filters.models.calibration import EstimatedError
-from usbldr.io.reports.estimate_text import error_text, fixed_errors_text, noise_changes_text, with_sigma
+from usbldr.io.reports.estimate_text import (
+    error_text,
+    evidence_text,
+    fixed_errors_text,
+    noise_changes_text,
+    with_sigma,
+)
 
 
 @pytest.mark.parametrize(
@@ -49,3 +55,13 @@ def test_the_side_of_a_lever_is_a_word_and_not_a_sign() -> None:
     assert "m astern of it" in text(-1.0)
     assert "s early against" in text(-1.0)
     assert "-" not in text(-1.0)
+
+
+def test_an_error_that_another_one_explains_better_is_possible() -> None:
+    odds = {"heading": (44.9, True), "latency": (0.8, True), "dvl-lever": (-0.8, True), "scale": (-3.9, False)}
+    evidence = [SensorErrorEvidence(key, number, exists, ()) for key, (number, exists) in odds.items()]
+
+    assert evidence_text(evidence) == (
+        "found heading (+44.9), latency (+0.8); possible dvl-lever (-0.8); not found scale (-3.9) "
+        "(log odds; 3: 20 to 1)"
+    )
