@@ -65,7 +65,9 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
             sections[role] += lines_of(examination, log) if role in log.tables else []
         for role, one in proposals.items():
             for key, (value, why) in one.words.items():
-                _keep(sections[role], f"{key} = {quoted(value)}", key, why)
+                entry = f"{key} = {quoted(value)}"
+                if key != "unit" or entry in dict(sections[role]):  # else the fixes show another one
+                    _keep(sections[role], entry, key, why)
         if drafted.head:
             _keep(sections["usbl"], f"head = {inline(drafted.head)}", "head", WHY_HEAD)
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []

@@ -325,15 +325,25 @@ def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
     return {name: {str(label): values.to_numpy() for label, values in sheet.items()} for name, sheet in sheets.items()}
 
 
-def test_velocities_that_are_impossible_in_metres_are_proposed_in_millimetres(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("unit", "factor", "why"),
+    [
+        ("mm/s", 1000, "in m/s its velocities are impossible"),
+        ("cm/s", 100, "estimated from the distances between fixes"),
+    ],
+)
+def test_velocities_that_are_impossible_in_metres_are_proposed_in_another_unit(
+    tmp_path: Path, unit: str, factor: int, why: str
+) -> None:
     log = without_units(tmp_path / "dive")
-    dvl = pd.read_csv(log / "dvl.csv").assign(vx=lambda table: table["vx"] * 1000, vy=lambda table: table["vy"] * 1000)
+    dvl = pd.read_csv(log / "dvl.csv")
+    dvl[["vx", "vy"]] *= factor
     dvl.to_csv(log / "dvl.csv", index=False)
 
     text, found = initialised(log, tmp_path / "found.toml")
 
-    assert (found["dvl"]["unit"], found["dvl"]["axes"]) == ("mm/s", "FRD")
-    assert "# CHECK: in m/s its velocities are impossible" in text
+    assert (found["dvl"]["unit"], found["dvl"]["axes"]) == (unit, "FRD")
+    assert f"# CHECK: {why}" in text
     accepted(log, tmp_path / "found.toml")
 
 
