@@ -33,7 +33,7 @@ from usbldr.filters.identification.conclusions import (
     noise_changes,
 )
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
-from usbldr.filters.identification.false_runs import false_fixes, false_starts
+from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member
 from usbldr.filters.identification.identification import CONTRADICTED, LEVER_OR_LATENCY, FalseRun, Identification
 from usbldr.filters.identification.linearisation import (
     COMPASS_CLOCK,
@@ -45,6 +45,7 @@ from usbldr.filters.identification.linearisation import (
     keys_of,
     prior_sds,
 )
+from usbldr.filters.identification.lost_dvl import cost, lost_dvl
 from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
 from usbldr.filters.models.parameters import Parameters, SensorChange
@@ -88,6 +89,11 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     changed = changes(timeline.with_fixes(~outliers), stated)
     if changed.changes:
         best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
+    if not best.changes:
+        near = timeline.with_fixes(~outliers)
+        for lost in lost_dvl(near, robust_member(near, best.members[0], stated)):
+            other = _explanation(timeline, stated, outliers, FoundChanges(lost, cost(near)))
+            best = max(best, other, key=lambda one: one.log_evidence)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = _likeliest([_choice(kept, member, stated) for member in best.members])
     found = concluded(kept, given, stated, choice)

@@ -43,19 +43,25 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
     those of them that are correct; the likeliest noise decides. None is false if half of them would be: nothing says
     then which half.
     """
-    fitted, found, errors = member.parameters, false_runs(timeline, member), stated.errors
+    fitted, found = member.parameters, false_runs(timeline, member)
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
-    if at_fault or found.false.any() or fitted.errors.usbl_bias_m > errors.usbl_bias_m:
-        errors = replace(fitted.errors, usbl_bias_m=errors.usbl_bias_m, usbl_bias_s=errors.usbl_bias_s)
-        robust = replace(stated, errors=errors, usbl_sd_scale=_sd_scale(timeline, member))
-        other = false_runs(timeline, member._replace(parameters=robust))
+    if at_fault or found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
+        robust = robust_member(timeline, member, stated)
+        other = false_runs(timeline, robust)
         found = max(found, other, key=lambda runs: runs.log_likelihood)
         if not other.false.all():
             correct = timeline.with_fixes(~other.false)
-            refitted = estimate_usbl_noise(correct, member._replace(parameters=robust), stated)
+            refitted = estimate_usbl_noise(correct, robust, stated)
             other = false_runs(timeline, member._replace(parameters=refitted))
             found = max(found, other, key=lambda runs: runs.log_likelihood)
     return found.false & (found.false[:MAX_FIXES].mean() < 0.5), found.log_likelihood
+
+
+def robust_member(timeline: Timeline, member: Member, stated: Parameters) -> Member:
+    """Return the member with the stated noise, but for the sigma that neighbouring fixes show."""
+    shared = {name: getattr(stated.errors, name) for name in ("usbl_bias_m", "usbl_bias_s")}
+    errors = replace(member.parameters.errors, **shared)
+    return member._replace(parameters=replace(stated, errors=errors, usbl_sd_scale=_sd_scale(timeline, member)))
 
 
 def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:

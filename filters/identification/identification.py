@@ -111,7 +111,7 @@ class Identification:
             *([f"FALSE-FIXES: {text}"] if (text := self.false_runs_text) else []),
             *(
                 f"SENSOR-CHANGE: {text}; this was taken off, and later fixes decided it, too"
-                for text in self.change_texts
+                for text in self.change_texts.values()
             ),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
             *([f"RIVAL-EXPLANATIONS: {text}"] if (text := self.misplaced_text) else []),
@@ -182,21 +182,29 @@ class Identification:
         )
 
     @property
-    def change_texts(self) -> tuple[str, ...]:
-        """Return what each of the parameters' changes is, and what to check."""
-        before, texts = SensorChange(0.0, 0.0, 0.0), list[str]()
+    def change_texts(self) -> Mapping[float, str]:
+        """Return when compass or DVL changed -> what the change is, and what to check."""
+        before, texts = SensorChange(0.0, 0.0, 0.0), dict[float, str]()
         for one in self.parameters.changes:
+            if before.dvl_lost:
+                texts[before.start_s] = (
+                    f"from {before.start_s:.0f} to {one.start_s:.0f} s the DVL does not read the vehicle's motion, as "
+                    "the fixes before and after show (check its bottom lock; or the USBL's head or beacon was moved)"
+                )
+            if one.dvl_lost or before.dvl_lost:
+                before = one
+                continue
             turned_deg = math.degrees(math.remainder(before.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
             scale = (1 + one.dvl_scale) / (1 + before.dvl_scale) - 1
             check = "check compass and DVL at this time: mounting, sound speed, bottom lock"
             if max(1 + scale, 1 / (1 + scale)) > MOST_OF_SCALE:
                 check = "so much is no scale error: the DVL has no bottom lock or repeats itself, or the fixes do"
-            texts.append(
+            texts[one.start_s] = (
                 f"from {one.start_s:.0f} s on headings read {turned_deg:+.1f}° and speeds {scale:+.1%} compared with "
                 f"before ({check})"
             )
             before = one
-        return tuple(texts)
+        return texts
 
     @property
     def false_runs_text(self) -> str:

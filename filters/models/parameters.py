@@ -162,6 +162,7 @@ class SensorChange(NamedTuple):
     start_s: float
     heading_bias_rad: float  # anticlockwise, as the state
     dvl_scale: float  # [-] of its readings
+    dvl_lost: bool = False  # its readings are not of this vehicle's motion over ground
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
-from usbldr.filters.types import Array, Timeline, Trajectory, Vector
+from usbldr.filters.types import Array, Outage, Timeline, Trajectory, Vector
 
 CLOCKS: Mapping[str, tuple[str, str, str, str]] = {
     "dvl_clock": ("dvl_mps", "dr_mps", "dvl_count", "dvl_sd_mps"),
@@ -174,8 +174,22 @@ def _with_earlier_records(
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:
-    """Return the timeline with compass and DVL read as before the first change."""
+    """Return the timeline with compass and DVL read as before the first change; a DVL that is lost has an outage."""
     since = np.searchsorted([one.start_s for one in changed], timeline.time_s, side="right")
+    lost = np.array([False, *(one.dvl_lost for one in changed)])[since]
+    if lost.any() and not lost.all():
+        kept_s, last_s = timeline.time_s[~lost], float(timeline.time_s[-1])
+        ends_s = [*(one.start_s for one in changed), last_s]
+        gaps = [
+            Outage("dvl", one.start_s, end_s) for one, end_s in zip(changed, ends_s[1:], strict=True) if one.dvl_lost
+        ]
+        timeline = replace(
+            timeline,
+            dvl_mps=np.where(lost[:, None], np.nan, timeline.dvl_mps),
+            dvl_count=np.where(lost, 0, timeline.dvl_count),
+            dr_mps=np.column_stack([np.interp(timeline.time_s, kept_s, v) for v in timeline.dr_mps[~lost].T]),
+            outages=(*timeline.outages, *gaps),
+        )
     turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]
     scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
     return replace(

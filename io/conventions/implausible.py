@@ -13,6 +13,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.frames import rotated
 from usbldr.filters.types import Array, Indices, Mask, Truth, Vector
 from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import (
@@ -27,6 +28,7 @@ from usbldr.io.log import Log
 
 REST_MPS = 0.05  # [m/s] of the mean velocity: the sensors of a slower vehicle may show the same values again
 SPIKE_PASSES = 20  # of eight hours at 10 Hz with 40 % false headings 12 find some, with 20 % two
+MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
 LEFT_OUT = "they are left out"
 
 
@@ -117,10 +119,40 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
     records, spikes = _without_spikes(records, velocity_spikes, "m/s")
-    displaced = displaced_velocities(records.time_s, records.values)
+    displaced = _against_fixes(displaced_velocities(records.time_s, records.values), records, tables)
     text = f"lie between two steps of the velocity, there and back, that no vehicle makes; {LEFT_OUT}"
     steps = _stretch_finding("DVL-JUMP", records, displaced, text)
     return records.without(displaced), [*found, *stuck_found, *spikes, *steps]
+
+
+def _against_fixes(displaced: Mask, records: Records, tables: Tables) -> Mask:
+    """Return the stretches of velocities (n,) but for those which the USBL's fixes beside them show to be right.
+
+    The distance between the fixes is compared with that of dead reckoning with these velocities, and without them: a
+    simulated vehicle may change its speed at once.
+    """
+    if "usbl" not in tables or "compass" not in tables or not displaced.any():
+        return displaced
+    fixes, headings = (Records.of("", tables[role], CHECKS[role][0]) for role in ("usbl", "compass"))
+    yaw = np.interp(records.time_s, headings.time_s, np.unwrap(np.radians(headings.values[:, 0])))
+    variance_m2 = float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float)))
+    kept = displaced.copy()
+    for first, end in zip(*runs(displaced), strict=True):
+        before, after = np.searchsorted(fixes.time_s, records.time_s[[first, end - 1]])
+        if not 0 < before <= after < len(fixes.time_s):
+            continue
+        span = slice(*np.searchsorted(records.time_s, fixes.time_s[[before - 1, after]]))
+        dt_s, inside = np.gradient(records.time_s[span])[:, None], displaced[span]
+        without = records.values[span].copy()
+        without[inside] = np.median(records.values[[first - 1, end]], axis=0)
+        way_m = [
+            float(np.hypot(*(rotated(-yaw[span], velocity) * dt_s).sum(axis=0)))
+            for velocity in (records.values[span], without)
+        ]
+        fix_m = float(np.hypot(*(fixes.values[after] - fixes.values[before - 1])))
+        with_them, without_them = ((one - fix_m) ** 2 / (4 * variance_m2) for one in way_m)
+        kept[first:end] = without_them - with_them < MIN_LOG_ODDS
+    return kept
 
 
 def _compass(records: Records, tables: Tables) -> Judged:

@@ -44,8 +44,8 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
     effect_m = float(np.hypot(*interpolate(timeline, moved_m, timeline.fix_time_s).std(axis=0)))
     ending = f"; the changes move dead reckoning by {effect_m:.2g} m RMS, and replay takes them off"
     return [
-        Finding("SENSOR-CHANGE", text + ending, topic_of(log, "compass"), one.start_s, effect_m, "m")
-        for one, text in zip(changes, found.change_texts, strict=True)
+        Finding("SENSOR-CHANGE", text + ending, topic_of(log, "compass"), start_s, effect_m, "m")
+        for start_s, text in found.change_texts.items()
     ]
 
 

@@ -197,4 +197,39 @@ def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> 
 
     texts = replace(found, parameters=replace(found.parameters, changes=some)).change_texts
 
-    assert ["so much is no scale error" in text for text in texts] == [False, True, True]
+    assert ["so much is no scale error" in text for text in texts.values()] == [False, True, True]
+
+
+@pytest.mark.parametrize("from_s", [90.0, 150.0, 260.0])
+def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float) -> None:
+    """Most fixes follow, or precede: the others would be false otherwise."""
+    still = ((DIVE.time_s >= from_s) & (DIVE.time_s < from_s + 40.0))[:, None]
+    noise_mps = np.random.default_rng(4).normal(0, 0.01, DIVE.dvl_mps.shape)
+    line = replace(
+        DIVE, dvl_mps=np.where(still, noise_mps, DIVE.dvl_mps), dr_mps=np.where(still, noise_mps, DIVE.dr_mps)
+    )
+
+    found = identify(line, ASSUMED)
+
+    begin, end = found.parameters.changes
+    assert (begin.dvl_lost, end.dvl_lost) == (True, False)
+    assert (begin.start_s, end.start_s) == pytest.approx((from_s, from_s + 40.0), abs=10.0)
+    assert len(found.parameters.false_fixes) < 10
+    ((since_s, text),) = found.change_texts.items()
+    assert since_s == begin.start_s
+    assert text.startswith(f"from {begin.start_s:.0f} to {end.start_s:.0f} s the DVL does not read the vehicle's")
+    tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
+    assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.3
+
+
+def test_a_lost_dvl_has_an_outage_and_dead_reckoning_goes_on() -> None:
+    lost = without_changes(DIVE, (SensorChange(100.0, 0.0, 0.0, dvl_lost=True), SensorChange(140.0, 0.1, 0.0)))
+
+    inside = (DIVE.time_s >= 100.0) & (DIVE.time_s < 140.0)
+    assert np.isnan(lost.dvl_mps[inside]).all()
+    assert not lost.dvl_count[inside].any()
+    assert [(gap.sensor, gap.start_s, gap.end_s) for gap in lost.outages] == [("dvl", 100.0, 140.0)]
+    np.testing.assert_array_equal(lost.dvl_count[~inside], DIVE.dvl_count[~inside])
+    np.testing.assert_array_equal(lost.dr_mps[~inside], DIVE.dr_mps[~inside])
+    np.testing.assert_allclose(lost.dr_mps[inside], DIVE.dr_mps[inside], atol=0.3)
+    assert lost.yaw_rad[-1] == pytest.approx(DIVE.yaw_rad[-1] - 0.1)

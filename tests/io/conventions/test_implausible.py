@@ -220,6 +220,13 @@ def test_velocities_that_a_vehicle_may_have_stay(
     assert "DVL-JUMP" not in found(log)
 
 
+def test_the_fixes_show_that_a_simulated_vehicle_changes_its_speed_at_once() -> None:
+    log = simulated_log(find_scenario("turns"), seed=1)
+
+    assert found(log) == []
+    assert "DVL-JUMP" in found(replace(log, tables={name: log.tables[name] for name in ("dvl", "compass")}))
+
+
 @pytest.mark.parametrize("share", [0.02, 0.1])
 def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: float) -> None:
     rng = np.random.default_rng(3)

@@ -1,0 +1,62 @@
+"""Find a while in which the DVL does not measure the vehicle's motion, although its velocities look possible.
+
+From then on all fixes lie beside dead reckoning, as in a run of false fixes that lasts to the end of the log or from
+its beginning. The likeliest while about the edge of such a run is sought; evidence.py compares the two.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from usbldr.filters.identification.false_runs import false_runs
+from usbldr.filters.identification.identification import STRONG_ODDS
+from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
+from usbldr.filters.models.parameters import SensorChange
+from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.types import Mask, Timeline
+
+REACHES_S = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)  # of the while before and after the edge
+FINER = (0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5)  # of a reach: between neighbours of REACHES_S
+MOST = 0.25  # [-] of the log, by judgement: a DVL that is wrong for longer is not to be trusted at all
+MARGIN_S = 5.0  # a while that is too long costs little, one that is too short displaces the rest of the track
+Lost = tuple[SensorChange, SensorChange]  # the DVL is lost, and there again
+
+
+def lost_dvl(timeline: Timeline, member: Member) -> tuple[Lost, ...]:
+    """Return the likeliest while for each edge of a run that lasts from the first fix or to the last."""
+    false = false_runs(timeline, member).false[:MAX_FIXES]
+    return tuple(_likeliest(timeline, member, edge_s) for edge_s in _edges_s(timeline, false))
+
+
+def cost(timeline: Timeline) -> float:
+    """Return the log odds against a while: strong evidence, and all of its possible times."""
+    return math.log(STRONG_ODDS * len(timeline.fix_time_s) * len(REACHES_S))
+
+
+def _edges_s(timeline: Timeline, false: Mask) -> Sequence[float]:
+    if not 0 < false.sum() < len(false):
+        return []
+    steps = np.flatnonzero(np.diff(false)) + 1  # the first fix after each
+    return [float(timeline.fix_time_s[row]) for row, there in ((steps[0], false[0]), (steps[-1], false[-1])) if there]
+
+
+def _likeliest(timeline: Timeline, member: Member, edge_s: float) -> Lost:
+    def tried(reach_s: tuple[float, float]) -> Lost:
+        begin_s = max(edge_s - reach_s[0], float(timeline.time_s[0]))
+        return SensorChange(begin_s, 0.0, 0.0, dvl_lost=True), SensorChange(edge_s + reach_s[1], 0.0, 0.0)
+
+    @cache
+    def log_likelihood(reach_s: tuple[float, float]) -> float:
+        if not 0 < sum(reach_s) < MOST * float(timeline.time_s[-1]):
+            return -math.inf
+        return false_runs(without_changes(timeline, tried(reach_s)), member).log_likelihood
+
+    before_s = after_s = REACHES_S[1]
+    for finer in (False, False, True):
+        tried_s = [after_s * part for part in FINER] if finer else REACHES_S
+        _, after_s = max(((before_s, one_s) for one_s in tried_s), key=log_likelihood)
+        tried_s = [before_s * part for part in FINER] if finer else REACHES_S
+        before_s, _ = max(((one_s, after_s) for one_s in tried_s), key=log_likelihood)
+    return tried((before_s + MARGIN_S, after_s + MARGIN_S))
