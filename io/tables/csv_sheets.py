@@ -72,7 +72,7 @@ OWN_COLUMNS: Mapping[str, OwnColumns] = {
     "compass": _kind(["heading_deg"], "sd_deg roll_deg pitch_deg"),
     "usbl": _kind(
         ["east_m north_m", "lat_deg lon_deg", "slant_range_m bearing_deg"],
-        f"elevation_deg depth_m sd_m cov_ee_m2 cov_en_m2 cov_nn_m2 {OF_FIXES}",
+        f"elevation_deg depth_m sd_m cov_ee_m2 cov_en_m2 cov_nn_m2 target {OF_FIXES}",
     ),
     "gps": _kind(["lat_deg lon_deg", "east_m north_m"], f"sd_m lat_deg lon_deg {OF_FIXES}"),
     "depth": _kind(["depth_m"]),
@@ -306,8 +306,8 @@ def keys_since_1970(cell: str) -> list[str]:
 
 def _fault(columns: Mapping[str, Sequence[NamedColumn]]) -> str:
     """Return why the columns of a sensor cannot be read, empty if they can."""
-    for same in columns.values():
-        if len(same) > 1:
+    for key, same in columns.items():
+        if len(same) > 1 and key != "target":  # it may have a number and a name
             return f"has columns for the same quantity ({', '.join(column.name for column in same)}); {NAME_THEM}"
         if not same[0].known:
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from logs import MAP, codes, logged_csv
+from logs import MAP, codes, logged_csv, refusal
 from recordings import SECOND, T0, write_csv
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import read_log
@@ -127,6 +127,18 @@ def test_ranges_and_fixes_are_those_of_the_usbl(tmp_path: Path) -> None:
 
     np.testing.assert_allclose(by_range.tables["usbl"][["east_m", "north_m"]], [[100.0, 0.0]], atol=1e-9)
     np.testing.assert_allclose(by_place.tables["usbl"][["east_m", "north_m"]], [[40.0, -20.0]])
+
+
+@pytest.mark.parametrize("name", ["Beacon", "BeaconID", "Target", "transponder_no"])
+@pytest.mark.parametrize("header", ["time_ns,{},east_m,north_m", "Time [ns],{},East [m],North [m]"])
+def test_a_column_of_targets_beside_fixes_is_theirs(tmp_path: Path, header: str, name: str) -> None:
+    usbl = f"{header.format(name)}\n{T0},B01,1,2\n{T0 + SECOND},SHIP,500,600\n"
+
+    assert "holds fixes of 2 targets: B01 (1 fixes), SHIP (1 fixes)" in refusal(
+        UsageError, logged_csv, tmp_path, "", usbl=usbl
+    )
+    log = logged_csv(tmp_path, '[usbl]\ntarget = "B01"', usbl=usbl)
+    assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[1.0, 2.0]]
 
 
 @pytest.mark.parametrize(
