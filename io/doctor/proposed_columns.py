@@ -24,7 +24,16 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import ISO, PROPOSED, SINCE_NS, dated_columns, keys_since_1970, of_gps, side_columns
+from usbldr.io.tables.csv_sheets import (
+    ISO,
+    PROPOSED,
+    SINCE_NS,
+    dated_columns,
+    keys_since_1970,
+    named_days,
+    of_gps,
+    side_columns,
+)
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
@@ -280,6 +289,8 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
         return "time_unix_s" if ISO.fullmatch(cell) else None
     if of_gps(column, cell):
         return None
+    if days := named_days(column):
+        return days
     units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
     own_clock = "time_s" if "time_s" in units and abs(float(cell)) * 1e9 < SINCE_NS else None
     return next((key for key in keys_since_1970(cell) if key in units), own_clock)

@@ -27,10 +27,14 @@ TIME_OF_WEEK = (
 )
 RULES: Sequence[Rule] = (
     Rule(
-        "", "time", "time", "time|timestamp|time_?stamp|stamp|epoch|utc|ts?|sod|seconds?_of_(the_)?day|elapsed|datenum"
+        "",
+        "time",
+        "time",
+        "time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|ts?|sod|seconds?_of_(the_)?day|elapsed|"
+        "datenum|time_excel",
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
-    Rule("", "received", "time", "(received|arrival)(_time)?"),
+    Rule("", "received", "time", "(received|arrival)(_time|_unix)?"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd|surge"),
     Rule("dvl", "starboard_mps", "velocity", "starboard|stbd|right"),
     Rule("dvl", "starboard_mps", "velocity", "port|left", -1.0),

@@ -157,12 +157,14 @@ def _future_findings(path: Path, start_ns: int) -> list[Finding]:
 
 
 def _refuse_unit(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
-    """Raise LogError with the unit that fits if stamps are not in the one in which they were read."""
+    """Raise LogError if all stamps are the same, or, with the unit that fits, if they are not in the one assumed."""
     stamps_s = [np.sort(tables[role]["stamp_ns"].to_numpy()) / 1e9 for role in SENSORS if role in tables]
     span_s = max((float(np.ptp(each)) for each in stamps_s if len(each)), default=0.0)
     records = sum(map(len, stamps_s))
     if span_s >= SHORTEST_LOG_S or records <= MOST_IN_SHORT:
         return
+    if not span_s:
+        raise LogError(f"{records} records have one and the same time; export their times with more digits", path=path)
     interval_s = float(np.median(np.diff(max(stamps_s, key=len))))
     unit = min((1e3, 1e6, 1e9), key=lambda factor: abs(math.log(max(interval_s, 1e-12) * factor / USUAL_INTERVAL_S)))
     name, key = {1e3: ("microseconds", "us"), 1e6: ("milliseconds", "ms"), 1e9: ("seconds", "s")}[unit]

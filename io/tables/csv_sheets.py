@@ -277,8 +277,13 @@ def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, int] | No
     cell = cells.get(column.name, "")
     if column.known or ISO.fullmatch(cell):
         return round(column.factor) if column.known else SECOND_NS, 0
-    key = next(iter(keys_since_1970(cell)), None)
+    key = named_days(column) or next(iter(keys_since_1970(cell)), None)
     return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
+
+
+def named_days(column: NamedColumn) -> str | None:
+    """Return the key of ``columns`` for the day numbers that a column is named for, None if for none."""
+    return next((key for key in AT_1970 if words_of(column.name).endswith(key.removeprefix("time_"))), None)
 
 
 def of_gps(column: NamedColumn, cell: str) -> bool:

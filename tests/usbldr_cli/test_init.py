@@ -46,7 +46,7 @@ def asked_in(log: Path, file: Path) -> tuple[str, str]:
 
 
 DVL_COLUMNS = {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
-COMPASS_COLUMNS = {"time_unix_ms": "stamp", "heading": "heading"}
+COMPASS_COLUMNS = COMPASS_COLUMNS
 
 
 def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log: Path, tmp_path: Path) -> None:
@@ -357,13 +357,16 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
     assert of_log == of_csv
 
 
-def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["time", "datenum"])
+def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path, name: str) -> None:
     tables = tables_of(without_units(tmp_path / "csv"))
-    tables["dvl"]["time"] = tables["dvl"]["time"] / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
+    time = tables["dvl"].pop("time") / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
+    time[0] = np.round(time[0], 0 if name == "datenum" else 9)  # of whole days only the name tells
+    tables["dvl"][name] = time
 
     _, found = initialised(WRITERS["MATLAB"](tmp_path, tables), tmp_path / "found.toml")
 
-    assert found["dvl"]["columns"] == {"time_datenum": "time", "x": "vx", "y": "vy", "z": "vz"}
+    assert found["dvl"]["columns"] == {"time_datenum": name, "x": "vx", "y": "vy", "z": "vz"}
     assert found["compass"]["columns"] == COMPASS_COLUMNS
 
 

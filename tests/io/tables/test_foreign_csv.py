@@ -70,6 +70,14 @@ def test_a_row_without_a_value_of_a_sensor_is_no_record_of_it(tmp_path: Path, na
     assert "1 of 2 records are invalid" in invalid  # a value is missing
 
 
+def test_times_that_are_all_the_same_are_no_wrong_unit(tmp_path: Path) -> None:
+    rows = "".join(f"1.76723E+09,{k},0\n" for k in range(400))
+
+    assert "400 records have one and the same time; export their times with more digits" in refusal(
+        LogError, logged_csv, tmp_path, "", usbl=f"time_unix_s,east_m,north_m\n{rows}"
+    )
+
+
 def test_what_two_sensors_of_one_topic_have_in_common_is_said_once(tmp_path: Path) -> None:
     rows = [f"{second % 86_400},1.5,0.25,30.5" for second in range(86_370, 86_430)]
 

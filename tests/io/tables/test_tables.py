@@ -14,11 +14,12 @@ import scipy.io
 from pyarrow import parquet
 
 from recordings import SECOND, T0
-from table_recordings import COUNT, WRITERS, as_csv, dive
+from table_recordings import COUNT, WRITERS, Tables, as_csv, dive
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
+from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.hdf5_tables import hdf5_tables
@@ -34,6 +35,19 @@ def test_a_log_of_tables_is_the_log_of_the_csv_files_that_it_equals(tmp_path: Pa
     assert log.tables.keys() == csv.tables.keys() == {"dvl", "compass", "gps"}
     for sensor, table in csv.tables.items():
         pd.testing.assert_frame_equal(log.tables[sensor], table, check_exact=True)
+
+
+@pytest.mark.parametrize("key", TIME_UNITS_NS)
+@pytest.mark.parametrize("write", [as_csv, WRITERS["HDF5"], WRITERS["MATLAB"]])
+def test_the_keys_for_times_are_understood_as_names_of_columns(
+    tmp_path: Path, write: Callable[[Path, Tables], Path], key: str
+) -> None:
+    since_1970 = np.arange(T0, T0 + 400 * SECOND, SECOND // 2)
+    times = since_1970 if key == "time_ns" else since_1970 / TIME_UNITS_NS[key] + AT_1970.get(key, 0)
+    log = read_log(write(tmp_path, {"compass": {key: times, "heading_deg": np.arange(len(times)) % 360.0}}))
+
+    assert abs(log.start_ns - T0) < 12_000  # of a day number
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], np.arange(len(times)) / 2, rtol=0, atol=2.4e-5)
 
 
 def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> None:
