@@ -29,6 +29,7 @@ CONTROL = re.compile(r"[\0-\x08\x0e-\x1b]")  # characters that are in no line of
 CONTROL_BYTES = bytes(k for k in range(0x1C) if CONTROL.match(chr(k)))  # in UTF-8: no others hold them
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
 ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
+TAR, TAR_AT = b"ustar", 257  # fixed by the format
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
 
 
@@ -90,8 +91,18 @@ def is_damaged(line: str) -> bool:
     return CONTROL.search(line) is not None or "\ufffd" in line
 
 
+def is_tar(head: bytes) -> bool:
+    """Return whether a file with these first bytes is a tar archive."""
+    return head[TAR_AT : TAR_AT + len(TAR)] == TAR
+
+
 def head_lines(head: bytes) -> list[str]:
-    """Return the lines of a text's first bytes, without zeros, which damage leaves; none if it is no text."""
+    """Return the lines of a text's first bytes, without zeros, which damage leaves; none if it is no text.
+
+    An archive of texts is none.
+    """
+    if is_tar(head):
+        return []
     text = head[:HEAD_BYTES].decode(encoding_of(head[:HEAD_BYTES]), errors="replace").replace("\0", "")
     as_bytes = text.encode()
     controls = len(as_bytes) - len(as_bytes.translate(None, CONTROL_BYTES))  # much faster than to search for them

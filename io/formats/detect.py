@@ -9,7 +9,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.file_access.container_ends import begins_container
 from usbldr.io.file_access.decompression import compression_of
-from usbldr.io.file_access.open_file import begin_of
+from usbldr.io.file_access.open_file import begin_of, is_tar
 from usbldr.io.reader import Reader
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
@@ -25,7 +25,6 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
 }
 """Other formats by their first bytes, with what to do about them."""
 BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
-TAR, TAR_AT = b"ustar", 257  # fixed by the format
 
 
 def _is_other_text(head: bytes) -> bool:
@@ -201,7 +200,7 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
     foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
     if foreign:
         raise LogError(f"is {foreign}", path=path)
-    if head[TAR_AT : TAR_AT + len(TAR)] == TAR:
+    if is_tar(head):
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
     from usbldr.io.tables.csv_text import lacks_header
 

@@ -1,5 +1,6 @@
 """Formats are recognised by content; unsupported ones are named."""
 
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,18 @@ def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) 
     file.write_bytes(content)
 
     assert refusal(LogError, open_log, file) == f"{file}: {sentence}"
+
+
+@pytest.mark.parametrize("name", ["usbl.tar", "usbl.tar.gz", "usbl.tgz"])
+def test_an_archive_of_tables_is_no_table(tmp_path: Path, name: str) -> None:
+    folder = write_csv(tmp_path / "dive", dvl="time_ns,forward_mps,starboard_mps\n1,1,2\n")
+    with tarfile.open(folder / name, "w:gz" if name.endswith("gz") else "w") as archive:
+        archive.add(folder / "dvl.csv", "dvl.csv")
+
+    said = "is a tar archive; unpack it first (tar -xf)"
+    assert refusal(LogError, open_log, folder / name) == f"{folder / name}: {said}"
+    (lost,) = open_log(folder).findings()
+    assert lost.text == f"{name} is not read: {said}"
 
 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
