@@ -161,7 +161,8 @@ class CsvLog:
             problem = f"{source.file.name} {NO_HEADER}" if holds_values(source.header) else problem
             return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
         if sheet.received is None:
-            problem = f"{source.file.name} {sheet.problem}"
+            empty = self._begin(source.file)[1] in ([], [""])
+            problem = f"{source.file.name} {'has no rows' if empty else sheet.problem}"
             row = () if source.shown.by_name else self._first_row(source)
             return TopicInfo(topic, sheet.type, "csv", 0, None, None, problem=problem, first_row=row)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)

@@ -123,7 +123,8 @@ class TableLog:
         table, sheet = self._tables[one.table], one.sheet
         if sheet is None or sheet.received is None:
             unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {PROPOSED}"
-            problem = f"{table.topic} {sheet.problem}" if sheet else unknown
+            known = sheet and f"{table.topic} {sheet.problem if table.rows else 'has no rows'}"
+            problem = known or unknown
             row = () if one.by_name else self._first_row(table)
             kind = sheet.type if sheet else ""
             return TopicInfo(topic, kind, "table", 0, None, None, problem=problem, first_row=row)

@@ -86,6 +86,18 @@ def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Calla
     assert "has no records" in lost.text
 
 
+@pytest.mark.parametrize("writer", [as_csv, as_parquet])
+def test_a_table_without_rows_is_not_asked_for_its_unit(
+    tmp_path: Path, writer: Callable[[Path, Tables], Path]
+) -> None:
+    none = np.empty(0)
+    log = writer(tmp_path, {"dvl": {"utc": none, "forward_mps": none, "starboard_mps": none}})
+
+    (topic,) = open_log(log).topics()
+
+    assert topic.problem.removeprefix("dvl").removeprefix(".csv") == " has no rows"
+
+
 @pytest.mark.parametrize(
     ("make", "why"),
     [
