@@ -1,5 +1,6 @@
 """A folder as a log: a rosbag2 recording, tables (CSV, Parquet), or files of instruments; what is not read is named."""
 
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -35,7 +36,9 @@ NO_RECORDS = frozenset(
     for ending in endings.split()
 )
 """Endings of files that cannot hold records, although they may be named like a sensor, as a picture of it."""
-OF_COMPUTERS = ("._", "Thumbs.db", "_SUCCESS", "_metadata", "_common_metadata")
+BACKUP = re.compile(r"#?(.+?)(~|#|\.bak|\.old|\.orig|\.tmp)", re.IGNORECASE)
+"""The names that editors give to earlier or unsaved states of a file, with its name."""
+OF_COMPUTERS = ("._", "~$", "Thumbs.db", "_SUCCESS", "_metadata", "_common_metadata")
 """With which the names of files begin that no user knows of."""
 RECORDINGS = ("MCAP", "ROS 1 bag", "rosbag2 (sqlite3)")
 """Formats of which a file is a log by itself: several in a folder are several dives, unless the user joins them."""
@@ -50,13 +53,15 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
     files = [file for file in files if real_path(file) not in apart] if apart else files
     if len(files) > limit(FILES):
         raise LogError(f"holds more than {limit(FILES)} files; name those of the dive", path=path)
-    readers, used = _together(path, open_file, apart)
+    copies = _copies(files)
+    files = [file for file in files if file not in copies]
+    readers, used = _together(path, open_file, {*files})
     others = [file for file in files if file not in used]
     if readers:
-        return _one_log(path, readers, _not_read(others, open_file))
+        return _one_log(path, readers, [*_passed_over(copies), *_not_read(others, open_file)])
     parts, unread = _alone(path, others, open_file)
     if parts:
-        return JoinedLog(path, _formats(parts), parts, tuple(unread))
+        return JoinedLog(path, _formats(parts), parts, (*_passed_over(copies), *unread))
     folders = [file for file in others if file.is_dir()]
     if folders and all(suggested_sensors(folder.name) for folder in folders):
         texts = [file for folder in folders for file in text_files(folder)]
@@ -76,6 +81,21 @@ def _one_log(path: Path, readers: Sequence[Reader], findings: Sequence[Finding])
         return readers[0]
     parts = tuple(LogPart(reader) for reader in readers)
     return JoinedLog(path, _formats(parts), parts, tuple(findings))
+
+
+def _copies(files: Sequence[Path]) -> list[Path]:
+    """Return those of the files that are backups of others, or links to them."""
+    names = {file.name for file in files}
+    originals = {real_path(file) for file in files if not file.is_symlink()}
+    backups = {file for file in files if (found := BACKUP.fullmatch(file.name)) and found[1] in names}
+    return [file for file in files if file in backups or (file.is_symlink() and real_path(file) in originals)]
+
+
+def _passed_over(copies: Sequence[Path]) -> list[Finding]:
+    """Name the backups and links that are not read."""
+    names = listed([file.name for file in copies], SHOWN)
+    text = f"not read of this folder, as backups of its files or links to them: {names}"
+    return [Finding("NOT-READ", text)] if copies else []
 
 
 def _is_hidden(file: Path) -> bool:
@@ -110,17 +130,17 @@ def _formats(parts: Sequence[LogPart]) -> str:
 
 
 def _together(
-    path: Path, open_file: Callable[[Path], Reader], apart: Collection[Path]
+    path: Path, open_file: Callable[[Path], Reader], among: Collection[Path]
 ) -> tuple[list[Reader], set[Path]]:
-    """Return the readers of the files that are one log by their format, and these files."""
+    """Return the readers of those files that are one log by their format, and these files."""
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
     if is_parted(path):
         return [*parted_table(path)], {*parquet_files(path)}
-    texts = [file for file in text_files(path) if real_path(file) not in apart]
-    packed = {file: kind for file, kind in compressed_texts(path).items() if real_path(file) not in apart}
-    tables = [file for file in parquet_files(path) if real_path(file) not in apart]
-    parted = [folder for folder in sorted(path.iterdir()) if real_path(folder) not in apart and is_parted(folder)]
+    texts = [file for file in text_files(path) if file in among]
+    packed = {file: kind for file, kind in compressed_texts(path).items() if file in among}
+    tables = [file for file in parquet_files(path) if file in among]
+    parted = [folder for folder in sorted(path.iterdir()) if folder in among and is_parted(folder)]
     readers = [open_file(folder) for folder in parted]
     if packed:
         readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
@@ -132,7 +152,7 @@ def _together(
     damaged = [
         file
         for file in path.glob(f"*{ENDING}")
-        if file not in tables and real_path(file) not in apart and file.is_file() and file.stat().st_size
+        if file not in tables and file in among and file.is_file() and file.stat().st_size
     ]
     more, unread = _readable(damaged, open_file)
     return [*readers, *more], {*texts, *packed, *tables, *parted, *copied, *(set(damaged) - unread)}

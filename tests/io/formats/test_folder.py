@@ -87,9 +87,7 @@ def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Calla
 
 
 @pytest.mark.parametrize("writer", [as_csv, as_parquet])
-def test_a_table_without_rows_is_not_asked_for_its_unit(
-    tmp_path: Path, writer: Callable[[Path, Tables], Path]
-) -> None:
+def test_a_table_without_rows_is_not_asked_for_its_unit(tmp_path: Path, writer: Callable[[Path, Tables], Path]) -> None:
     none = np.empty(0)
     log = writer(tmp_path, {"dvl": {"utc": none, "forward_mps": none, "starboard_mps": none}})
 
@@ -120,6 +118,29 @@ def test_what_is_no_file_but_named_like_one_is_named(tmp_path: Path, make: Calla
     assert lost.text.startswith("gps.csv is not read: ")
     assert why in lost.text
     assert lost.lost_data
+
+
+@pytest.mark.parametrize(
+    "name", ["gps.csv~", "gps.csv.bak", "gps.csv.OLD", "#gps.csv#", "gps.csv.gz.tmp", "gps_latest.csv"]
+)
+def test_a_backup_or_a_link_is_passed_over_unless_it_is_all_there_is(tmp_path: Path, name: str) -> None:
+    folder = dive(tmp_path / "dive")
+    (folder / "~$gps.csv").write_text(GPS, encoding="utf-8")
+    if "latest" in name:
+        (folder / name).symlink_to("gps.csv")
+    else:
+        (folder / name).write_text(GPS, encoding="utf-8")
+    if ".gz" in name:
+        (folder / "gps.csv").rename(folder / "gps.csv.gz")
+
+    log = open_log(folder)
+
+    (passed_over,) = log.findings()
+    assert passed_over.text == f"not read of this folder, as backups of its files or links to them: {name}"
+    assert not passed_over.lost_data
+    assert [topic.count for topic in log.topics()] == [COUNT] * 3
+    (folder / name).rename(folder / "fixes.bak")
+    assert len(open_log(folder).topics()) == 3 + ("latest" not in name)
 
 
 def test_what_is_no_text_before_a_table_is_named(tmp_path: Path) -> None:
