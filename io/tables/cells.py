@@ -12,7 +12,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
-from usbldr.io.tables.csv_sheets import ISO, SECOND_NS
+from usbldr.io.tables.csv_sheets import ISO, SECOND_NS, TimeColumn
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 
 NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
@@ -51,6 +51,11 @@ def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
     if fast is not None:
         return ParsedColumn(fast, {})
     return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
+
+
+def times_of(texts: Sequence[str], clock: TimeColumn) -> ParsedColumn:
+    """Return a column of times in its unit as nanoseconds since 1970."""
+    return nanoseconds(texts, clock.column) if clock.unit_ns == 1 else times(texts, *clock)
 
 
 def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> ParsedColumn:

@@ -18,7 +18,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
-from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
+from usbldr.io.tables.cells import ParsedColumn, numbers, times_of
 from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
@@ -206,8 +206,7 @@ class CsvLog:
         return [value for value, sensor in zip(values, sensors, strict=True) if sensor == source.sensor]
 
     def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
-        cells = self._cells(source, clock.column)
-        return nanoseconds(cells, clock.column) if clock.unit_ns == 1 else times(cells, *clock)
+        return times_of(self._cells(source, clock.column), clock)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the wanted columns; rows with an invalid cell in one of them are left out."""

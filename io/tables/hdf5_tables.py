@@ -102,8 +102,10 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         others = unread(objects.get(name, {}))
         sizes = {max(shape) for _, shape, _ in arrays}
         beside = [one for one in texts.get(name, []) if one[1][0] in sizes]
+        of_texts = frozenset(label for label, _, _ in beside)
         tables += [
-            replace(one, unread=others) for one in tables_of(file, name, [*arrays, *beside], frozenset(dated[name]))
+            replace(one, unread=others, texts=of_texts & one.columns.keys())
+            for one in tables_of(file, name, [*arrays, *beside], frozenset(dated[name]))
         ]
     if not tables:
         refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])

@@ -60,6 +60,7 @@ def parquet_table(file: Path, name: str = "") -> Table:
         places = {leaf.path: k for k, leaf in enumerate(leaves) if leaf.max_repetition_level == 0}
         dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("TIMESTAMP", "DATE"))
         dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
+        texts = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type == "STRING")
         rows = int(content.metadata.num_rows)
 
     def column(path: str) -> Column:
@@ -71,7 +72,7 @@ def parquet_table(file: Path, name: str = "") -> Table:
         return _values(arrow, read.column(0).combine_chunks())
 
     columns = {path: lambda path=path: column(path) for path in places}
-    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated)
+    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated, texts)
 
 
 def _values(arrow: Any, column: Any) -> Column:

@@ -21,11 +21,14 @@ from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import named_column, sensors_by_name
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
+from usbldr.io.tables.cells import numbers, times_of
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.tables.table_library import reading
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
+TEXT = "OUT"  # fixed: the kinds of NumPy's arrays of texts
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
 Mask: TypeAlias = NDArray[np.bool_]
 Array: TypeAlias = tuple[str, tuple[int, ...], Callable[[Any], Column]]
@@ -41,6 +44,7 @@ class Table:
     rows: int
     columns: Mapping[str, Callable[[], Column]]  # name as written -> a function that reads it, (rows,)
     dated: frozenset[str] = frozenset()  # columns of dates and times, datetime64[ns]
+    texts: frozenset[str] = frozenset()  # columns of texts, which are read as the cells of a CSV file
     unread: Sequence[str] = ()  # what else is there
     left_out: Mapping[str, str] = field(default_factory=dict[str, str])  # what else its file holds -> why
 
@@ -67,6 +71,17 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
     several = len(by_length) > 1
     topics = {rows: f"{name}/{rows}_rows" if several else name for rows in by_length}
     return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
+
+
+def _times_of(names: Iterable[str]) -> set[str]:
+    """Return those of plain names of columns that are named as times."""
+    return {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
+
+
+def _cells(values: Column, name: str) -> Column:
+    """Return the texts of a column as the cells of a CSV file, dates and times in ISO's notation."""
+    cells = ["" if value is None else str(value).strip() for value in values]
+    return np.array(with_iso_times({name: cells})[name], dtype=object)
 
 
 def _is_empty(table: Table) -> bool:
@@ -108,12 +123,19 @@ class TableLog:
         heads: dict[str, TableHead] = {}
         for topic, table in self._tables.items():
             stem, names = table.topic.rpartition("/")[2], list(table.columns)
-            date = ["1970-01-01 00:00:00" if name in table.dated else "" for name in names]
+            date = [self._date(table, name) for name in names]
             timed = "" in sensors_by_name(names, stem)
             alike = [one for one in self._all if one.rows == table.rows and one is not table]
             elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
             heads[topic] = TableHead(table.file, stem, names, sheet_of(stem, names), date if timed else None, elsewhere)
         return topic_sheets(heads, self._configured, self.path)
+
+    def _date(self, table: Table, name: str) -> str:
+        """Return a date and time for a column of dates, the first of texts named as times; else an empty text."""
+        if name in table.dated:
+            return "1970-01-01 00:00:00"
+        (short,) = plain_names([name])
+        return self._first_value(table, short) if name in table.texts and short in _times_of([short]) else ""
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the tables, or their parts."""
@@ -144,7 +166,7 @@ class TableLog:
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""
         plain = dict(zip(table.columns, plain_names(list(table.columns)), strict=True))
-        times = {column.name for column in map(named_column, plain) if column and column.rule.dimension == "time"}
+        times = _times_of(plain.values())
         return tuple((short, self._first_value(table, short) if name in times else "") for name, short in plain.items())
 
     def _first_value(self, table: Table, name: str) -> str:
@@ -181,6 +203,9 @@ class TableLog:
         values = self._column(table, sheet.columns[path])
         if path in sheet.texts:
             return np.array([str(value) for value in values])
+        if values.dtype.kind in TEXT:
+            parsed = numbers(values.tolist(), path)
+            values = parsed.values if len(parsed.faults) < len(values) else values
         if values.dtype.kind not in "biuf":
             raise LogError(f"/{table.topic}: the column {sheet.columns[path]} holds no numbers", path=table.file)
         if np.ma.isMaskedArray(values):
@@ -191,6 +216,11 @@ class TableLog:
     def _times(self, table: Table, clock: TimeColumn) -> tuple[Nanoseconds, Mask]:
         """Return a column of times as nanoseconds since 1970, and which of them are times; integers stay exact."""
         values = self._column(table, clock.column)
+        if values.dtype.kind in TEXT:
+            parsed = times_of(values.tolist(), clock)
+            good = ~np.isin(np.arange(len(values)), list(parsed.faults))
+            if good.any():
+                return parsed.values.astype(np.int64), good
         masked, values = np.ma.getmaskarray(values), np.ma.getdata(values)
         if values.dtype.kind not in "iufM":
             raise LogError(f"/{table.topic}: the column {clock.column} holds no times", path=table.file)
@@ -210,6 +240,8 @@ class TableLog:
             if len(values) != table.rows:
                 count = f"{len(values)} of {table.rows} values"
                 raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
+            if values.dtype.kind in TEXT:
+                values = _cells(values, name)
             long = values.dtype.kind == "f" and values.dtype.itemsize > np.float64().itemsize
             self._columns[key] = values.astype(np.float64) if long else values
         return self._columns[key]

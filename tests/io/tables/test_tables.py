@@ -68,6 +68,19 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> N
     assert [finding.text for finding in lost] == said
 
 
+@pytest.mark.parametrize("form", ["Parquet", "HDF5"])
+@pytest.mark.parametrize("notation", ["%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S.%f"])
+def test_texts_are_read_as_the_cells_of_csv_files(tmp_path: Path, form: str, notation: str) -> None:
+    times = pd.to_datetime(T0 + np.arange(COUNT) * SECOND // 2)
+    numbers = np.arange(COUNT) / 4
+    texts = {"timestamp": [*times.strftime(notation)], "heading_deg": [*map(str, numbers[:-1]), "bad"], "n": numbers}
+    log = read_log(WRITERS[form](tmp_path, {"compass": texts}))
+
+    assert log.start_ns == T0
+    np.testing.assert_array_equal(log.tables["compass"]["time_s"], np.arange(COUNT - 1) / 2)
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], numbers[:-1])
+
+
 def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> None:
     times = pd.array([T0 + 1, None, T0 + 3], dtype="Int64")
     pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
