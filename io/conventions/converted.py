@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from usbldr.filters.errors import listed
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.conventions.timestamps import Times
 from usbldr.io.findings import Finding
-from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.layouts import BAD, FLAG_WORDS, GOOD, RawRecords
 from usbldr.io.provenance import Convention
 
+MOST_WORDS = 5  # in a sentence
 ANY_COLUMNS = "docs/configuration.md#any-columns-any-message"
 
 
@@ -79,7 +81,8 @@ def valid_mask(
     Raises LogError if none is good, ending in the advice.
     """
     error = raw.number("error")
-    flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": (error > 0) | (error < 0)}
+    flags = {"flagged invalid": raw.flagged_invalid, "with an error code": (error > 0) | (error < 0)}
+    findings = _unknown_words(raw)
     good = np.ones(len(raw.received_ns), dtype=np.bool_)
     counts: dict[str, int] = {}
     for cause, mask in {**flags, **causes}.items():
@@ -87,9 +90,19 @@ def valid_mask(
         good = good & ~mask
     bad = int(np.sum(~good))
     if not bad:
-        return good, []
+        return good, findings
     parts = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
     if bad == len(good):
         raise raw.fault(f"all {bad} records of {raw.topic.name} ({sensor}) are invalid: {parts}{advice}")
     text = f"{bad} of {len(good)} records are invalid and {treatment} ({parts})"
-    return good, [raw.finding(f"{sensor.upper()}-INVALID", text)]
+    return good, [*findings, raw.finding(f"{sensor.upper()}-INVALID", text)]
+
+
+def _unknown_words(raw: RawRecords) -> list[Finding]:
+    """Report words of flags that are not understood."""
+    words = {*np.unique(raw.words("valid")), *np.unique(raw.words("status"))}
+    unknown = [str(word) for word in sorted(words) if word[:1].isalpha() and word != "nan" and word not in FLAG_WORDS]
+    if not unknown:
+        return []
+    text = f"words of its flags are not understood, and such records are used: {listed(unknown, MOST_WORDS)}"
+    return [raw.finding("FLAG-WORDS", f"{text}; write {', '.join(GOOD)} or 1, else {', '.join(BAD)} or 0")]

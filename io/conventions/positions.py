@@ -85,7 +85,7 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         "without fix (status below 0)": raw.number("status") < 0,
         "of negative variance": _negative_variance(raw),
         "estimated, entered by hand or simulated (quality 6, 7 or 8)": np.isin(quality, ESTIMATED_QUALITIES),
-        "flagged invalid": raw.number("valid") == 0,
+        "flagged invalid": raw.flagged_invalid,
     }
     if latlon:
         fix_names = np.char.replace(np.char.lower(raw.text("fix_name")), "gps_fix_type_", "")  # MAVLink's prefix

@@ -44,7 +44,7 @@ RULES: Sequence[Rule] = (
     Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
     Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock"),
     Rule("", "valid", None, "(fix|position|gps|gnss)_valid"),
-    Rule("", "fix_status", None, "(fix|gps|gnss)_status"),
+    Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
     Rule("compass", "heading_deg", "angle", "(heading|hdg)(_true)?"),

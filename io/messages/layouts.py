@@ -21,7 +21,9 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
 BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
-FLAG_WORDS: Mapping[str, float] = {"y": 1, "yes": 1, "true": 1, "a": 1, "n": 0, "no": 0, "false": 0, "v": 0}
+GOOD = ("y", "yes", "true", "a", "active", "ok", "good", "valid")
+BAD = ("n", "no", "false", "v", "void", "bad", "invalid", "fail", "failed", "error")
+FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
 
@@ -114,9 +116,19 @@ class RawRecords:
             return np.full(len(self.received_ns), "")
         return np.asarray(self.values[quantity], dtype=np.str_)
 
+    def words(self, quantity: str) -> NDArray[np.str_]:
+        """Return the texts of a quantity in small letters, (n,); empty if its field holds numbers."""
+        texts = quantity in self.values and self.values[quantity].dtype.kind == "U"
+        return np.strings.lower(self.text(quantity)) if texts else np.full(len(self.received_ns), "")
+
+    @property
+    def flagged_invalid(self) -> Mask:
+        """Which records (n,) their own flag calls invalid, or a word of their status, whose numbers are no flags."""
+        return (self.number("valid") == 0) | np.isin(self.words("status"), BAD)
+
 
 def numbers_of(texts: Column) -> Vector:
-    """Return texts (n,) as numbers: yes and A(ctive) are 1, no and V(oid) are 0; NaN for any other word."""
+    """Return texts (n,) as numbers: yes, OK and A(ctive) are 1, no, bad and V(oid) are 0; NaN for any other word."""
     words, which = np.unique(texts, return_inverse=True)
     return np.array([_number_of(str(word).strip()) for word in words])[which]
 

@@ -150,6 +150,25 @@ def test_a_column_of_targets_beside_fixes_is_theirs(tmp_path: Path, header: str,
 
 
 @pytest.mark.parametrize(
+    ("status", "used", "unknown"),
+    [
+        ("OK BAD good", [1, 3], ""),
+        ("A V A", [1, 3], ""),
+        ("1 0 2", [1, 2, 3], ""),
+        ("OK LOST BAD", [1, 2], "used: lost;"),
+    ],
+)
+def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, used: list[int], unknown: str) -> None:
+    rows = "".join(f"{T0 + k * SECOND},{word},{k + 1},2\n" for k, word in enumerate(status.split()))
+
+    log = logged_csv(tmp_path, "", usbl=f"Time [ns],Status,East [m],North [m]\n{rows}")
+
+    assert log.tables["usbl"]["east_m"].tolist() == used
+    assert unknown in codes(log).get("FLAG-WORDS", "")
+    assert ("FLAG-WORDS" in codes(log)) == bool(unknown)
+
+
+@pytest.mark.parametrize(
     ("header", "row"),
     [
         ("Latitude [deg],N/S,Longitude [deg],E/W", "45.5,S,30.25,W"),
