@@ -6,7 +6,7 @@ time of day without a date counts from 1970-01-01, over midnights. A GPS week be
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import islice
+from itertools import islice, pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -54,6 +54,10 @@ PARTS: Mapping[str, str] = {
 DATES, CLOCKS = (("year", "month", "day"), ("year", "day_of_year")), (("hour", "minute", "second"), ("second_of_day",))
 PARTED: Sequence[tuple[str, ...]] = (*((*date, *clock) for date in DATES for clock in CLOCKS), ("nanosecond", "second"))
 """The parts of a whole time. The last one's column becomes that of the time."""
+WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
+"""Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
+PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)(?:sec(?:ond)?)?s?")
+PART_NS = {"milli": 1_000_000, "micro": 1000, "nano": 1}  # fixed
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
@@ -117,7 +121,25 @@ def with_iso_times(
             found[name] = _iso(list(cells), cells, orders)
         elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and _of_day(name.lower(), cells)):
             found[name] = _on_days(cells, columns[dates[0]], orders) if len(dates) == 1 else _without_date(cells)
+    for time, part in pairwise(columns):
+        unit = PART_OF_SECOND.fullmatch(words_of(re.sub(r"[\[(].*", "", part)))
+        if (
+            unit
+            and time not in OWN_TIMES
+            and _are(found[time], WHOLE_SECONDS, or_iso=True)
+            and _are(columns[part], NUMBER)
+        ):
+            found[time] = _with_parts(found[time], _numbers(columns[part]) * PART_NS[unit[1]])
     return found
+
+
+def _with_parts(cells: Sequence[str], part_ns: Vector) -> list[str]:
+    """Return times in whole seconds with the parts of the seconds (n,); the cell as it stands without one."""
+    good = (part_ns >= 0) & (part_ns < 1e9)
+    return [
+        f"{whole[1]}.{round(ns):09d}{whole[2] or ''}" if known and (whole := WHOLE_SECONDS.fullmatch(cell)) else cell
+        for cell, ns, known in zip(cells, part_ns, good, strict=True)
+    ]
 
 
 def week_and_time(names: Iterable[str]) -> tuple[str, str] | None:
@@ -175,9 +197,10 @@ def _of_day(name: str, cells: Sequence[str]) -> bool:
     return bool(SECONDS_OF_DAY.search(name) or (CLOCK_NAME.search(name) and _are(cells, DIGITS_CLOCK)))
 
 
-def _are(cells: Sequence[str], kind: re.Pattern[str]) -> bool:
+def _are(cells: Sequence[str], kind: re.Pattern[str], or_iso: bool = False) -> bool:
+    """Return whether the first cells are of a kind, and of another than ISO's notation unless that may be, too."""
     shown = [cell for cell in islice(iter(cells), SHOWN_ROWS) if cell]
-    return bool(shown) and all(kind.fullmatch(cell) and not ISO.fullmatch(cell) for cell in shown)
+    return bool(shown) and all(kind.fullmatch(cell) and (or_iso or not ISO.fullmatch(cell)) for cell in shown)
 
 
 def _on_days(cells: Sequence[str], dates: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:

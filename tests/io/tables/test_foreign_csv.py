@@ -1,7 +1,7 @@
 """CSV files that other programs wrote: their columns say what they hold, and in which unit."""
 
 import tempfile
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -428,6 +428,19 @@ def test_times_in_several_columns_are_those_of_the_calendar(moment: datetime) ->
     ):
         *_, text = with_iso_times({name: [str(value)] for name, value in columns.items()}).values()
         assert text == [moment.isoformat(timespec="microseconds")]
+
+
+@given(st.integers(0, 10**6 - 1), st.integers(0, 10**9 - 1), st.sampled_from(["milli", "micro", "nano"]))
+def test_a_column_of_parts_of_seconds_adds_to_the_whole_ones_before_it(second: int, ns: int, unit: str) -> None:
+    size_ns = {"milli": 10**6, "micro": 1000, "nano": 1}[unit]
+    moment = datetime(2026, 1, 1) + timedelta(seconds=second)
+    since_1970 = (moment - datetime(1970, 1, 1)) // timedelta(seconds=1)
+    part, wanted = f"{unit}second", f".{ns // size_ns * size_ns:09d}"
+    for text in (f"{moment}", f"{moment:%d.%m.%Y %H:%M:%S}", f"{since_1970}"):
+        time, _ = with_iso_times({"t": [text], part: [str(ns // size_ns)]}).values()
+        whole = str(since_1970) if text.isdigit() else f"{moment}" if "-" in text else moment.isoformat()
+        assert time == [whole + wanted]
+    assert with_iso_times({"t": [f"{moment}.5"], part: ["7"]})["t"] == [f"{moment}.5"]
 
 
 @given(
