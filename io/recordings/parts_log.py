@@ -7,7 +7,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import listed
 from usbldr.io.findings import Finding
-from usbldr.io.messages.topic_names import without_numbers
+from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, without_numbers
 from usbldr.io.reader import Reader, Records, TopicInfo
 
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
@@ -58,20 +58,35 @@ class PartsLog:
 def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
     """Return the log with tables that follow each other as one topic: of equal columns, and of names but for numbers.
 
-    Topics that the user has ``chosen`` are no followers of others.
+    Or of any names, if all tables of one sensor follow each other. Topics that the user has ``chosen`` are no followers
+    of others.
     """
     names = {name.lstrip("/") for name in chosen}
-    alike: dict[tuple[str, str, tuple[str, ...]], list[TopicInfo]] = {}
     topics = log.topics()
-    for topic in topics:
-        if topic.is_table and topic.count and not topic.problem and topic.first_ns is not None:
-            alike.setdefault((without_numbers(topic.name), topic.type, topic.fields), []).append(topic)
+    tables = [one for one in topics if one.is_table and one.count and not one.problem and one.first_ns is not None]
     followers: dict[str, Sequence[str]] = {}
-    for group in alike.values():
-        first, *others = sorted(group, key=_span_ns)
-        if others and _follow(first, *others) and not names & {other.name.lstrip("/") for other in others}:
-            followers[first.name] = [other.name for other in others]
+    for name_of in (_without_numbers, _sensor):
+        joined = {name for first, others in followers.items() for name in (first, *others)}
+        alike: dict[tuple[str, str, tuple[str, ...]], list[TopicInfo]] = {}
+        for topic in tables:
+            alike.setdefault((name_of(topic), topic.type, topic.fields), []).append(topic)
+        for group in alike.values():
+            first, *others = sorted(group, key=_span_ns)
+            free = not joined & {one.name for one in group} and not names & {one.name.lstrip("/") for one in others}
+            if others and free and _follow(first, *others):
+                followers[first.name] = [other.name for other in others]
     return PartsLog(log, followers) if followers else log
+
+
+def _without_numbers(topic: TopicInfo) -> str:
+    return without_numbers(topic.name)
+
+
+def _sensor(topic: TopicInfo) -> str:
+    """Return what tables of one sensor have in common besides their type; the name if the type tells no sensor."""
+    if not topic.type.startswith("usbldr/"):
+        return topic.name
+    return f"{bool(SHIP.search(topic.name.lower()))} {bool(NO_SENSOR.search(topic.name.lower()))}"
 
 
 def _together(first: TopicInfo, others: Sequence[TopicInfo]) -> TopicInfo:

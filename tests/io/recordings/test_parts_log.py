@@ -29,7 +29,12 @@ WHOLE = [1 + k / 100 for k in range(COUNT)]
 
 @pytest.mark.parametrize(
     "names",
-    [("dvl_001", "dvl_002", "dvl_003"), ("dvl", "dvl-2", "dvl 3"), ("dvl_20200913T12", "dvl_20200913T13", "dvl")],
+    [
+        ("dvl_001", "dvl_002", "dvl_003"),
+        ("dvl", "dvl-2", "dvl 3"),
+        ("dvl_20200913T12", "dvl_20200913T13", "dvl"),
+        ("dvl", "continued", "rest_of_dvl"),
+    ],
 )
 def test_tables_that_follow_each_other_are_one_topic(tmp_path: Path, names: tuple[str, str, str]) -> None:
     parts = dict(zip(names, (velocities(0, 15), velocities(15, 16), velocities(16, COUNT)), strict=True))
@@ -68,6 +73,12 @@ def test_tables_of_several_sensors_follow_each_other_sensor_by_sensor(tmp_path: 
 
     assert forward_mps(log) == pytest.approx(WHOLE)
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], np.arange(COUNT))
+
+
+def test_a_table_of_the_ship_or_of_computed_values_is_no_part(tmp_path: Path) -> None:
+    parts = {"dvl": velocities(0, 15), "dvl_ship": velocities(15, 25), "dvl_filtered": velocities(25, COUNT)}
+
+    assert forward_mps(read_log(write_csv(tmp_path / "dive", compass=COMPASS, **parts))) == pytest.approx(WHOLE[:15])
 
 
 @pytest.mark.parametrize(
