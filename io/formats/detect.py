@@ -1,5 +1,6 @@
 """The format of a log, recognised by its first bytes, never by its name."""
 
+import struct
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -9,10 +10,11 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.file_access.container_ends import begins_container
 from usbldr.io.file_access.decompression import compression_of
-from usbldr.io.file_access.open_file import begin_of, is_tar
+from usbldr.io.file_access.open_file import begin_of, is_tar, opened
 from usbldr.io.reader import Reader
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
+TO_NETCDF_4 = "convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)"
 UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"#ROSBAG V1": "a ROS 1 bag of an old version; convert it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
     b"\x89MCAP0\n": f"an MCAP file whose {CONVERTED}",
@@ -21,15 +23,36 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
     b"FMT, 128": "a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from",
     b"%%": "a table of all variables at equal times that MOOS writes (.aslog); read the .alog file beside it",
+    b"CDF\x01": f"a netCDF-3 file; {TO_NETCDF_4}",
+    b"CDF\x02": f"a netCDF-3 file; {TO_NETCDF_4}",
+    b"CDF\x05": f"a netCDF-3 file; {TO_NETCDF_4}",
     b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""
+MATLAB_4, MATLAB_4_NAME = struct.Struct("<5I"), 64  # fixed: the numbers before the name of a matrix; its bytes at most
 BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
 
 
 def _is_other_text(head: bytes) -> bool:
     """Return whether a text is of one of these formats, although its lines look like those of another one."""
     return head.startswith(b"FMT, 128") or (head.startswith(b"%%") and b"\n%%%%(1)" in head)
+
+
+def _is_matlab_4(path: Path) -> bool:
+    """Return whether a file begins with a matrix of MATLAB's version 4: kind, sizes, whether complex, and its name."""
+    with opened(path) as file:
+        head, name = file.read(MATLAB_4.size), file.read(MATLAB_4_NAME)
+    if len(head) < MATLAB_4.size:
+        return False
+    kind, *_, imaginary, length = MATLAB_4.unpack(head)
+    label, end, _ = name[:length].partition(b"\0")
+    return (
+        kind < 100
+        and imaginary < 2
+        and 0 < length <= len(name)
+        and bool(end)
+        and label.decode("latin-1").isidentifier()
+    )
 
 
 def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -202,6 +225,8 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
         raise LogError(f"is {foreign}", path=path)
     if is_tar(head):
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
+    if _is_matlab_4(path):
+        raise LogError("is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')", path=path)
     from usbldr.io.tables.csv_text import lacks_header
 
     if lacks_header(head):

@@ -32,6 +32,7 @@ from usbldr.io.limits import CHUNK_BYTES, limit
 from usbldr.io.reader import Records, TopicInfo, name_of
 
 WAL = b"\x37\x7f\x06"  # how sqlite3's journals begin
+AS_CSV = 'export the tables of another database as CSV (sqlite3 -header -csv FILE "SELECT * FROM TABLE" > dvl.csv)'
 VIEWS = "SELECT 1 FROM sqlite_master WHERE name IN ('messages', 'topics') AND type != 'table'"
 
 
@@ -70,7 +71,8 @@ class Db3Log:
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as err:  # damaged cells are of any type
             why = " ".join(str(err).split())
             if "no such" in why:
-                raise LogError(f"is a sqlite3 file, but not a rosbag2 recording ({why})", path=self.path) from err
+                text = f"is a sqlite3 file, but not a rosbag2 recording ({why}); {AS_CSV}"
+                raise LogError(text, path=self.path) from err
             raise LogError(f"is not a readable rosbag2 recording ({why}); {self._advice}", path=self.path) from err
 
     @property

@@ -1,9 +1,12 @@
 """Formats are recognised by content; unsupported ones are named."""
 
 import tarfile
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+import scipy.io
 
 from damage import recorded
 from damaged_formats import FORMATS as RECORDINGS
@@ -51,6 +54,12 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
     assert open_log(folder / "dvl.csv").format == "CSV file"
 
 
+def matlab_4() -> bytes:
+    file = BytesIO()
+    scipy.io.savemat(file, {"time_s": np.arange(3.0)}, format="4")
+    return file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
@@ -60,6 +69,8 @@ def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
         (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; convert it to version 2.0 first "
          "(rosbag fix IN.bag OUT.bag)"),
         (b"dive.mcap".ljust(257, b"\0") + b"ustar", "is a tar archive; unpack it first (tar -xf)"),
+        (b"CDF\x01rest", "is a netCDF-3 file; convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)"),
+        (matlab_4(), "is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')"),
         (b"PK\x03\x04rest", "is a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV"),
         (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nGPS, 1, 2\n",
          "is a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from"),
