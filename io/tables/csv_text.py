@@ -203,8 +203,10 @@ class _Rows:
             return self._names_again([cells[0].lstrip(COMMENT), *cells[1:]])
         if self._other:
             return self._other
-        if len(cells) != len(self._header):
-            return f"it has {len(cells)} cells, the first line {len(self._header)}"
+        if more := len(cells) - len(self._header):
+            commas = self._separator == "," and sum(cell.isdigit() for cell in cells) >= 2 * more > 0
+            why = "; decimal commas need another separator of columns, such as semicolons" if commas else ""
+            return f"it has {len(cells)} cells, the first line {len(self._header)}{why}"
         return cells if self._order is None else [cells[place] for place in self._order]
 
     def _names_again(self, cells: list[str]) -> str:

@@ -147,6 +147,14 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
     np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
 
 
+def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
+    file = write_csv(tmp_path, dvl="time_ns,forward_mps,starboard_mps\n1,0,995617,-0,006023\n2,1,01,0,03") / "dvl.csv"
+
+    assert "line 2: it has 5 cells, the first line 3; decimal commas need another separator" in refusal(
+        LogError, read_log, file
+    )
+
+
 @pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;"])
 def test_a_line_that_names_the_separator_is_none_of_the_columns(tmp_path: Path, first: str) -> None:
     log = logged_csv(tmp_path, WHEN, compass=f"{first}\nwhen;hdg\n1;0,5\n2;1,5\n")
