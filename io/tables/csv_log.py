@@ -22,7 +22,14 @@ from usbldr.io.tables.cells import ParsedColumn, numbers, times_of
 from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
-from usbldr.io.tables.date_times import foreign_time, orders_of, parted_time, week_and_time, with_iso_times
+from usbldr.io.tables.date_times import (
+    clock_digits,
+    foreign_time,
+    orders_of,
+    parted_time,
+    week_and_time,
+    with_iso_times,
+)
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
@@ -109,6 +116,7 @@ class CsvLog:
         """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
         names, cells = self._begin(file)
         foreign = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
+        foreign = foreign or any(map(clock_digits, names, cells))
         if not foreign or not len(self._table(file).lines):
             return cells
         return [next(iter(column)) for column in self._table(file).columns.values()]

@@ -119,6 +119,8 @@ def with_iso_times(
             found[name] = _as_text(moments, cells)
         elif _are(cells, DATE_TIME):
             found[name] = _iso(list(cells), cells, orders)
+        elif not dates and clock_digits(name, next(iter(cells), "")) and (digits := _clocks_of_digits(cells)):
+            found[name] = _without_date(digits)
         elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and _of_day(name.lower(), cells)):
             found[name] = _on_days(cells, columns[dates[0]], orders) if len(dates) == 1 else _without_date(cells)
     for time, part in pairwise(columns):
@@ -195,6 +197,22 @@ def _of_weeks(week: str, time: str, columns: Mapping[str, Sequence[str]]) -> lis
 
 def _of_day(name: str, cells: Sequence[str]) -> bool:
     return bool(SECONDS_OF_DAY.search(name) or (CLOCK_NAME.search(name) and _are(cells, DIGITS_CLOCK)))
+
+
+def clock_digits(name: str, cell: str) -> bool:
+    """Return whether a cell may be a time of day in digits, 235320.5, by its column's name, which states no unit."""
+    return not named_unit(name).unit and bool(CLOCK_NAME.search(name.lower()) and DIGITS_CLOCK.fullmatch(cell))
+
+
+def _clocks_of_digits(cells: Sequence[str]) -> list[str]:
+    """Return times of day in digits, over a minute or more, with colons; empty if a number is no such time.
+
+    Seconds would have reached 60 in the last two digits.
+    """
+    found = {cell: DIGITS_CLOCK.fullmatch(cell) for cell in cells}
+    clocks = {cell: f"{clock[1]}:{clock[2]}:{clock[3]}" for cell, clock in found.items() if clock}
+    others = any(NUMBER.fullmatch(cell) for cell in found.keys() - clocks.keys())
+    return [clocks.get(cell, cell) for cell in cells] if not others and len({cell[:4] for cell in clocks}) > 1 else []
 
 
 def _are(cells: Sequence[str], kind: re.Pattern[str], or_iso: bool = False) -> bool:

@@ -469,6 +469,18 @@ def test_a_stated_format_comes_first_and_midnight_is_passed() -> None:
     assert with_iso_times({"t": ["23:59:59.5", "00:00:00.5"]})["t"] == passed
 
 
+def test_a_time_of_day_in_digits_is_known_by_its_minutes(tmp_path: Path) -> None:
+    clocks = [(datetime(1970, 1, 1, 23, 59) + timedelta(seconds=k)).strftime("%H%M%S.000") for k in range(120)]
+    seconds = [f"{100000 + k}.000" for k in range(120)]
+    sheets = ["utc,hdg_deg\n" + "".join(f"{time},30\n" for time in times) for times in (clocks, seconds, clocks[:60])]
+
+    log = logged_csv(tmp_path, "", compass=sheets[0] + "x,30\n")
+
+    assert log.tables["compass"]["time_s"].tolist() == list(range(120))
+    for sheet in sheets[1:]:  # of less than a minute either could be meant
+        assert "a column utc without a known unit" in refusal(LogError, logged_csv, tmp_path, "", compass=sheet)
+
+
 def test_dates_are_times_in_a_column_of_any_name_and_of_a_configured_format(tmp_path: Path) -> None:
     sheet = "when,hdg\n" + "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
     stated = '[compass]\ncolumns = { time_unix_s = "when", time_format = "%d/%m/%Y %H:%M:%S", heading = "hdg" }'
