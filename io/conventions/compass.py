@@ -31,6 +31,7 @@ NEWTON_STEPS = 8  # from 30 degrees to far below a compass's resolution
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
 VERTICAL = ("vertical_starboard", "vertical_forward", "vertical_up")  # columns of an attitude
 MIN_CONSTANT_RECORDS = 100  # fewer may be equal by chance
+GON_MARGIN, GON_RECORDS = 20.0, 10  # half of the difference of the two circles; fewer [records] may be damage
 LARGEST_DEG = 400.0  # of a heading: a whole turn, and a declination that was added to it; 511 is no data in AIS
 
 
@@ -124,6 +125,9 @@ def _clockwise(
     if unit_by == "default" and largest < 6.3:
         text = f"no value is above 6.3; if they are radians, {keys.radians}"
         findings = [*findings, raw.finding("HEADING-UNIT", text)]
+    if unit == "deg" and _like_gon(angle):
+        text = "its headings go round at 400, as gon do, not at 360; multiply them by 0.9"
+        findings = [*findings, raw.finding("HEADING-UNIT", text)]
     causes = {
         "not a number": ~np.isfinite(angle),
         "far beyond a whole turn": _beyond_a_turn(raw, angle, unit),
@@ -143,6 +147,15 @@ def _beyond_a_turn(raw: RawRecords, angle_deg: Vector, unit: str) -> Mask:
             f"if their unit is {unit}; they have another unit, or count turns; convert them to degrees from 0 to 360"
         )
     return beyond
+
+
+def _like_gon(angle_deg: Vector) -> bool:
+    """Return whether headings (n,) jump by a circle of 400, never by one of 360, and some are between the two."""
+    known = angle_deg[np.isfinite(angle_deg)]
+    rounds = np.abs(np.diff(known))
+    rounds = rounds[(rounds > 360.0 - GON_MARGIN) & (rounds <= 400.0)]
+    between = np.count_nonzero((known > 360.0 + GON_MARGIN) & (known <= 400.0))
+    return bool(rounds.min(initial=np.inf) > 400.0 - GON_MARGIN and len(rounds) and between >= GON_RECORDS)
 
 
 def _magnetometer(

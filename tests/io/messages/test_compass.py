@@ -131,6 +131,17 @@ def test_a_number_that_is_no_angle_of_a_circle_is_left_out(tmp_path: Path, no_da
     assert only(log, "COMPASS-INVALID") == said
 
 
+@pytest.mark.parametrize(("circle", "damaged"), [(400, 0), (360, 0), (360, 9)])
+def test_headings_that_go_round_at_400_are_gon(tmp_path: Path, circle: int, damaged: int) -> None:
+    angles = [395.0] * damaged + [float(k % circle) for k in range(0, 1200, 2)]
+    rows = [row("old_ds_sensor_msgs/msg/Gyro", {"heading": angle}, k) for k, angle in enumerate(angles)]
+
+    said = [one.text for one in logged(tmp_path, rows).findings if one.code == "HEADING-UNIT"]
+
+    gon = "/heading: its headings go round at 400, as gon do, not at 360; multiply them by 0.9"
+    assert said == ([gon] if circle == 400 else [])
+
+
 def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: Path) -> None:
     rows = [row("old_ds_sensor_msgs/msg/Gyro", {"heading": angle}, k) for k, angle in enumerate([3599.0, 20.0, 1350.0])]
 
