@@ -75,8 +75,7 @@ def _sensor(raw: RawRecords, stamps_count: bool) -> tuple[_Sensor, list[Finding]
     wraps, steps, single, stamp_ns = received.wraps, received.steps, received.single, raw.stamp_ns
     of_stamps = False
     if stamp_ns is not None:
-        own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
-        known = np.flatnonzero(stamp_ns != 0) if not own and np.any(stamp_ns == 0) else slice(None)
+        known = slice(None) if raw.stamped.all() else np.flatnonzero(raw.stamped)
         stamps = examined(stamp_ns[known], groups if isinstance(known, slice) else None)
         wraps, of_stamps = {**stamps.wraps, **wraps}, bool(stamps.steps)
         if stamps.wraps:
@@ -201,7 +200,7 @@ def _joined(one: _Sensor, numbers: Indices, parts: Sequence[_Part]) -> RawRecord
     raw, stamp_ns = one.raw, one.raw.stamp_ns
     received_ns = raw.received_ns + shift_ns if one.of_receipt or not one.of_stamps else raw.received_ns
     if stamp_ns is not None and (one.of_stamps or not one.steps):
-        stamp_ns = np.where(stamp_ns == 0, 0, stamp_ns + shift_ns)
+        stamp_ns = np.where(raw.stamped, stamp_ns + shift_ns, 0)
     return replace(raw, received_ns=received_ns, stamp_ns=stamp_ns)
 
 

@@ -40,7 +40,7 @@ def least_delay_ns(raw: RawRecords) -> int:
     """Return the smallest delay from stamp to log, a few records apart; 0 without stamps."""
     if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):  # a column of times, not a clock
         return 0
-    known = raw.stamp_ns != 0
+    known = raw.stamped
     rank = int(LEAST * np.count_nonzero(known))
     least = np.empty(0, dtype=np.int64)  # the smallest of the blocks so far, as many as decide
     for rows in blocks(len(known)):

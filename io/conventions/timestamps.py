@@ -49,8 +49,8 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float, clock_step_s:
         stamp = raw.received_ns
         made.append(Convention("time", LOG_TIME, "configuration"))
     else:
-        own = raw.topic.type.startswith("usbldr/")  # a column of times, in which zero is a time like any other
-        unset = (raw.stamp_ns == 0) & (not own)
+        own = raw.topic.type.startswith("usbldr/")
+        unset = ~raw.stamped
         stamp = np.where(unset, raw.received_ns, raw.stamp_ns) if unset.any() else raw.stamp_ns
         stamps = "time_ns" if own else "header stamp" if raw.layout.stamp == "header.stamp" else raw.layout.stamp
         made.append(Convention("time", stamps, "configuration" if clock else "type"))

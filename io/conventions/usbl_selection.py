@@ -125,4 +125,4 @@ def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
 def _stale(raw: RawRecords) -> Mask:
     if raw.stamp_ns is None or raw.topic.type.startswith("usbldr/"):
         return np.zeros(len(raw.received_ns), dtype=np.bool_)
-    return (raw.stamp_ns != 0) & (raw.received_ns - raw.stamp_ns - least_delay_ns(raw) > STALE_NS)
+    return raw.stamped & (raw.received_ns - raw.stamp_ns - least_delay_ns(raw) > STALE_NS)

@@ -24,6 +24,7 @@ BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need m
 GOOD = ("y", "yes", "true", "a", "active", "ok", "good", "valid")
 BAD = ("n", "no", "false", "v", "void", "bad", "invalid", "fail", "failed", "error")
 FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}
+SAME_SECOND_NS = 1_000_000_000  # [ns] by judgement: lines without times are logged as near those with a time
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
 
@@ -69,7 +70,7 @@ class RawRecords:
     log: Path
     topic: TopicInfo
     layout: MessageLayout
-    stamp_ns: Nanoseconds | None  # (n,) stamps, 0 if unset; None: the type has none
+    stamp_ns: Nanoseconds | None  # (n,) stamps, 0 if unset (see `stamped`); None: the type has none
     received_ns: Nanoseconds  # (n,) log time
     values: Mapping[str, Column]  # quantity -> (n,)
     frame_id: str
@@ -89,9 +90,23 @@ class RawRecords:
         values = {quantity: column[rows] for quantity, column in self.values.items()}
         return replace(self, stamp_ns=stamp_ns, received_ns=self.received_ns[rows], values=values)
 
+    @property
+    def stamped(self) -> Mask:
+        """Return which records have a stamp, (n,).
+
+        Zero is none, but in a column of times, or where the log's time is zero, too: of a log without dates.
+        """
+        if self.stamp_ns is None or self.topic.type.startswith("usbldr/"):
+            return np.full(len(self.received_ns), self.stamp_ns is not None)
+        stamped = self.stamp_ns != 0
+        if stamped.any():
+            zero = np.flatnonzero(~stamped)
+            stamped[zero] = np.abs(self.received_ns[zero]) < SAME_SECOND_NS
+        return stamped
+
     def later_by(self, shift_ns: int) -> "RawRecords":
-        """Return the records with their stamps shifted; a stamp of zero is unset and stays so."""
-        stamp_ns = None if self.stamp_ns is None else np.where(self.stamp_ns == 0, 0, self.stamp_ns + shift_ns)
+        """Return the records with their stamps shifted; unset ones stay so."""
+        stamp_ns = None if self.stamp_ns is None else np.where(self.stamped, self.stamp_ns + shift_ns, 0)
         attitude = None if self.attitude is None else self.attitude.later_by(shift_ns)
         return replace(self, stamp_ns=stamp_ns, attitude=attitude)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import codes, logged
-from recordings import SECOND, T0, Row, point, twist, yaw
+from logs import codes, logged, logged_nmea
+from recordings import SECOND, T0, Row, point, sentence, twist, yaw
 
 
 def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -> None:
@@ -77,6 +77,15 @@ def test_zero_stamps_are_timed_by_log_time_and_counted(tmp_path: Path) -> None:
 
     np.testing.assert_allclose(log.tables["dvl"]["time_s"], [0, 1])
     assert codes(log)["ZERO-STAMP"] == "/dvl: 1 of 2 header stamps are zero; those records are timed by log time"
+
+
+def test_midnight_of_a_log_without_dates_is_a_stamp(tmp_path: Path) -> None:
+    lines = [f"GPGGA,00000{k}.00,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,," for k in range(3)]
+
+    log = logged_nmea(tmp_path, *map(sentence, lines))
+
+    np.testing.assert_array_equal(log.tables["gps"]["time_s"], [0, 1, 2])
+    assert "ZERO-STAMP" not in codes(log)
 
 
 def test_time_zero_is_the_earliest_stamp_of_the_records_used(tmp_path: Path) -> None:
