@@ -39,6 +39,7 @@ SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less 
 DAY_NS = 86_400_000_000_000  # fixed
 USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
 HALF_HOUR_S = 1800  # fixed: time zones are so many apart
+FARTHEST_ZONE_S = 14 * 3600  # fixed: of the Line Islands, from UTC
 ZONE_TOLERANCE_S = 60.0  # [s] by judgement: loggers of a dive start together
 
 
@@ -187,10 +188,14 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         hint = 'if a clock is wrong, try time = "log" or state latency_s'
         role, other = max(spans, key=lambda one: spans[one][0]), min(spans, key=lambda one: spans[one][1])
         apart_s = (spans[role][0] - spans[other][0]) / 1e9
-        if abs(apart_s - (zone_s := HALF_HOUR_S * round(apart_s / HALF_HOUR_S))) < ZONE_TOLERANCE_S:
+        zone_s = HALF_HOUR_S * round(apart_s / HALF_HOUR_S)
+        if abs(apart_s - zone_s) < ZONE_TOLERANCE_S and zone_s <= FARTHEST_ZONE_S:
             ahead = [one for one, (first, _) in spans.items() if abs(first - spans[role][0]) / 1e9 < HALF_HOUR_S / 2]
             named = " and ".join(f"[{one}]" for one in ahead)
             hint += f" ({zone_s} under {named}, if these times are of a time zone {zone_s / 3600:g} h ahead)"
+        (year, month, day), exchanged = (utc(spans[one][0])[:10].split("-") for one in (role, other))
+        if month != day and exchanged == [year, day, month]:
+            hint = f"day and month of {role} and {other} are exchanged: state time_format for one of them"
         hint += "; of a file without dates, state date under [[file]]" * (" 1970-" in spans_text)
         raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
 

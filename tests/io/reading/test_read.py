@@ -90,6 +90,21 @@ def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Pa
     )
 
 
+@pytest.mark.parametrize(
+    ("usbl", "said"), [("02/05/2026", "day and month of dvl and usbl are exchanged"), ("03/02/2026", "state latency_s")]
+)
+def test_no_sensor_is_of_a_zone_farther_than_any(tmp_path: Path, usbl: str, said: str) -> None:
+    """As of a file whose program writes the day first, and of one that is a day or more ahead."""
+    date = "05/02/2026 00:00:00"
+    files = {"dvl": f"Time,forward_mps,starboard_mps\n{date},1,0", "compass": f"Time,heading_deg\n{date},1"}
+    log = write_csv(tmp_path / "dive", **files, usbl=f"Time,lat_deg,lon_deg\n{usbl} 00:00:00,45,7")
+
+    text = refusal(LogError, read_log, log)
+
+    assert " h ahead" not in text
+    assert said in text
+
+
 def test_a_log_that_begins_after_today_is_named(tmp_path: Path) -> None:
     labview_ns = (2_082_844_800 + T0 // SECOND) * SECOND  # as many seconds since 1904
     dives = {"now": T0, "future": labview_ns}
