@@ -5,6 +5,7 @@ other. So stretches are never merged. A clock that does not go back there is ano
 part within whose time they are. Integer nanoseconds.
 """
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.types import Indices, Mask
-from usbldr.io.conventions.clock_steps import SECOND, STEP_NS, ClockStep, examined
+from usbldr.io.conventions.clock_steps import LASTING, SECOND, STEP_NS, ClockStep, Wrap, examined
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds, utc
@@ -36,6 +37,7 @@ class _Sensor:
     steps: list[ClockStep]
     of_stamps: bool  # the stamps go back
     of_receipt: bool  # the log times go back
+    wraps: list[Wrap]
 
 
 def in_time_order(
@@ -46,13 +48,9 @@ def in_time_order(
     ``part``: which part of a log whose clock goes back, from 1 on, or JOINED. Roles in ``by_log`` are timed without
     stamps. Raises PartsError if a part has to be chosen, UsageError if there is no such part.
     """
-    sensors: dict[str, _Sensor] = {}
-    findings: list[Finding] = []
-    for role, raw in raws.items():
-        sensors[role], found = _sensor(raw, role != "usbl" and role not in by_log)
-        findings += found
-        if raw.attitude is not None:
-            sensors[f"{role} attitude"], _ = _sensor(raw.attitude, role not in by_log)
+    sensors, findings = _examined(raws, by_log, ())
+    if wraps := [wrap for one in sensors.values() for wrap in one.wraps]:
+        sensors, findings = _examined(raws, by_log, wraps)
     first = max(sensors.values(), key=lambda one: (len(one.steps), len(one.raw.received_ns)), default=None)
     if first is None or not first.steps:
         if part is not None:
@@ -65,19 +63,34 @@ def in_time_order(
     return {role: replace(made[role], attitude=made.get(f"{role} attitude")) for role in raws if role in made}, findings
 
 
-def _sensor(raw: RawRecords, stamps_count: bool) -> tuple[_Sensor, list[Finding]]:
+def _examined(
+    raws: Mapping[str, RawRecords], by_log: Collection[str], known: Collection[Wrap]
+) -> tuple[dict[str, _Sensor], list[Finding]]:
+    """Examine the clock of each sensor; ``known`` are the wraps of all."""
+    sensors: dict[str, _Sensor] = {}
+    findings: list[Finding] = []
+    for role, raw in raws.items():
+        sensors[role], found = _sensor(raw, role != "usbl" and role not in by_log, known)
+        findings += found
+        if raw.attitude is not None:
+            sensors[f"{role} attitude"], _ = _sensor(raw.attitude, role not in by_log, known)
+    return sensors, findings
+
+
+def _sensor(raw: RawRecords, stamps_count: bool, known_wraps: Collection[Wrap]) -> tuple[_Sensor, list[Finding]]:
     """Examine the log times of a sensor, and its stamps; with wraps put right."""
     groups = None
     if "target" in raw.values:
         names, which = np.unique(raw.values["target"], return_inverse=True)
         groups = [np.flatnonzero(which == k) for k in range(len(names))]
-    received = examined(raw.received_ns, groups)
+    received = examined(raw.received_ns, groups, known_wraps)
     wraps, steps, single, stamp_ns = received.wraps, received.steps, received.single, raw.stamp_ns
     of_stamps = False
     if stamp_ns is not None:
         known = slice(None) if raw.stamped.all() else np.flatnonzero(raw.stamped)
-        stamps = examined(stamp_ns[known], groups if isinstance(known, slice) else None)
-        wraps, of_stamps = {**stamps.wraps, **wraps}, bool(stamps.steps)
+        stamps = examined(stamp_ns[known], groups if isinstance(known, slice) else None, known_wraps)
+        of_stamps = bool(stamps.steps)
+        wraps = [*wraps, *(wrap for wrap in stamps.wraps if wrap.name not in {one.name for one in wraps})]
         if stamps.wraps:
             stamp_ns = stamp_ns.copy()
             stamp_ns[known] = stamps.times_ns
@@ -86,13 +99,13 @@ def _sensor(raw: RawRecords, stamps_count: bool) -> tuple[_Sensor, list[Finding]
             steps = [step._replace(row=int(rows[step.row])) for step in stamps.steps]
     findings = [
         raw.finding("CLOCK-WRAP", f"its time is a {name} that began again ({count}×); counted on")
-        for name, count in wraps.items()
+        for name, count in Counter(wrap.name for wrap in wraps).items()
     ]
     if single:
         text = f"{single} records are before the one in front of them by more than {STEP_NS / SECOND:g} s; sorted"
         findings.append(raw.finding("OUT-OF-ORDER", text))
     made = replace(raw, received_ns=received.times_ns, stamp_ns=stamp_ns)
-    return _Sensor(made, steps, of_stamps, bool(received.steps)), findings
+    return _Sensor(made, steps, of_stamps, bool(received.steps), wraps), findings
 
 
 class _Part(NamedTuple):
@@ -111,7 +124,8 @@ def _chosen(
     sensors: Mapping[str, _Sensor], first: _Sensor, part: str | int | None
 ) -> tuple[dict[str, RawRecords], Finding]:
     """Return the records of a part, or of all parts joined."""
-    numbers = {role: _numbers(one, first.steps) for role, one in sensors.items()}
+    last_ns = max(int(_clock(one)[-1]) for one in sensors.values() if one.steps)
+    numbers = {role: _numbers(one, first.steps, last_ns) for role, one in sensors.items()}
     parts = _parts(sensors, numbers, first.steps)
     number = str(part) if part is not None else ""
     stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
@@ -154,8 +168,11 @@ def _clock(one: _Sensor) -> Nanoseconds:
     return one.raw.stamp_ns if by_stamps and one.raw.stamp_ns is not None else one.raw.received_ns
 
 
-def _numbers(one: _Sensor, steps: Sequence[ClockStep]) -> Indices | None:
-    """Return the number of the part, from 0 on, of each record (n,); None for a clock that does not go back."""
+def _numbers(one: _Sensor, steps: Sequence[ClockStep], last_ns: int) -> Indices | None:
+    """Return the number of the part, from 0 on, of each record (n,); None for a clock that does not go back.
+
+    ``last_ns`` is the last time of those that do.
+    """
     times = _clock(one)
     if one.steps:
         numbers, k = np.zeros(len(times), dtype=np.intp), 0
@@ -164,9 +181,27 @@ def _numbers(one: _Sensor, steps: Sequence[ClockStep]) -> Indices | None:
             k = 1 + min(left, key=lambda i: _apart_ns(steps[i], own))
             numbers[own.row :] = k
         return numbers
-    if any(np.sum((times > step.after_ns) & (times <= step.before_ns)) > FEW for step in steps):
+    numbers = np.zeros(len(times), dtype=np.intp)
+    for step in steps:
+        if (behind := _behind(times, step, last_ns)) is None:
+            return None
+        numbers += behind
+    return numbers
+
+
+def _behind(times_ns: Nanoseconds, step: ClockStep, last_ns: int) -> Mask | None:
+    """Return which records (n,) are behind a step that their times do not show; None if their clock has none.
+
+    A gap hides a step that is shorter. A clock without the step would go on after the last time of those with it.
+    """
+    if np.sum((times_ns > step.after_ns) & (times_ns <= step.before_ns)) <= FEW:
+        return times_ns > step.before_ns
+    gaps_ns = np.diff(times_ns)
+    at_step = (times_ns[:-1] <= step.before_ns) & (times_ns[1:] >= step.after_ns)
+    last = int(np.argmax(np.where(at_step, gaps_ns, 0)))
+    if gaps_ns[last] <= LASTING * np.median(gaps_ns) or times_ns[-1] - last_ns > step.size_ns // 2:
         return None
-    return np.sum([times > step.before_ns for step in steps], axis=0)
+    return np.arange(len(times_ns)) > last
 
 
 def _apart_ns(a: ClockStep, b: ClockStep) -> int:

@@ -5,7 +5,7 @@ step back is that of a computer that started again, or whose clock was set; of a
 begins again it is put right. Single wrong times are counted.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,31 +43,42 @@ class ClockStep(NamedTuple):
         return self.before_ns + self.usual_ns - self.after_ns
 
 
+class Wrap(NamedTuple):
+    """A place at which a counter was full and began again."""
+
+    name: str  # of the counter
+    width_ns: int
+    before_ns: int
+
+
 class Examined(NamedTuple):
     """Times (n,) in the order of the file, wraps put right, and what was found in them."""
 
     times_ns: Nanoseconds
     steps: list[ClockStep]
     single: int  # records that are before the one in front of them by more than STEP_NS, without a step
-    wraps: dict[str, int]  # counter -> how often it began again
+    wraps: list[Wrap]
 
 
-def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None) -> Examined:
-    """Examine times in the order of the file; those of ``groups`` of records each by itself."""
+def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None, known: Collection[Wrap] = ()) -> Examined:
+    """Examine times in the order of the file; those of ``groups`` of records each by itself.
+
+    ``known`` are wraps of the log's other sensors, which a gap may hide.
+    """
     if groups is not None and len(groups) > 1:
         whole = times_ns.copy()
-        parts = [(rows, examined(times_ns[rows])) for rows in groups]
+        parts = [(rows, examined(times_ns[rows], known=known)) for rows in groups]
         for rows, part in parts:
             whole[rows] = part.times_ns
         steps = sorted(step._replace(row=int(rows[step.row])) for rows, part in parts for step in part.steps)
-        wraps = {name: count for _, part in parts for name, count in part.wraps.items()}
+        wraps = max((part.wraps for _, part in parts), key=len)
         return Examined(whole, steps, sum(part.single for _, part in parts), wraps)
     rows, ahead = _backward(times_ns), _far_forward(times_ns)
     if not (len(rows) or len(ahead)) or np.all(times_ns[1:] <= times_ns[:-1]):  # a table whose newest row is the first
-        return Examined(times_ns, [], 0, {})
+        return Examined(times_ns, [], 0, [])
     intervals = np.diff(times_ns[:USUAL_OF])
     usual_ns = int(np.median(intervals[intervals > 0])) if np.any(intervals > 0) else 0
-    times_ns, wraps = _without_wraps(times_ns, rows, usual_ns)
+    times_ns, wraps = _without_wraps(times_ns, rows, usual_ns, known)
     rows = _backward(times_ns)
     lasting = _lasting(times_ns, rows, usual_ns)
     places = np.sort(np.concatenate([rows[lasting], _far_forward(times_ns)]))
@@ -91,10 +102,12 @@ def _far_forward(times_ns: Nanoseconds) -> Indices:
     return rows[np.min(behind, axis=1) > np.max(before, axis=1) + LONGEST_LOG_NS]
 
 
-def _without_wraps(times_ns: Nanoseconds, rows: Indices, usual_ns: int) -> tuple[Nanoseconds, dict[str, int]]:
+def _without_wraps(
+    times_ns: Nanoseconds, rows: Indices, usual_ns: int, known: Collection[Wrap]
+) -> tuple[Nanoseconds, list[Wrap]]:
     """Add the width of a counter behind each place (its first row) at which it began again."""
     near_ns = max(LASTING * usual_ns, STEP_NS)
-    wraps: dict[str, int] = {}
+    wraps: list[Wrap] = []
     added = np.zeros(len(times_ns), dtype=np.int64)
     for row in rows.tolist():
         before, after = int(times_ns[row - 1]), int(times_ns[row])
@@ -104,10 +117,15 @@ def _without_wraps(times_ns: Nanoseconds, rows: Indices, usual_ns: int) -> tuple
             for width, phase, name in CALENDAR_NS
             if 0 <= after + width - before <= near_ns and (after - phase) % width <= near_ns + LEAP_NS * (phase != 0)
         ]
+        full += [
+            (wrap.width_ns, wrap.name)
+            for wrap in known
+            if before <= wrap.before_ns <= after + wrap.width_ns and before - after > wrap.width_ns // 2
+        ]
         if full:
             width, name = full[0]
             added[row:] += width
-            wraps[name] = wraps.get(name, 0) + 1
+            wraps.append(Wrap(name, width, before))
     return (times_ns + added if wraps else times_ns), wraps
 
 

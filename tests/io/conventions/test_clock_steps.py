@@ -316,6 +316,36 @@ def test_a_counter_that_is_full_counts_on(counter: str, container: str, first: i
     np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), 0.2, atol=1e-6)
 
 
+def with_fixes(folder: Path, times: Times, fix_times: Times, gap: slice) -> Path:
+    """Write a dive with fixes at some times but those of a gap; each is as far east as its record's number."""
+    k = np.delete(np.arange(COUNT), gap)
+    fixes = {"time_ns": fix_times[k], "east_m": 1.0 * k, "north_m": 0.0 * k}
+    return as_csv(folder, {**tables_of(times), "usbl": fixes})
+
+
+@pytest.mark.parametrize("width", WIDTHS.values())
+def test_a_wrap_that_a_gap_of_the_fixes_hides_is_that_of_the_other_sensors(tmp_path: Path, width: int) -> None:
+    times = (width + (np.arange(COUNT) - COUNT // 2) * STEP) % width
+
+    log = read_log(with_fixes(tmp_path, times, times, slice(COUNT // 2 - 15, COUNT // 2 + 15)))
+
+    fixes = log.tables["usbl"]
+    np.testing.assert_allclose(fixes["time_s"], fixes["east_m"] * STEP / SECOND, atol=1e-6)
+
+
+@pytest.mark.parametrize(("own_clock", "gap_ends"), [(False, 50), (True, 35)])
+def test_a_gap_of_the_fixes_may_hide_a_step_of_their_clock(tmp_path: Path, own_clock: bool, gap_ends: int) -> None:
+    """A clock of their own, without the step, goes on for longer."""
+    times = back(COUNT // 2, 3 * SECOND)
+
+    log = with_fixes(tmp_path, times, STEADY if own_clock else times, slice(25, gap_ends))
+    parts = {part: read_log(log, Request(part=part)) for part in ("2", "joined")}
+
+    fixes = parts["joined"].tables["usbl"]
+    np.testing.assert_allclose(fixes["time_s"], fixes["east_m"] * STEP / SECOND, atol=1e-6)
+    assert own_clock or parts["2"].tables["usbl"]["east_m"].tolist() == [*range(gap_ends, COUNT)]
+
+
 def test_a_table_whose_newest_row_is_the_first_is_in_order(tmp_path: Path) -> None:
     log = read_log(as_csv(tmp_path, tables_of(T0 + np.arange(COUNT)[::-1] * 5 * SECOND)))
 
