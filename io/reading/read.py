@@ -189,7 +189,7 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         role, other = max(spans, key=lambda one: spans[one][0]), min(spans, key=lambda one: spans[one][1])
         apart_s = (spans[role][0] - spans[other][0]) / 1e9
         zone_s = HALF_HOUR_S * round(apart_s / HALF_HOUR_S)
-        if abs(apart_s - zone_s) < ZONE_TOLERANCE_S and zone_s <= FARTHEST_ZONE_S:
+        if abs(apart_s - zone_s) < ZONE_TOLERANCE_S and 0 < zone_s <= FARTHEST_ZONE_S:
             ahead = [one for one, (first, _) in spans.items() if abs(first - spans[role][0]) / 1e9 < HALF_HOUR_S / 2]
             named = " and ".join(f"[{one}]" for one in ahead)
             hint += f" ({zone_s} under {named}, if these times are of a time zone {zone_s / 3600:g} h ahead)"
