@@ -14,7 +14,8 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.types import Indices, Mask
-from usbldr.io.conventions.clock_steps import LASTING, SECOND, STEP_NS, ClockStep, Wrap, examined
+from usbldr.io.conventions.clock_pauses import shared_pauses
+from usbldr.io.conventions.clock_steps import DAY, LASTING, LONGEST_LOG_NS, SECOND, STEP_NS, ClockStep, Wrap, examined
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds, utc
@@ -48,9 +49,13 @@ def in_time_order(
     ``part``: which part of a log whose clock goes back, from 1 on, or JOINED. Roles in ``by_log`` are timed without
     stamps. Raises PartsError if a part has to be chosen, UsageError if there is no such part.
     """
-    sensors, findings = _examined(raws, by_log, ())
+    sensors, findings = _examined(raws, by_log)
     if wraps := [wrap for one in sensors.values() for wrap in one.wraps]:
         sensors, findings = _examined(raws, by_log, wraps)
+    pauses, longest_ns = shared_pauses({role: one.raw.received_ns for role, one in sensors.items()})
+    if longest_ns < LONGEST_LOG_NS:
+        sensors, findings = _examined(raws, by_log, wraps, longest_ns)
+    findings += [pause.finding() for pause in pauses if pause.length_ns <= longest_ns]
     first = max(sensors.values(), key=lambda one: (len(one.steps), len(one.raw.received_ns)), default=None)
     if first is None or not first.steps:
         if part is not None:
@@ -64,31 +69,36 @@ def in_time_order(
 
 
 def _examined(
-    raws: Mapping[str, RawRecords], by_log: Collection[str], known: Collection[Wrap]
+    raws: Mapping[str, RawRecords],
+    by_log: Collection[str],
+    known: Collection[Wrap] = (),
+    longest_ns: int = LONGEST_LOG_NS,
 ) -> tuple[dict[str, _Sensor], list[Finding]]:
-    """Examine the clock of each sensor; ``known`` are the wraps of all."""
+    """Examine the clock of each sensor; ``known`` are the wraps of all; see `examined`."""
     sensors: dict[str, _Sensor] = {}
     findings: list[Finding] = []
     for role, raw in raws.items():
-        sensors[role], found = _sensor(raw, role != "usbl" and role not in by_log, known)
+        sensors[role], found = _sensor(raw, role != "usbl" and role not in by_log, known, longest_ns)
         findings += found
         if raw.attitude is not None:
-            sensors[f"{role} attitude"], _ = _sensor(raw.attitude, role not in by_log, known)
+            sensors[f"{role} attitude"], _ = _sensor(raw.attitude, role not in by_log, known, longest_ns)
     return sensors, findings
 
 
-def _sensor(raw: RawRecords, stamps_count: bool, known_wraps: Collection[Wrap]) -> tuple[_Sensor, list[Finding]]:
+def _sensor(
+    raw: RawRecords, stamps_count: bool, known_wraps: Collection[Wrap], longest_ns: int
+) -> tuple[_Sensor, list[Finding]]:
     """Examine the log times of a sensor, and its stamps; with wraps put right."""
     groups = None
     if "target" in raw.values:
         names, which = np.unique(raw.values["target"], return_inverse=True)
         groups = [np.flatnonzero(which == k) for k in range(len(names))]
-    received = examined(raw.received_ns, groups, known_wraps)
+    received = examined(raw.received_ns, groups, known_wraps, longest_ns)
     wraps, steps, single, stamp_ns = received.wraps, received.steps, received.single, raw.stamp_ns
     of_stamps = False
     if stamp_ns is not None:
         known = slice(None) if raw.stamped.all() else np.flatnonzero(raw.stamped)
-        stamps = examined(stamp_ns[known], groups if isinstance(known, slice) else None, known_wraps)
+        stamps = examined(stamp_ns[known], groups if isinstance(known, slice) else None, known_wraps, longest_ns)
         of_stamps = bool(stamps.steps)
         wraps = [*wraps, *(wrap for wrap in stamps.wraps if wrap.name not in {one.name for one in wraps})]
         if stamps.wraps:
@@ -134,6 +144,9 @@ def _chosen(
         for step in first.steps
     )
     listed = "; ".join(f"part {k}: {utc(p.first_ns)} to {utc(p.last_ns)}" for k, p in enumerate(parts, start=1))
+    if paused := [-step.size_ns for step in first.steps if -LONGEST_LOG_NS <= step.size_ns < 0]:
+        why = "another recording, or dates to be read by time_format" if max(paused) > DAY else "another recording"
+        sizes += f" (or all sensors pause there: {why})"
     text = f"{', '.join(stepped)}: the clock goes {sizes}, at record {first.steps[0].row + 1}; {listed}"
     if number != JOINED and number not in map(str, range(1, len(parts) + 1)):
         advice = f"choose one with --part N or part = N in the configuration; {JOINED} in place of N lets it count on"
@@ -195,7 +208,7 @@ def _behind(times_ns: Nanoseconds, step: ClockStep, last_ns: int) -> Mask | None
     A gap hides a step that is shorter. A clock without the step would go on after the last time of those with it.
     """
     if np.sum((times_ns > step.after_ns) & (times_ns <= step.before_ns)) <= FEW:
-        return times_ns > step.before_ns
+        return times_ns > max(step.before_ns, (step.before_ns + step.after_ns) // 2)
     gaps_ns = np.diff(times_ns)
     at_step = (times_ns[:-1] <= step.before_ns) & (times_ns[1:] >= step.after_ns)
     last = int(np.argmax(np.where(at_step, gaps_ns, 0)))

@@ -1,8 +1,9 @@
 """Clocks that go back within a log, found in the order of the file, before anything is sorted. Integer nanoseconds.
 
-So is a lasting step forward by more than any log lasts: a clock that counted from its start until it was set. A lasting
-step back is that of a computer that started again, or whose clock was set; of a counter that is full and
-begins again it is put right. Single wrong times are counted.
+So is a lasting step forward by more than any log lasts (a clock that counted from its start until it was set), or
+of all sensors by more than this log lasts (clock_pauses.py). A lasting step back is that of a computer that started
+again, or whose clock was set; of a counter that is full and begins again it is put right. Single wrong times are
+counted.
 """
 
 from collections.abc import Collection, Sequence
@@ -30,7 +31,7 @@ CALENDAR_NS = (
 
 
 class ClockStep(NamedTuple):
-    """A place at which a clock goes back, or forward by more than any log lasts."""
+    """A place at which a clock goes back, or far forward."""
 
     row: int  # the first record after it
     before_ns: int
@@ -60,20 +61,28 @@ class Examined(NamedTuple):
     wraps: list[Wrap]
 
 
-def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None, known: Collection[Wrap] = ()) -> Examined:
+def examined(
+    times_ns: Nanoseconds,
+    groups: Sequence[Indices] | None = None,
+    known: Collection[Wrap] = (),
+    longest_ns: int = LONGEST_LOG_NS,
+) -> Examined:
     """Examine times in the order of the file; those of ``groups`` of records each by itself.
 
-    ``known`` are wraps of the log's other sensors, which a gap may hide.
+    ``known`` are wraps of the log's other sensors, which a gap may hide; a step forward is longer than ``longest_ns``.
     """
     if groups is not None and len(groups) > 1:
         whole = times_ns.copy()
-        parts = [(rows, examined(times_ns[rows], known=known)) for rows in groups]
+        parts = [(rows, examined(times_ns[rows], None, known, longest_ns)) for rows in groups]
         for rows, part in parts:
             whole[rows] = part.times_ns
-        steps = sorted(step._replace(row=int(rows[step.row])) for rows, part in parts for step in part.steps)
+        most = max(len(part.steps) for _, part in parts)  # of one clock: the groups have the same steps
+        each = [(rows, part.steps) for rows, part in parts if len(part.steps) == most]
+        in_file = [[step._replace(row=int(rows[step.row])) for step in steps] for rows, steps in each]
+        steps = [min(same) for same in zip(*in_file, strict=True)]
         wraps = max((part.wraps for _, part in parts), key=len)
         return Examined(whole, steps, sum(part.single for _, part in parts), wraps)
-    rows, ahead = _backward(times_ns), _far_forward(times_ns)
+    rows, ahead = _backward(times_ns), _far_forward(times_ns, longest_ns)
     if not (len(rows) or len(ahead)) or np.all(times_ns[1:] <= times_ns[:-1]):  # a table whose newest row is the first
         return Examined(times_ns, [], 0, [])
     intervals = np.diff(times_ns[:USUAL_OF])
@@ -81,7 +90,7 @@ def examined(times_ns: Nanoseconds, groups: Sequence[Indices] | None = None, kno
     times_ns, wraps = _without_wraps(times_ns, rows, usual_ns, known)
     rows = _backward(times_ns)
     lasting = _lasting(times_ns, rows, usual_ns)
-    places = np.sort(np.concatenate([rows[lasting], _far_forward(times_ns)]))
+    places = np.sort(np.concatenate([rows[lasting], _far_forward(times_ns, longest_ns)]))
     steps = [ClockStep(row, int(times_ns[row - 1]), int(times_ns[row]), usual_ns) for row in places.tolist()]
     return Examined(times_ns, steps, int(np.sum(~lasting)), wraps)
 
@@ -91,15 +100,15 @@ def _backward(times_ns: Nanoseconds) -> Indices:
     return rows[times_ns[rows] < times_ns[rows - 1] - STEP_NS]
 
 
-def _far_forward(times_ns: Nanoseconds) -> Indices:
-    """Return the first rows behind lasting steps forward that are longer than any log."""
-    if not len(times_ns) or times_ns.max() - times_ns.min() <= LONGEST_LOG_NS:
+def _far_forward(times_ns: Nanoseconds, longest_ns: int) -> Indices:
+    """Return the first rows behind lasting steps forward that are longer."""
+    if not len(times_ns) or times_ns.max() - times_ns.min() <= longest_ns:
         return np.empty(0, dtype=np.intp)
-    rows = np.flatnonzero(np.diff(times_ns) > LONGEST_LOG_NS) + 1
+    rows = np.flatnonzero(np.diff(times_ns) > longest_ns) + 1
     rows = rows[(rows >= LASTING) & (rows + LASTING <= len(times_ns))]
     ahead = np.arange(LASTING)
     before, behind = times_ns[rows[:, np.newaxis] - 1 - ahead], times_ns[rows[:, np.newaxis] + ahead]
-    return rows[np.min(behind, axis=1) > np.max(before, axis=1) + LONGEST_LOG_NS]
+    return rows[np.min(behind, axis=1) > np.max(before, axis=1) + longest_ns]
 
 
 def _without_wraps(

@@ -222,6 +222,13 @@ def headings(log: Log) -> list[int]:
     return np.rint((90 - log.tables["compass"]["heading_deg"].to_numpy()) * 10).astype(int).tolist()
 
 
+def with_fixes(folder: Path, times: Times, fix_times: Times, gap: slice) -> Path:
+    """Write a dive with fixes at some times but those of a gap; each is as far east as its record's number."""
+    k = np.delete(np.arange(COUNT), gap)
+    fixes = {"time_ns": fix_times[k], "east_m": 1.0 * k, "north_m": 0.0 * k}
+    return as_csv(folder, {**tables_of(times), "usbl": fixes})
+
+
 @pytest.mark.parametrize("container", CONTAINERS)
 @settings(max_examples=1)
 @given(cut=st.integers(10, COUNT - 10), back_ns=st.integers(3 * SECOND // 2, 10**6 * SECOND))
@@ -261,6 +268,46 @@ def test_a_clock_that_counts_from_its_start_until_set_makes_parts(tmp_path: Path
     assert [headings(part) for part in parts] == [[*range(cut)], [*range(cut, COUNT)], [*range(COUNT)]]
     np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=1e-5)
     assert abs(parts[2].start_ns - T0) < SECOND // 1000
+
+
+@pytest.mark.parametrize("container", ["mcap", "csv"])
+def test_a_pause_of_all_sensors_that_is_longer_than_the_log_makes_parts(tmp_path: Path, container: str) -> None:
+    times = back(37, -HOUR)
+
+    log = CONTAINERS[container](tmp_path, times)
+    with pytest.raises(PartsError, match=r"forward by 3600\.000 s .*all sensors pause.*part 1: .*; part 2: "):
+        read_log(log)
+    parts = [read_log(log, Request(part=part)) for part in ("1", "2", "joined")]
+
+    assert [headings(part) for part in parts] == [[*range(37)], [*range(37, COUNT)], [*range(COUNT)]]
+    np.testing.assert_allclose(np.diff(parts[2].tables["compass"]["time_s"]), 0.2, atol=1e-5)
+
+
+def test_three_recordings_are_three_parts_and_each_has_its_few_fixes(tmp_path: Path) -> None:
+    k = np.arange(COUNT)
+    times = STEADY + 2 * HOUR * (k >= 20) + HOUR * (k >= 60)
+    fixes = {"time_ns": times[4::5] + STEP // 2, "east_m": 1.0 * k[4::5], "north_m": 0.0 * k[4::5]}
+
+    log = as_csv(tmp_path, {**tables_of(times), "usbl": fixes})
+    parts = [read_log(log, Request(part=part)).tables["usbl"]["east_m"].tolist() for part in "123"]
+
+    assert parts == [[4, 9, 14, 19], [*range(24, 60, 5)], [*range(64, COUNT, 5)]]
+
+
+def test_a_shorter_pause_of_all_sensors_is_said(tmp_path: Path) -> None:
+    times = T0 + np.arange(COUNT) * 60 * SECOND + np.where(np.arange(COUNT) < 20, 0, HOUR)
+
+    log = read_log(as_csv(tmp_path, tables_of(times)))
+
+    assert headings(log) == [*range(COUNT)]
+    assert "all sensors pause for 3660 s together after 2020-09-13T12:45:40.000Z" in codes(log)["PAUSE"]
+
+
+def test_a_pause_of_one_sensor_is_none(tmp_path: Path) -> None:
+    """The fixes go on an hour later, where no other sensor has a record."""
+    log = with_fixes(tmp_path, STEADY, back(37, -HOUR), slice(0, 0))
+
+    assert {"PAUSE", "CLOCK-FORWARD"}.isdisjoint(codes(read_log(log)))
 
 
 def test_a_few_times_far_ahead_make_no_parts() -> None:
@@ -314,13 +361,6 @@ def test_a_counter_that_is_full_counts_on(counter: str, container: str, first: i
     assert headings(log) == [*range(COUNT)]
     assert counter in codes(log)["CLOCK-WRAP"]
     np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), 0.2, atol=1e-6)
-
-
-def with_fixes(folder: Path, times: Times, fix_times: Times, gap: slice) -> Path:
-    """Write a dive with fixes at some times but those of a gap; each is as far east as its record's number."""
-    k = np.delete(np.arange(COUNT), gap)
-    fixes = {"time_ns": fix_times[k], "east_m": 1.0 * k, "north_m": 0.0 * k}
-    return as_csv(folder, {**tables_of(times), "usbl": fixes})
 
 
 @pytest.mark.parametrize("width", WIDTHS.values())
@@ -412,3 +452,9 @@ def test_records_of_two_targets_one_after_the_other_are_no_step() -> None:
 
     assert examined(times, [np.arange(30), np.arange(30, 60)]).steps == []
     assert [step.row for step in examined(times).steps] == [30]
+
+
+def test_targets_in_turn_have_one_step() -> None:
+    found = examined(back(40, 3 * SECOND), [np.arange(0, COUNT, 2), np.arange(1, COUNT, 2)])
+
+    assert [step.row for step in found.steps] == [40]

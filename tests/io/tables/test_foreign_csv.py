@@ -527,7 +527,7 @@ def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
 def test_all_files_take_the_same_order_of_day_and_month(
     tmp_path: Path, dates: tuple[str, str], notation: str, first: str, code: str
 ) -> None:
-    clocks = ("23:59", "00:00") if dates[0] != dates[1] else ("22:59", "23:59")
+    clocks = ("23:59", "00:00") if dates[0] != dates[1] else ("23:58", "23:59")
     before, behind = ([f"{d} {c}:{k:02d}" for k in range(30)] for d, c in zip(dates, clocks, strict=True))
     gps = "Time,Latitude [deg],Longitude [deg]\n" + "".join(f"{time},45,7\n" for time in before)
     compass = f"Time{notation},Heading [deg]\n" + "".join(f"{t},{k}\n" for k, t in enumerate((*before, *behind)))
