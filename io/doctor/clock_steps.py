@@ -1,17 +1,19 @@
 """A clock that was set forward within the log: from then on the stamps of one sensor are late.
 
 Its stamps have a gap as long as the step, as an outage has. Dead reckoning distinguishes the two: with the step taken
-off, it fits the fixes better, and after an outage far worse. Uses no truth.
+off, it fits the fixes better, and after an outage far worse. Fixes that the step moves out of its time are left as far
+off as they scatter. Uses no truth.
 """
 
 from collections.abc import Collection
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.identification.dr_usbl_fit import fit_rotation, segment_numbers
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Array, Mask, Timeline
 from usbldr.io.doctor.interpretations import reinterpret, topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -21,9 +23,32 @@ from usbldr.io.reading.epochs import timeline as timeline_of
 MIN_RECORDS = 3  # fixed: with fewer no interval is usual
 
 
+class _Fit(NamedTuple):
+    """Dead reckoning turned and shifted to F fixes."""
+
+    covered: Mask  # (F,) the fixes within its time
+    rms_m: float  # of these; 0 without any
+    fix_m: Array  # (F, 2)
+
+    @classmethod
+    def of(cls, log: Log, timeline: Timeline, flips: Collection[tuple[bool, bool, bool]]) -> "_Fit":
+        """Return the best fit under some interpretations."""
+        group = segment_numbers(timeline, timeline.fix_time_s)
+        rms_m = 0.0
+        if np.any(group >= 0):
+            rms_m = min(fit_rotation(reinterpret(log, timeline, each), group).rms_m for each in flips)
+        return cls(group >= 0, rms_m, timeline.fix_m)
+
+    def left_m(self, rows: Mask) -> float:
+        """Return what is left of these fixes (F,), RMS: of one that is not covered, its distance from their mean."""
+        lost_m = self.fix_m[rows & ~self.covered]
+        scatter_m2 = float(np.sum((lost_m - lost_m.mean(axis=0)) ** 2)) if len(lost_m) else 0.0
+        return float(np.sqrt(((rows.sum() - len(lost_m)) * self.rms_m**2 + scatter_m2) / max(rows.sum(), 1)))
+
+
 def clock_step_findings(log: Log, timeline: Timeline, flips: Collection[tuple[bool, bool, bool]]) -> list[Finding]:
     """Return a finding for each sensor whose longest gap is a step of its clock, under one of some interpretations."""
-    settings, before_m, found = log.settings, _rms_m(log, timeline, flips), list[Finding]()
+    settings, before, found = log.settings, _Fit.of(log, timeline, flips), list[Finding]()
     for sensor, section in (("dvl", settings.dvl), ("compass", settings.compass), ("usbl", settings.usbl)):
         time_s = log.tables[sensor]["time_s"].to_numpy()
         if len(time_s) < MIN_RECORDS:
@@ -36,10 +61,12 @@ def clock_step_findings(log: Log, timeline: Timeline, flips: Collection[tuple[bo
         table = log.tables[sensor].assign(time_s=time_s - np.where(np.arange(len(time_s)) > last, step_s, 0.0))
         try:
             undone = timeline_of(replace(log, tables={**log.tables, sensor: table}))
-            after_m = _rms_m(log, undone, flips)
+            after = _Fit.of(log, undone, flips)
         except LogError:
             continue
-        if after_m > THRESHOLDS.clock_step_residual_ratio * before_m:
+        covered = before.covered | after.covered
+        before_m, after_m = before.left_m(covered), after.left_m(covered)
+        if not after_m <= THRESHOLDS.clock_step_residual_ratio * before_m:
             continue
         topic = topic_of(log, sensor)
         text = (
@@ -49,11 +76,3 @@ def clock_step_findings(log: Log, timeline: Timeline, flips: Collection[tuple[bo
         )
         found.append(Finding("CLOCK-STEP", text, topic, float(time_s[last]), step_s, "s"))
     return found
-
-
-def _rms_m(log: Log, timeline: Timeline, flips: Collection[tuple[bool, bool, bool]]) -> float:
-    """Return what is left between dead reckoning, turned and shifted, and the fixes; infinite if nothing is."""
-    group = segment_numbers(timeline, timeline.fix_time_s)
-    if not np.any(group >= 0):
-        return np.inf
-    return min(fit_rotation(reinterpret(log, timeline, each), group).rms_m for each in flips)

@@ -18,14 +18,14 @@ SET_NS, STEP_S = T0 + 150 * SECOND + 1, 25
 TOPICS = {"dvl": "/dvl", "compass": "/imu", "usbl": "/usbl"}
 
 
-def stepped(rows: list[Row], topic: str, log_time_too: bool) -> list[Row]:
+def stepped(rows: list[Row], topic: str, log_time_too: bool, step_s: int = STEP_S) -> list[Row]:
     """Return the dive with a topic's clock set forward in the middle, and perhaps that of its recorder."""
 
     def late(row: Row) -> Row:
         if row[1] != topic or row[3]["header.stamp"] < SET_NS:
             return row
-        values = dict(row[3]) | {"header.stamp": row[3]["header.stamp"] + STEP_S * SECOND}
-        return (row[0] + STEP_S * SECOND * log_time_too, *row[1:3], values)
+        values = dict(row[3]) | {"header.stamp": row[3]["header.stamp"] + step_s * SECOND}
+        return (row[0] + step_s * SECOND * log_time_too, *row[1:3], values)
 
     return sorted(map(late, rows), key=lambda row: row[0])
 
@@ -36,18 +36,29 @@ def warned(log: Path, config: str = "none") -> dict[str, Finding]:
     return {one.code: one for one in convention_warnings(opened, timeline(opened))}
 
 
-@pytest.mark.parametrize(("sensor", "log_time_too"), [("dvl", True), ("compass", False), ("usbl", True)])
-def test_a_clock_that_was_set_is_named_and_undone_by_its_key(tmp_path: Path, sensor: str, log_time_too: bool) -> None:
+@pytest.mark.parametrize(
+    ("sensor", "log_time_too", "step_s"),
+    [
+        ("dvl", True, STEP_S),
+        ("compass", False, STEP_S),
+        ("usbl", True, STEP_S),
+        *((each, True, 3600) for each in TOPICS),
+    ],
+)
+def test_a_clock_that_was_set_is_named_and_undone_by_its_key(
+    tmp_path: Path, sensor: str, log_time_too: bool, step_s: int
+) -> None:
+    """Also by an hour, after which nothing lies within the time of the other sensors."""
     rows = curved_dive()
     clean = written(tmp_path / "clean", rows)
-    log = written(tmp_path / "stepped", stepped(rows, TOPICS[sensor], log_time_too))
+    log = written(tmp_path / "stepped", stepped(rows, TOPICS[sensor], log_time_too, step_s))
 
     ill = warned(log)["CLOCK-STEP"]
     proposed, section = ill.text.split("state ")[1].split(" under ")
     cure = stating(log, f"{section}\n{proposed}\n")
 
     assert (section, ill.topic) == (f"[{sensor}]", TOPICS[sensor])
-    assert ill.worst == pytest.approx(STEP_S, abs=0.01)
+    assert ill.worst == pytest.approx(step_s, abs=0.01)
     assert "CLOCK-STEP" not in warned(log, cure)
     cured, wanted = (read_log(path, Request(config)) for path, config in ((log, cure), (clean, "none")))
     for name in TOPICS:
