@@ -247,9 +247,18 @@ def _joined(one: _Sensor, numbers: Indices, parts: Sequence[_Part]) -> RawRecord
     shift_ns = np.array([part.shift_ns for part in parts], dtype=np.int64)[numbers]
     raw, stamp_ns = one.raw, one.raw.stamp_ns
     received_ns = raw.received_ns + shift_ns if one.of_receipt or not one.of_stamps else raw.received_ns
-    if stamp_ns is not None and (one.of_stamps or not one.steps):
+    if stamp_ns is not None and (one.of_stamps or (not one.steps and _one_clock(raw, shift_ns))):
         stamp_ns = np.where(raw.stamped, stamp_ns + shift_ns, 0)
     return replace(raw, received_ns=received_ns, stamp_ns=stamp_ns)
+
+
+def _one_clock(raw: RawRecords, shift_ns: Nanoseconds) -> bool:
+    """Tell whether stamps and log times have the same steps: the delay between them is then the steadier one."""
+    if raw.stamp_ns is None or not raw.stamped.any():
+        return False
+    delay_ns, moved_ns = (raw.received_ns - raw.stamp_ns)[raw.stamped], shift_ns[raw.stamped]
+    apart = [float(np.mean(np.abs(one - np.median(one)))) for one in (delay_ns, delay_ns + moved_ns)]
+    return apart[0] <= apart[1]
 
 
 def _sorted(raw: RawRecords) -> RawRecords:

@@ -386,6 +386,16 @@ def test_a_gap_of_the_fixes_may_hide_a_step_of_their_clock(tmp_path: Path, own_c
     assert own_clock or parts["2"].tables["usbl"]["east_m"].tolist() == [*range(gap_ends, COUNT)]
 
 
+def test_stamps_have_no_step_that_a_gap_hides_in_the_log_times_alone(tmp_path: Path) -> None:
+    fixes = [point(t, float(k), 0.0) for k, t in enumerate(STEADY.tolist()) if not 25 <= k < 50]
+    rows = sorted([*rows_of(STEADY), *fixes], key=lambda row: row[0])
+    logged = [(row[0] - 3 * SECOND * (row[0] >= STEADY[COUNT // 2]), *row[1:]) for row in rows]
+
+    log = read_log(write_mcap(tmp_path / "a.mcap", logged), Request(part="joined"))
+
+    np.testing.assert_allclose(log.tables["usbl"]["time_s"], log.tables["usbl"]["east_m"] * STEP / SECOND, atol=1e-6)
+
+
 def test_a_table_whose_newest_row_is_the_first_is_in_order(tmp_path: Path) -> None:
     log = read_log(as_csv(tmp_path, tables_of(T0 + np.arange(COUNT)[::-1] * 5 * SECOND)))
 
