@@ -46,7 +46,7 @@ def asked_in(log: Path, file: Path) -> tuple[str, str]:
 
 
 DVL_COLUMNS = {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
-COMPASS_COLUMNS = COMPASS_COLUMNS
+COMPASS_COLUMNS = {"time_unix_ms": "stamp", "heading": "heading"}
 
 
 def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log: Path, tmp_path: Path) -> None:
