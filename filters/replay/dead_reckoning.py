@@ -187,7 +187,7 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
             timeline,
             dvl_mps=np.where(lost[:, None], np.nan, timeline.dvl_mps),
             dvl_count=np.where(lost, 0, timeline.dvl_count),
-            dr_mps=np.column_stack([np.interp(timeline.time_s, kept_s, v) for v in timeline.dr_mps[~lost].T]),
+            dr_mps=interpolate(replace(timeline, time_s=kept_s), timeline.dr_mps[~lost], timeline.time_s),
             outages=(*timeline.outages, *gaps),
         )
     turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]

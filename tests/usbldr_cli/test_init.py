@@ -275,7 +275,7 @@ def test_the_words_of_ships_and_flags_of_receivers_are_proposed_and_used(tmp_pat
     assert found["gps"]["columns"] == {**at, "lat_deg": "lat", "lon_deg": "lon", "fix_type": "fix_type"}
     assert found["dvl"]["columns"] == {**at, "x": "vel_forward", "y": "vel_right"}
     assert found["dvl"]["axes"][:2] == "FS"
-    read = read_log(log, Request(tmp_path / "found.toml", topics={"compass": "none"}))
+    read = read_log(log, Request(str(tmp_path / "found.toml"), topics={"compass": "none"}))
     assert (len(read.tables["gps"]), read.provenance["gps"].messages) == (30, 40)
 
 
