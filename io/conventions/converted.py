@@ -81,8 +81,8 @@ def valid_mask(
     Raises LogError if none is good, ending in the advice.
     """
     error = raw.number("error")
-    flags = {"flagged invalid": raw.flagged_invalid, "with an error code": (error > 0) | (error < 0)}
-    findings = _unknown_words(raw)
+    flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": (error > 0) | (error < 0)}
+    findings = _unknown_words(raw, ("valid",) if sensor == "dvl" else ("valid", "status"))
     good = np.ones(len(raw.received_ns), dtype=np.bool_)
     counts: dict[str, int] = {}
     for cause, mask in {**flags, **causes}.items():
@@ -98,9 +98,9 @@ def valid_mask(
     return good, [*findings, raw.finding(f"{sensor.upper()}-INVALID", text)]
 
 
-def _unknown_words(raw: RawRecords) -> list[Finding]:
+def _unknown_words(raw: RawRecords, quantities: Sequence[str]) -> list[Finding]:
     """Report words of flags that are not understood."""
-    words = {*np.unique(raw.words("valid")), *np.unique(raw.words("status"))}
+    words = {word for quantity in quantities for word in np.unique(raw.words(quantity))}
     unknown = [str(word) for word in sorted(words) if word[:1].isalpha() and word != "nan" and word not in FLAG_WORDS]
     if not unknown:
         return []

@@ -111,8 +111,9 @@ def fix_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     x, y, slant_m = raw.number("x"), raw.number("y"), raw.number("slant_range_m")
     by_range = "slant_range_m" in raw.layout.required
     offset = "relative_to" in raw.layout.defaults
-    unknown = {"not a number": ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))}
-    return (unknown if by_range else place_causes(raw, frame)) | {
+    unknown = ~(np.isfinite(slant_m) & np.isfinite(raw.number("bearing_deg")))
+    of_range = {"not a number": unknown, "flagged invalid": raw.flagged_invalid}
+    return (of_range if by_range else place_causes(raw, frame)) | {
         "flagged as an outlier by the system itself": raw.number("outlier") == 1,
         "of range or angle alone": (raw.number("fix_kind") < FULL_FIX)
         | (~np.isin(raw.text("reply"), REPLIES_WITH_RANGE) & ("reply" in raw.values)),

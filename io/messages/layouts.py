@@ -138,7 +138,7 @@ class RawRecords:
 
     @property
     def flagged_invalid(self) -> Mask:
-        """Which records (n,) their own flag calls invalid, or a word of their status, whose numbers are no flags."""
+        """Which fixes (n,) their own flag calls invalid, or a word of their status, whose numbers are no flags."""
         return (self.number("valid") == 0) | np.isin(self.words("status"), BAD)
 
 
