@@ -31,7 +31,8 @@ NEWTON_STEPS = 8  # from 30 degrees to far below a compass's resolution
 MAGNETIC_NAME = re.compile(r"magnetic|(^|[/_])(mag|hdm)($|[/_])")
 VERTICAL = ("vertical_starboard", "vertical_forward", "vertical_up")  # columns of an attitude
 MIN_CONSTANT_RECORDS = 100  # fewer may be equal by chance
-GON_MARGIN, GON_RECORDS = 20.0, 10  # half of the difference of the two circles; fewer [records] may be damage
+GON_MARGIN = 20.0  # [deg] half of the difference of circles of 360 and 400
+GON_RECORDS = 10  # [records] above 380, at least; fewer may be damage
 LARGEST_DEG = 400.0  # of a heading: a whole turn, and a declination that was added to it; 511 is no data in AIS
 
 
