@@ -48,19 +48,22 @@ def displaced_velocities(time_s: Vector, velocity_mps: Array) -> Mask:
     before. If most of the records lie there, nothing says which are right, and none is returned.
     """
     between = np.zeros(len(time_s), dtype=np.bool_)
-    step_mps = np.linalg.norm(np.diff(velocity_mps, axis=0), axis=1)
-    if not len(step_mps):
-        return between
-    noise_mps = NOISE_RATIO * float(np.median(step_mps))
-    least_mps = np.maximum(MIN_SPIKE_MPS, MAX_ACCELERATION_MPS2 * np.diff(time_s) + noise_mps)
+    step_mps = np.empty(max(len(time_s) - 1, 0))
+    for rows in blocks(len(step_mps)):
+        step_mps[rows] = np.linalg.norm(np.diff(velocity_mps[rows.start : rows.stop + 1], axis=0), axis=1)
+    large = np.flatnonzero(step_mps > MIN_SPIKE_MPS) + 1
+    noise_mps = NOISE_RATIO * float(np.median(step_mps)) if len(large) else 0.0
     half, open_jumps = _window(time_s) // 2, list[tuple[int, Vector]]()
-    for k in (np.flatnonzero(step_mps > least_mps) + 1).tolist():
+    for k in large.tolist():
+        least_mps = max(MIN_SPIKE_MPS, MAX_ACCELERATION_MPS2 * float(time_s[k] - time_s[k - 1]) + noise_mps)
+        if step_mps[k - 1] < least_mps:
+            continue
         sides = velocity_mps[max(0, k - half) : k], velocity_mps[k : k + half]
         before, after = (np.median(side, axis=0) for side in sides)
         jump = after - before
         scatter = [np.linalg.norm(side - level, axis=1) for side, level in zip(sides, (before, after), strict=True)]
         size = float(np.linalg.norm(jump))
-        if size < least_mps[k - 1] or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
+        if size < least_mps or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
             continue
         if open_jumps and np.linalg.norm(jump + open_jumps[-1][1]) < RETURNING * size:
             between[open_jumps.pop()[0] : k] = True
