@@ -172,3 +172,11 @@ def test_an_outage_of_the_dvl_cuts_the_log_and_its_fixes_do_not_count() -> None:
     assert set(group[(t > 100.0) & (t < 130.0)]) == {-1}
     assert set(group[t >= 130.0]) == {1}
     assert len(fit_rotation(line, group).shift_m) == 2
+
+
+def test_fixes_that_are_all_alone_in_their_groups_show_no_turn() -> None:
+    line = weaving_dive(Faults(), seconds=60)
+
+    turn = fit_rotation(line, np.arange(len(line.fix_time_s)))
+
+    assert turn.rms_m == pytest.approx(0.0, abs=1e-9)

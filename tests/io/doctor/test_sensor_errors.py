@@ -10,6 +10,7 @@ from usbldr.filters.identification.identification import ErrorEstimate, Explanat
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Vector
 from usbldr.io.conventions.implausible import without_implausible
+from usbldr.io.doctor import fix_noise
 from usbldr.io.doctor.doctor import examine_log
 from usbldr.io.doctor.fix_noise import exceeds_heavy_tail, fix_noise_findings
 from usbldr.io.doctor.sensor_errors import sensor_error_findings
@@ -170,3 +171,11 @@ def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(
     noise = [one for one in printed if one.code == "USBL-NOISE"]
     assert bool(noise) == reported
     assert all(f"sd_scale = {0.8 * ratio:.2g} under [usbl]" in one.text for one in noise)
+
+
+def test_fixes_without_dead_reckoning_between_them_show_no_noise(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fix_noise, "residuals_m", lambda line: np.full(len(line.fix_time_s), np.nan))
+
+    codes = [one.code for one in fix_noise_findings(log, timeline(log), identification(explanation("scale")))]
+
+    assert {"USBL-OUTLIERS", "USBL-NOISE-CHANGE"}.isdisjoint(codes)
