@@ -79,7 +79,8 @@ def segment_numbers(timeline: Timeline, time_s: Vector, longest_s: float = np.in
 def fit_rotation(timeline: Timeline, group: Indices, latencies_s: Sequence[float] = TRIED_LATENCIES_S) -> RotationFit:
     """Rotate and shift dead reckoning to the F fixes, one shift per group, (F,); fixes of group -1 are left out.
 
-    The best latency is chosen: without it a late fix beside a track looks like a mirrored DVL.
+    The best latency is chosen: without it a late fix beside a track looks like a mirrored DVL. Nothing is rotated if
+    all fixes are left out.
     """
     track, fixes = as_points(displacement_m(timeline)), fix_points(timeline)
     tried = [
@@ -91,6 +92,8 @@ def fit_rotation(timeline: Timeline, group: Indices, latencies_s: Sequence[float
 
 def _fit_at_latency(track: Points, fixes: Points, group: Indices, latency_s: float) -> RotationFit:
     used = group >= 0
+    if not used.any():
+        return RotationFit(latency_s, 0.0, np.full(len(fixes), np.nan), 0.0, np.zeros(0, complex), np.nan)
     rotation, weights = _huber_rotation(track[used], fixes[used], group[used])
     shift = _means(fixes[used] - np.exp(1j * rotation) * track[used], weights, group[used])
     residual = np.full(len(fixes), np.nan)
@@ -116,8 +119,7 @@ def _huber_rotation(track: Points, fixes: Points, group: Indices) -> tuple[float
         a, b = centred(track), centred(fixes)
         rotation = float(np.angle(np.sum(weights * b * np.conj(a))))
         distance = np.abs(b - np.exp(1j * rotation) * a)
-        most = 2 * _scale(distance)  # 0 if most fixes are alone in their group
-        weights = np.where(distance <= most, 1.0, most / np.maximum(distance, 1e-12))
+        weights = np.minimum(1.0, 2 * _scale(distance) / np.maximum(distance, 1e-12))
     return rotation, weights
 
 
@@ -164,7 +166,7 @@ def residuals_m(timeline: Timeline) -> Vector:
     Each segment of SEGMENT_S is shifted on its own; NaN during an outage of DVL or compass.
     """
     group = segment_numbers(timeline, timeline.fix_time_s, SEGMENT_S)
-    return fit_rotation(timeline, group, [0.0]).residual_m if np.any(group >= 0) else np.full(len(group), np.nan)
+    return fit_rotation(timeline, group, [0.0]).residual_m
 
 
 def _means(values: Points, weights: Vector, group: Indices) -> Points:

@@ -174,9 +174,10 @@ def test_an_outage_of_the_dvl_cuts_the_log_and_its_fixes_do_not_count() -> None:
     assert len(fit_rotation(line, group).shift_m) == 2
 
 
-def test_fixes_that_are_all_alone_in_their_groups_show_no_turn() -> None:
-    line = weaving_dive(Faults(), seconds=60)
+def test_fixes_without_dead_reckoning_show_no_turn() -> None:
+    line = dive()
 
-    turn = fit_rotation(line, np.arange(len(line.fix_time_s)))
+    turn = fit_rotation(line, np.full(len(line.fix_time_s), -1))
 
-    assert turn.rms_m == pytest.approx(0.0, abs=1e-9)
+    assert (turn.rotation_rad, turn.rms_m) == (0.0, 0.0)
+    assert np.isnan([turn.scale, *turn.residual_m]).all()

@@ -173,6 +173,7 @@ def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(
     assert all(f"sd_scale = {0.8 * ratio:.2g} under [usbl]" in one.text for one in noise)
 
 
+@pytest.mark.filterwarnings("error")
 def test_fixes_without_dead_reckoning_between_them_show_no_noise(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fix_noise, "residuals_m", lambda line: np.full(len(line.fix_time_s), np.nan))
 

@@ -66,12 +66,12 @@ def test_a_cell_means_the_same_on_all_paths(table: Sequence[Sequence[str]], end:
 
 
 def test_a_clean_file_may_have_any_ending(tmp_path: Path) -> None:
-    write_csv(tmp_path / "dive", dvl="time_ns,forward_mps,starboard_mps\n1,2.5,0.1\n2,2.5,0.2")
+    write_csv(tmp_path / "dive", dvl="time_utc,forward_mps,starboard_mps\n2026-01-01T00:00:00Z,2.5,0.1")
     (tmp_path / "dive" / "dvl.csv").rename(tmp_path / "dive" / "dvl.csv.gz")
 
     log = open_log(tmp_path / "dive")
 
-    assert read_whole(log, {"/dvl.csv": ["forward_mps"]})["/dvl.csv"].columns["forward_mps"].tolist() == [2.5, 2.5]
+    assert read_whole(log, {"/dvl.csv": ["forward_mps"]})["/dvl.csv"].columns["forward_mps"].tolist() == [2.5]
 
 
 def test_a_clean_file_takes_the_fast_path(tmp_path: Path) -> None:
