@@ -115,9 +115,9 @@ def replay(
     _say(opened, opened.findings)
     if strict and lost:
         raise LogError(lost[0])
-    opened, dive_timeline = on_epochs(plan, opened)
-    ready = prepare_run(plan, opened, dive_timeline)
+    ready = prepare_run(plan, opened, on_epochs(plan, opened))
     _say(opened, ready.log.findings[len(opened.findings) :])
+    opened = ready.log
     if write_calibration is not None:
         _refuse_without_errors(chosen, ready.identification)
     if leave_one_out is not None:

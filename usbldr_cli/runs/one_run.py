@@ -54,8 +54,8 @@ class PreparedRun(NamedTuple):
     identification: "Identification"
 
 
-def on_epochs(plan: RunPlan, log: "Log") -> "tuple[Log, Timeline]":
-    """Divide a log into epochs, and return it without its headings, which nothing needs any more.
+def on_epochs(plan: RunPlan, log: "Log") -> "Timeline":
+    """Divide a log into epochs.
 
     Raises what the method refuses of log and options.
     """
@@ -68,13 +68,14 @@ def on_epochs(plan: RunPlan, log: "Log") -> "tuple[Log, Timeline]":
     require(log, chosen.sensors)
     if choices.aid is not None and not chosen.is_filter:
         raise UsageError(f"--aid {not_a_filter(plan.method)}")
-    return log.without_records("compass"), timeline(log, choices.fast_hz, choices.slow_hz)
+    return timeline(log, choices.fast_hz, choices.slow_hz)
 
 
 def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> PreparedRun:
     """Identify what the log settles of noise and sensor errors.
 
-    The findings of the log are completed by what the data say against its conventions.
+    The findings of the log are completed by what the data say against its conventions. It is without its headings then,
+    which nothing needs any more.
     """
     from usbldr.io.doctor.cross_check import convention_warnings
     from usbldr.io.session import resolve
@@ -82,7 +83,7 @@ def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> Prepare
     settings = plan.choices.settings(log.start_ns)
     found = resolve(log, dive_timeline, plan.method, settings)
     log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline, found)))
-    return PreparedRun(log, dive_timeline, settings, found)
+    return PreparedRun(log.without_records("compass"), dive_timeline, settings, found)
 
 
 def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
@@ -112,8 +113,7 @@ def run_again(plan: RunPlan) -> "Run":
     request = configured_request(plan.log, plan.selection)
     with local_log(plan.log, request) as path:
         log = plan.choices.edited(open_log(path, request, plan.choices.seed))
-    _, dive_timeline = on_epochs(plan, log)  # with its headings, which the doctor examines
-    return finish_run(plan, request, prepare_run(plan, log, dive_timeline))
+    return finish_run(plan, request, prepare_run(plan, log, on_epochs(plan, log)))
 
 
 def _score(method: str, ready: PreparedRun, dive_timeline: "Timeline | None" = None) -> "ScoredTrack":

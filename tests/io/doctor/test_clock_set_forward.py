@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from commands import findings
+from commands import findings, run
 from curved import curved_dive, stating, written
 from recordings import SECOND, T0, Row
 from usbldr.filters.errors import UsageError
@@ -59,6 +59,7 @@ def test_a_clock_that_was_set_is_named_and_undone_by_its_key(
 
     assert (section, ill.topic) == (f"[{sensor}]", TOPICS[sensor])
     assert ill.worst == pytest.approx(step_s, abs=0.01)
+    assert "[CLOCK-STEP]" in run("replay", log, "--config", "none", "--output", tmp_path / "run").stderr
     assert "CLOCK-STEP" not in warned(log, cure)
     cured, wanted = (read_log(path, Request(config)) for path, config in ((log, cure), (clean, "none")))
     for name in TOPICS:

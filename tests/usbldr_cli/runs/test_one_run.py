@@ -6,16 +6,18 @@ from checkout import SAMPLES
 from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.session import open_log
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.one_run import RunPlan, on_epochs
+from usbldr_cli.runs.one_run import RunPlan, on_epochs, prepare_run
 
 
-def test_headings_end_when_the_epochs_have_them() -> None:
+def test_headings_end_when_the_run_is_prepared() -> None:
     choices = RunChoices(2, None, 0, None, None, "none", "start", 5.0, 1.0)
     path = SAMPLES / "paper.mcap"
     log = open_log(path, DEFAULT_REQUEST)
     records = weakref.ref(log.tables["compass"])
 
-    log, epochs = on_epochs(RunPlan(str(path), "adf", choices), log)
+    plan = RunPlan(str(path), "adf", choices)
+
+    log, epochs, *_ = prepare_run(plan, log, on_epochs(plan, log))
 
     assert records() is None
     assert log.tables["compass"].empty
