@@ -115,7 +115,7 @@ def replay(
     _say(opened, opened.findings)
     if strict and lost:
         raise LogError(lost[0])
-    ready = prepare_run(plan, opened, on_epochs(plan, opened))
+    ready = prepare_run(plan, opened, on_epochs(plan, opened)).without_headings()
     _say(opened, ready.log.findings[len(opened.findings) :])
     opened = ready.log
     if write_calibration is not None:

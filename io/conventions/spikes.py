@@ -69,7 +69,7 @@ def displaced_velocities(time_s: Vector, velocity_mps: Array) -> Mask:
             between[open_jumps.pop()[0] : k] = True
         else:
             open_jumps.append((k, jump))
-    return between if between.mean() < 0.5 else np.zeros_like(between)
+    return between if 2 * np.count_nonzero(between) <= len(between) else np.zeros_like(between)
 
 
 def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:

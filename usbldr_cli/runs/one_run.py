@@ -53,6 +53,10 @@ class PreparedRun(NamedTuple):
     settings: "RunSettings"
     identification: "Identification"
 
+    def without_headings(self) -> "PreparedRun":
+        """Return it without the headings of the log, which only the doctor needs from here on."""
+        return self._replace(log=self.log.without_records("compass"))
+
 
 def on_epochs(plan: RunPlan, log: "Log") -> "Timeline":
     """Divide a log into epochs.
@@ -74,8 +78,7 @@ def on_epochs(plan: RunPlan, log: "Log") -> "Timeline":
 def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> PreparedRun:
     """Identify what the log settles of noise and sensor errors.
 
-    The findings of the log are completed by what the data say against its conventions. It is without its headings then,
-    which nothing needs any more.
+    The findings of the log are completed by what the data say against its conventions.
     """
     from usbldr.io.doctor.cross_check import convention_warnings
     from usbldr.io.session import resolve
@@ -83,7 +86,7 @@ def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> Prepare
     settings = plan.choices.settings(log.start_ns)
     found = resolve(log, dive_timeline, plan.method, settings)
     log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline, found)))
-    return PreparedRun(log.without_records("compass"), dive_timeline, settings, found)
+    return PreparedRun(log, dive_timeline, settings, found)
 
 
 def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":

@@ -17,7 +17,7 @@ def test_headings_end_when_the_run_is_prepared() -> None:
 
     plan = RunPlan(str(path), "adf", choices)
 
-    log, epochs, *_ = prepare_run(plan, log, on_epochs(plan, log))
+    log, epochs, *_ = prepare_run(plan, log, on_epochs(plan, log)).without_headings()
 
     assert records() is None
     assert log.tables["compass"].empty
