@@ -1,7 +1,7 @@
-"""Find a while in which the DVL does not measure the vehicle's motion, although its velocities look possible.
+"""Find a span of time in which the DVL does not measure the vehicle's motion, although its velocities look possible.
 
 From then on all fixes lie beside dead reckoning, as in a run of false fixes that lasts to the end of the log or from
-its beginning. The likeliest while about the edge of such a run is sought; evidence.py compares the two.
+its beginning. The likeliest span about the edge of such a run is sought; evidence.py compares the two.
 """
 
 import math
@@ -17,21 +17,21 @@ from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.replay.dead_reckoning import without_changes
 from usbldr.filters.types import Mask, Timeline
 
-REACHES_S = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)  # of the while before and after the edge
+REACHES_S = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)  # of the span before and after the edge
 FINER = (0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5)  # of a reach: between neighbours of REACHES_S
 MOST = 0.25  # [-] of the log, by judgement: a DVL that is wrong for longer is not to be trusted at all
-MARGIN_S = 5.0  # a while that is too long costs little, one that is too short displaces the rest of the track
+MARGIN_S = 5.0  # a span that is too long costs little, one that is too short displaces the rest of the track
 Lost = tuple[SensorChange, SensorChange]  # the DVL is lost, and there again
 
 
 def lost_dvl(timeline: Timeline, member: Member) -> tuple[Lost, ...]:
-    """Return the likeliest while for each edge of a run that lasts from the first fix or to the last."""
+    """Return the likeliest span for each edge of a run that lasts from the first fix or to the last."""
     false = false_runs(timeline, member).false[:MAX_FIXES]
     return tuple(_likeliest(timeline, member, edge_s) for edge_s in _edges_s(timeline, false))
 
 
 def cost(timeline: Timeline) -> float:
-    """Return the log odds against a while: strong evidence, and all of its possible times."""
+    """Return the log odds against a span: strong evidence, and all of its possible times."""
     return math.log(STRONG_ODDS * len(timeline.fix_time_s) * len(REACHES_S))
 
 

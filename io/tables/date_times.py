@@ -136,7 +136,7 @@ def with_iso_times(
 
 
 def _with_parts(cells: Sequence[str], part_ns: Vector) -> list[str]:
-    """Return times in whole seconds with the parts of the seconds (n,); the cell as it stands without one."""
+    """Return the texts of times with fractions of a second added, (n,) in ns; a text is unchanged if it has none."""
     good = (part_ns >= 0) & (part_ns < 1e9)
     return [
         f"{whole[1]}.{round(ns):09d}{whole[2] or ''}" if known and (whole := WHOLE_SECONDS.fullmatch(cell)) else cell
