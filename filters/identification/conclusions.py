@@ -20,8 +20,6 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
-    COMPASS_CLOCK,
-    DVL_CLOCK,
     HEAD,
     KEYS,
     LEVER,
@@ -44,7 +42,7 @@ compass mounted any way round, stamps of a slow export. Each needs strong eviden
 FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
-AGAIN = 2.0  # [-] on the sigma of a settled error: the fixes that showed it come again, and are hardly counted twice
+AGAIN = 4.0  # [-] on the sigma of a settled error: its fixes come again; only 1/16 of what they say is counted twice
 OF_RIVAL = 0.5  # [-] by judgement: share of the cases in which the explanation that is not taken is the right one
 OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
 
@@ -62,7 +60,7 @@ class Choice(NamedTuple):
 
 
 def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice: Choice) -> Identification:
-    """Return the choice as parameters of a run: what is far or late is settled, and states estimate what is left of it.
+    """Return the choice as parameters of a run: its errors are settled, and states estimate what is left of them.
 
     Fixes that are early by no more than is usual are not moved: perhaps DVL and compass are late, as a warning says.
     Of a lever arm and a latency that the log does not tell apart, latency is taken: it is the more usual one. What a
@@ -71,11 +69,12 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     parameters, found, shared = choice.member.parameters, choice.found, _shared_by_priors(choice)
     present = choice.member.present - ({LEVER} if shared else frozenset())
     row = choice.subsets.index(present)
-    late = {"latency"} if found.mean["usbl_latency"][row] > 0 else set[str]()
-    constant = present & {*choice.far, *late, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE}
+    early = {"latency"} - choice.far if found.mean["usbl_latency"][row] <= 0 else frozenset[str]()
+    constant = present - early - {LEVER}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
-    states = [(FAR_KEYS[key], state) for key in choice.far | late for state in KEYS[key]]
-    left = {field: min(getattr(stated.errors, field), AGAIN * float(found.sd[state][row])) for field, state in states}
+    errors = {field: error for field, error in SENSOR_ERRORS.items() if error.key in constant}
+    sds = {field: AGAIN * float(max(found.sd[state][row] for state in one.states)) for field, one in errors.items()}
+    left = {field: min(getattr(stated.errors, field), sd) for field, sd in sds.items()}
     parameters = replace(parameters, settled=settled, errors=replace(parameters.errors, **left))
     if LEVER in present:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])

@@ -8,8 +8,8 @@ Both maximise the posterior of one model: the predictive likelihood of the fixes
   R. Kass and A. Raftery, "Bayes factors", J. American Statistical Association 90(430), 1995, doi:10.2307/2291091, call
   20 strong. An error that is observable but does not exist would be extrapolated through outages.
 
-The two alternate, since an error that is left out looks like noise. The lever arm of the DVL and the clocks of DVL
-and compass become settled numbers of the run; the other errors become states of the filter.
+The two alternate, since an error that is left out looks like noise. Errors that exist become settled numbers of the
+run; states of the filter estimate what is left of them.
 """
 
 import itertools
