@@ -119,7 +119,7 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         "cov_en_m2": R[:, 0, 1],
         "cov_nn_m2": R[:, 1, 1],
     }
-    if fixes.relative_to_reference:
+    if end is not None:
         columns |= dict(zip(AWAY_COLUMNS, line.T, strict=True))
     if fixes.levelled_by_m is not None:
         columns[LEVELLED_COLUMN] = fixes.levelled_by_m

@@ -34,7 +34,10 @@ NORTH_M = 0.0009 * 111132
     ],
 )
 def test_a_fix_lies_where_frame_or_head_put_it(tmp_path: Path, row: Row, toml: str, east_north_m: list[float]) -> None:
-    assert places(logged(tmp_path, [row], toml))[0] == pytest.approx(east_north_m, abs=0.1 if "map" in toml else 1e-9)
+    log = logged(tmp_path, [row], toml)
+
+    assert places(log)[0] == pytest.approx(east_north_m, abs=0.1 if "map" in toml else 1e-9)
+    assert ("away_east_m" in log.tables["usbl"]) == ("head" in toml)  # whose errors are then those of the fixes
 
 
 DEEP = "time_ns,depth_m\n0,10.0\n10000000000,50.0"
