@@ -78,6 +78,13 @@ def late(log: Log, seed: int) -> Log:
     return replace(log, tables={**log.tables, "usbl": table})
 
 
+def later(log: Log, seed: int) -> Log:
+    """Return a log whose fixes are stamped 3 s late from the middle on."""
+    table = log.tables["usbl"]
+    stamped = table["time_s"] + np.where(table["time_s"] > 400.0, 3.0, 0.0)
+    return replace(log, tables={**log.tables, "usbl": table.assign(time_s=stamped, received_s=stamped)})
+
+
 FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes are false
     "none": (lambda log, seed: log, 0.0),
     **{f"first {s} s of fixes 60 m off": (drill(f"cluster usbl:60m@0:{s}"), float(s)) for s in (5, 10, 40, 100)},
@@ -99,6 +106,8 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "heading jumps by 3° after 70 %": (drill("bias compass:3deg@70%:"), 0.0),
     "DVL scale 5 % from the middle on": (drill("scale dvl:1.05@50%:"), 0.0),
     "DVL scale 2 % after a quarter": (drill("scale dvl:1.02@25%:"), 0.0),
+    "fixes shift by 8 m after 60 %": (fixes(lambda t, z, rng: z + (t > 480.0)[:, None] * [6.4, -4.8]), 0.0),
+    "fixes 3 s later from the middle on": (later, 0.0),
 }
 
 

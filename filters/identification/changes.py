@@ -1,11 +1,12 @@
-"""Find when dead reckoning changes within a log: a compass that turns, a DVL whose scale jumps, for good or a while.
+"""Find when sensors change within a log: a compass that turns, a DVL whose scale jumps, fixes that shift or come later.
 
-From a change on, the displacement of dead reckoning is that of the vehicle times another complex factor. Fixes minus
-dead reckoning, as means of blocks without outliers, are Gaussian with a covariance of their noise, of the walk of dead
-reckoning, and of every error that lasts for the whole log, all by their priors; a change of heading or scale adds a
-column, of both two. Changes are added one at a time, the likeliest first, while the evidence for one more is strong in
-spite of the many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If
-the covariance does not explain what they leave, dead reckoning is wrong in another way, and there is none.
+From a change of dead reckoning on, its displacement is that of the vehicle times another complex factor. It may last
+for a while; a change of the fixes is for good, since false_runs.py finds those that come back. Fixes minus dead
+reckoning, as means of blocks without outliers, are Gaussian with a covariance of their noise, of the walk of dead
+reckoning, and of every error that lasts for the whole log, all by their priors; a change adds a column for each number
+that it has. Changes are added one at a time, the likeliest first, while the evidence for one more is strong in spite of
+the many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the
+covariance does not explain what they leave, the log is wrong in another way, and there is none.
 """
 
 import math
@@ -39,23 +40,56 @@ OUTLIER_SIGMAS = 4.0  # [-] beyond: a tail that is no longer Gaussian
 BLOCK = 5  # [fixes] of a mean, at least: finer times say no more
 MAX_BLOCKS = 300  # of a log: solving takes their number cubed
 LEAST_BLOCKS = 10  # fewer do not distinguish a change from noise
-CHANGE_SD = 0.5  # [-] prior of either part of the factor: 30 degrees, 50 %
 FREE_SD = 3.0  # [-] of the factor of the whole log, any way round: other hypotheses find it
 FREE_START_M = 1e3  # 1-sigma of each axis: says nothing of where the vehicle starts
 SHARES = (0.25, 1.0)  # [-] of the stated correlated error of the fixes: the likelier is taken
 LASTING_S = 20.0  # a shorter error is a jump of the position, which false fixes explain as well
-MAX_CHANGES = 4  # a log of more is not described by them
 REFINEMENTS = 5  # of the times in turn, each by two blocks at most
 MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
-PARTS = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])  # of the factor that a change has: heading, scale, both
-FACTOR = [PASS_STATES.index(name) for name in ("heading_bias", "dvl_scale")]
+FACTOR_SD = 0.5  # [-] prior of a change of either part of the factor: 30 degrees, 50 %
+SHIFT_SD_M = 20.0  # of the fixes, each axis: to another beacon, antenna or origin nearby
+LATER_SD_S = 3.0  # of the fixes, by judgement: another computer or export
+
+LEAST_PART = 0.3  # [-] of the fixes, by judgement: fewer that lie elsewhere are false (false_runs.py)
+EARLIER = 0.45  # [-] of the fixes, by judgement: with so many the part before a change is right, as it was set up
+
+
+class Kind(NamedTuple):
+    """What may change: n numbers, of which a change has some."""
+
+    states: Indices  # (n,) of PASS_STATES
+    sds: Vector  # (n,) of a change
+    parts: Array  # (k, n) 1: a change may have these together
+    accumulates: bool  # over the way since the change
+    most: int  # [changes] a log of more is not described by them
+
+
+def _numbers(*states: str) -> Indices:
+    return np.array([PASS_STATES.index(state) for state in states])
+
+
+OF_DEAD_RECKONING = Kind(
+    states=_numbers("heading_bias", "dvl_scale"),
+    sds=np.full(2, FACTOR_SD),
+    parts=np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+    accumulates=True,
+    most=4,
+)
+OF_FIXES = Kind(
+    states=_numbers("x", "y", "usbl_latency"),
+    sds=np.array([SHIFT_SD_M, SHIFT_SD_M, LATER_SD_S]),
+    parts=np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    accumulates=False,
+    most=1,
+)
+KINDS = (OF_DEAD_RECKONING, OF_FIXES)
 
 
 class _Change(NamedTuple):
-    """A change of some parts of the factor."""
+    """A change of some numbers of a kind."""
 
     fix: int  # before which it is
-    parts: int  # in PARTS
+    parts: int  # of those of the kind
 
 
 class _Blocks(NamedTuple):
@@ -65,14 +99,15 @@ class _Blocks(NamedTuple):
     first: Indices  # (B,) fix of each
     residual_m: Vector  # (2 B,) east and north of each in turn
     cov_m2: Array  # (2 B, 2 B)
-    moved_m: Array  # (F, 2, 2) of every fix: how the parts of the factor have moved it since the start
-    mean_moved_m: Array  # (B, 2, 2)
+    measurement_matrix: Array  # (F, 2, P) H of every fix: how PASS_STATES move it
+    mean_matrix: Array  # (B, 2, P)
     about: Point  # at which they are linear
+    kind: Kind
 
     @property
     def log_odds(self) -> Vector:
-        """Against a change of each of PARTS, which may begin before any block."""
-        return np.log(len(self.first) * STRONG_ODDS ** PARTS.sum(axis=1))
+        """Against a change of each of the kind's parts, which may begin before any block, (k,)."""
+        return np.log(len(self.first) * STRONG_ODDS ** self.kind.parts.sum(axis=1))
 
 
 class FoundChanges(NamedTuple):
@@ -82,10 +117,10 @@ class FoundChanges(NamedTuple):
     cost: float = 0.0  # log odds
 
 
-def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
-    """Return the changes for which there is strong evidence; none if they do not describe the log."""
+def changes(timeline: Timeline, given: Parameters) -> tuple[FoundChanges, ...]:
+    """Return the changes of each of KINDS for which there is strong evidence; none if they do not describe the log."""
     if len(timeline.fix_time_s) < BLOCK * LEAST_BLOCKS:
-        return FoundChanges()
+        return ()
     timeline = timeline.with_fixes(_among_neighbours(timeline, given))
     group = segment_numbers(timeline, timeline.fix_time_s)
     points = {NO_ERROR}
@@ -93,13 +128,18 @@ def changes(timeline: Timeline, given: Parameters) -> FoundChanges:
         fit = fit_rotation(timeline, group, WIDE_LATENCIES_S)
         mounted = {"heading_bias": -fit.rotation_rad}
         points = {near(mounted | {"usbl_latency": late_s}) for late_s in (0.0, fit.latency_s)}  # not linear in turns
-    best = _best(timeline, given, points)
-    if best.changes:  # about the heading before the first one: another mixes heading and scale
+    blocks = _blocks_about(timeline, given, points)
+    return tuple(_described(timeline, given, [one._replace(kind=kind) for one in blocks]) for kind in KINDS)
+
+
+def _described(timeline: Timeline, given: Parameters, blocks: Sequence[_Blocks]) -> FoundChanges:
+    kind, best = blocks[0].kind, _best(blocks)
+    if best.changes and kind.accumulates:  # about the heading before the first one: another mixes heading and scale
         about = dict(zip(STEPS, best.blocks.about, strict=True))
-        best = _best(timeline, given, {near(about | {"heading_bias": float(best.errors[0, 0])})})
-    if not 0 < len(best.changes) <= MAX_CHANGES or best.nis > MAX_NIS:
+        best = _best(_blocks_about(timeline, given, {near(about | {"heading_bias": float(best.errors[0, 0])})}))
+    if not 0 < len(best.changes) <= kind.most or best.nis > MAX_NIS:
         return FoundChanges()
-    return FoundChanges(_as_errors(timeline, best), best.cost)
+    return FoundChanges(_as_errors(timeline, best) if kind.accumulates else _of_fixes(timeline, best), best.cost)
 
 
 def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
@@ -122,21 +162,26 @@ class _Found(NamedTuple):
 
     @property
     def errors(self) -> Array:
-        """Heading and scale before the first change and after each, posterior means, (N + 1, 2)."""
-        columns = [self.blocks.mean_moved_m.reshape(-1, 2) * FREE_SD**2]
-        columns += list(_changing(self.blocks, self.changes).swapaxes(0, 1) * CHANGE_SD**2)
+        """The numbers of the kind before the first change and after each, posterior means, (N + 1, n)."""
+        kind = self.blocks.kind
+        at_start = self.blocks.mean_matrix[:, :, kind.states].reshape(-1, len(kind.sds))
+        columns = [at_start * (FREE_SD**2 if kind.accumulates else 0.0)]
+        columns += list(_changing(self.blocks, self.changes).swapaxes(0, 1) * kind.sds**2)
         errors: Array = np.cumsum([each.T @ self.explained for each in columns], axis=0)
         return errors
 
 
-def _best(timeline: Timeline, given: Parameters, points: set[Point]) -> _Found:
-    every = [_found(_blocks(timeline, given, point, share)) for point in sorted(points) for share in SHARES]
-    return max(every, key=lambda one: one.log_evidence)
+def _best(blocks: Sequence[_Blocks]) -> _Found:
+    return max(map(_found, blocks), key=lambda one: one.log_evidence)
+
+
+def _blocks_about(timeline: Timeline, given: Parameters, points: set[Point]) -> list[_Blocks]:
+    return [_blocks(timeline, given, point, share) for point in sorted(points) for share in SHARES]
 
 
 def _found(blocks: _Blocks) -> _Found:
     found: list[_Change] = []
-    for _ in range(2 * MAX_CHANGES):  # one that is added may make an earlier one needless
+    for _ in range(2 * blocks.kind.most):  # one that is added may make an earlier one needless
         added = _likeliest(blocks, found, blocks.first[1:])
         if added is None:
             break
@@ -174,37 +219,39 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     sd = {**dict.fromkeys(PASS_STATES, 0.0), **prior_sds(given)}
     sd |= {"x": FREE_START_M, "y": FREE_START_M, "usbl_latency": FAR_SD["latency_s"]}
     sd |= dict.fromkeys([*BIAS_STATES, *(() if given.water_track else CURRENT_STATES)], 0.0)
-    sd |= {PASS_STATES[row]: FREE_SD for row in FACTOR}
+    sd |= {PASS_STATES[row]: FREE_SD for row in OF_DEAD_RECKONING.states}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
-    moved_m = log.measurement_matrix[:, :, FACTOR]
-    mean_m = moved_m[rows].mean(axis=1)
-    found = _Blocks(time_s, first, residual_m.ravel(), cov + columns @ columns.T, moved_m, mean_m, about)
+
+    found = _Blocks(time_s, first, residual_m.ravel(), cov, log.measurement_matrix, H, about, OF_DEAD_RECKONING)
     heading = _columns(found, first[1:])[:, :, 0]
-    dt_s = np.diff(t)
-    return found._replace(cov_m2=found.cov_m2 + (heading * dt_s) @ heading.T * errors.heading_walk_rad**2)
+    columns = np.column_stack([columns, heading * np.sqrt(np.diff(t)) * errors.heading_walk_rad])
+    return found._replace(cov_m2=cov + columns @ columns.T)
 
 
 def _columns(blocks: _Blocks, fixes: Indices) -> Array:
-    """Return how a change before each of N fixes moves the blocks, per part of the factor, (2 B, N, 2)."""
-    size, moved_m = int(blocks.first[1]), blocks.moved_m
+    """Return how a change before each of N fixes moves the blocks, per number of the kind, (2 B, N, n)."""
+    size, kind = int(blocks.first[1]), blocks.kind
+    moved_m, mean_moved_m = blocks.measurement_matrix[:, :, kind.states], blocks.mean_matrix[:, :, kind.states]
     own, count = fixes // size, len(blocks.first)
     later = (np.arange(count)[:, None] > own)[..., None, None]
-    since = np.where(later, blocks.mean_moved_m[:, None] - moved_m[fixes], 0.0)
+    until_m = moved_m[fixes] * float(kind.accumulates)
+    since = np.where(later, mean_moved_m[:, None] - until_m, 0.0)
     for n in np.flatnonzero(own < count):
         fix, end = fixes[n], (own[n] + 1) * size
-        since[own[n], n] = np.sum(moved_m[fix:end] - moved_m[fix], axis=0) / size
-    return since.transpose(0, 2, 1, 3).reshape(2 * count, len(fixes), 2)
+        since[own[n], n] = np.sum(moved_m[fix:end] - until_m[n], axis=0) / size
+    return since.transpose(0, 2, 1, 3).reshape(2 * count, len(fixes), len(kind.sds))
 
 
 def _changing(blocks: _Blocks, found: Sequence[_Change]) -> Array:
-    """Return how changes move the blocks, per part of the factor that each has, (2 B, N, 2)."""
-    return _columns(blocks, np.array([one.fix for one in found], np.intp)) * PARTS[[one.parts for one in found]]
+    """Return how changes move the blocks, per number of the kind that each has, (2 B, N, n)."""
+    fixes = np.array([one.fix for one in found], np.intp)
+    return _columns(blocks, fixes) * blocks.kind.parts[[one.parts for one in found]]
 
 
 def _with(blocks: _Blocks, found: Sequence[_Change]) -> Array:
     """Return the covariance of the blocks with changes."""
-    columns = _changing(blocks, found).reshape(len(blocks.residual_m), -1)
-    return blocks.cov_m2 + CHANGE_SD**2 * columns @ columns.T
+    columns = (_changing(blocks, found) * blocks.kind.sds).reshape(len(blocks.residual_m), -1)
+    return blocks.cov_m2 + columns @ columns.T
 
 
 def _refined(blocks: _Blocks, found: list[_Change]) -> list[_Change]:
@@ -214,7 +261,7 @@ def _refined(blocks: _Blocks, found: list[_Change]) -> list[_Change]:
         before = sorted(found)
         for one in before:
             others = [other for other in found if other != one]
-            near = np.arange(max(1, one.fix - 2 * size), min(len(blocks.moved_m), one.fix + 2 * size + 1))
+            near = np.arange(max(1, one.fix - 2 * size), min(len(blocks.time_s), one.fix + 2 * size + 1))
             moved = _likeliest(blocks, others, near)
             found = others if moved is None else [*others, moved]
         if sorted(found) == before:
@@ -234,15 +281,15 @@ def _likeliest(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> _Ch
 
 
 def _gains(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
-    """Return the gain in log evidence by one more change before each of N fixes, of each of PARTS, (N, 3)."""
-    cov = _with(blocks, found)
-    columns = _columns(blocks, fixes).reshape(len(cov), -1) * CHANGE_SD
+    """Return the gain in log evidence by one more change before each of N fixes, of each of k parts, (N, k)."""
+    cov, parts, count = _with(blocks, found), blocks.kind.parts, len(blocks.kind.sds)
+    columns = (_columns(blocks, fixes) * blocks.kind.sds).reshape(len(cov), -1)
     both = np.column_stack([blocks.residual_m, columns])
     white: Array = np.linalg.solve(np.linalg.cholesky(cov), both).astype(np.float64)
-    z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), 2)
+    z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), count)
     information: Array = np.einsum("bna,bnc->nac", columns, columns)
-    pull: Array = np.einsum("bna,b->na", columns, z)[:, None] * PARTS
-    precision: Array = information[:, None] * PARTS[:, :, None] * PARTS[:, None, :] + np.eye(2)
+    pull: Array = np.einsum("bna,b->na", columns, z)[:, None] * parts
+    precision: Array = information[:, None] * parts[:, :, None] * parts[:, None, :] + np.eye(count)
     solved: Array = np.linalg.solve(precision, pull[..., None]).astype(np.float64)[..., 0]
     gain: Array = 0.5 * (np.einsum("nka,nka->nk", pull, solved) - np.linalg.slogdet(precision)[1])
     return gain
@@ -256,7 +303,23 @@ def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
     errors, q = list[SensorChange](), 1 + 0j
     for one, step in zip(found.changes, factor[1:] / factor[:-1], strict=True):
         turn = np.exp(1j * np.arcsin(np.clip(step.imag, -1.0, 1.0)))  # of a heading alone; linear, it adds a scale
-        q *= step if PARTS[one.parts, 1] else step.real * turn
+        q *= step if OF_DEAD_RECKONING.parts[one.parts, 1] else step.real * turn
         start_s = float(timeline.fix_time_s[one.fix])
         errors.append(SensorChange(start_s, -float(np.angle(q)), float(1 / abs(q)) - 1))
     return tuple(errors)
+
+
+def _of_fixes(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
+    """Return the change of the fixes as an error of the part with clearly fewer of them, or else of the later one.
+
+    There is none if a part has so few that they are false.
+    """
+    (one,), (_, (east_m, north_m, late_s)) = found.changes, found.errors.tolist()
+    start_s, count = float(timeline.fix_time_s[one.fix]), len(timeline.fix_time_s)
+    if not late_s and min(one.fix, count - one.fix) < LEAST_PART * count:
+        return ()
+    change = SensorChange(start_s, 0.0, 0.0, fix_shift_m=(east_m, north_m), fix_late_s=late_s)
+    if one.fix >= EARLIER * count:
+        return (change,)
+    before = SensorChange(-math.inf, 0.0, 0.0, fix_shift_m=(-east_m, -north_m), fix_late_s=-late_s)
+    return before, SensorChange(start_s, 0.0, 0.0)

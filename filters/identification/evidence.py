@@ -86,9 +86,9 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     stated = replace(stated, errors=errors)
     outliers = gross(timeline)
     best = _explanation(timeline, stated, outliers, FoundChanges())
-    changed = changes(timeline.with_fixes(~outliers), stated)
-    if changed.changes:
-        best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
+    for changed in changes(timeline.with_fixes(~outliers), stated):
+        if changed.changes:
+            best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
     if not best.changes:
         near = timeline.with_fixes(~outliers)
         for lost in lost_dvl(near, robust_member(near, best.members[0], stated)):

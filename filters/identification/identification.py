@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from usbldr.filters.models.parameters import Parameters, SensorChange
 
 LEVER_OR_LATENCY = frozenset(("dvl-lever", "latency"))  # keys of usbl_likelihood.KEYS
@@ -183,7 +185,7 @@ class Identification:
 
     @property
     def change_texts(self) -> Mapping[float, str]:
-        """Return when compass or DVL changed -> what the change is, and what to check."""
+        """Return when sensors changed -> what the change is, and what to check."""
         before, texts = SensorChange(0.0, 0.0, 0.0), dict[float, str]()
         for one in self.parameters.changes:
             if before.dvl_lost:
@@ -191,11 +193,14 @@ class Identification:
                     f"from {before.start_s:.0f} to {one.start_s:.0f} s the DVL does not read the vehicle's motion, as "
                     "the fixes before and after show (check its bottom lock; or the USBL's head or beacon was moved)"
                 )
-            if one.dvl_lost or before.dvl_lost:
-                before = one
+            before, last = one, before
+            if one.dvl_lost or last.dvl_lost or math.isinf(one.start_s):
                 continue
-            turned_deg = math.degrees(math.remainder(before.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
-            scale = (1 + one.dvl_scale) / (1 + before.dvl_scale) - 1
+            if of_fixes := _change_of_fixes_text(last, one):
+                texts[one.start_s] = of_fixes
+                continue
+            turned_deg = math.degrees(math.remainder(last.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
+            scale = (1 + one.dvl_scale) / (1 + last.dvl_scale) - 1
             check = "check compass and DVL at this time: mounting, sound speed, bottom lock"
             if max(1 + scale, 1 / (1 + scale)) > MOST_OF_SCALE:
                 check = "so much is no scale error: the DVL has no bottom lock or repeats itself, or the fixes do"
@@ -203,7 +208,6 @@ class Identification:
                 f"from {one.start_s:.0f} s on headings read {turned_deg:+.1f}° and speeds {scale:+.1%} compared with "
                 f"before ({check})"
             )
-            before = one
         return texts
 
     @property
@@ -231,3 +235,20 @@ class Identification:
             f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
             "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"
         )
+
+
+def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:
+    """Return how the fixes differ from those before; "" if they do not."""
+    since, late_s = f"from {after.start_s:.0f} s on", after.fix_late_s - before.fix_late_s
+    east_m, north_m = np.subtract(after.fix_shift_m, before.fix_shift_m).tolist()
+    if late_s:
+        later = f"stamps of the USBL fixes are {abs(late_s):.1f} s {'later' if late_s > 0 else 'earlier'} than before"
+        return f"{since} {later} (check clocks and exports)"
+    if not math.hypot(east_m, north_m):
+        return ""
+    where = f"{abs(east_m):.1f} m {'east' if east_m > 0 else 'west'} and {abs(north_m):.1f} m"
+    return (
+        f"{since} the USBL fixes lie {where} {'north' if north_m > 0 else 'south'} of where they lay before (check "
+        "whether the head, its GPS, the beacon or the origin of the map changed; the log does not show which fixes are "
+        "right: the earlier ones are taken unless they are clearly fewer, and the track's sigma covers the others)"
+    )

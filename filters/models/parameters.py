@@ -157,12 +157,14 @@ class FalseStart(NamedTuple):
 
 
 class SensorChange(NamedTuple):
-    """What compass and DVL read wrong from some time on, beyond what they did before the first change."""
+    """What sensors read wrong from some time on, beyond what they did before the first change."""
 
     start_s: float
     heading_bias_rad: float  # anticlockwise, as the state
     dvl_scale: float  # [-] of its readings
     dvl_lost: bool = False  # its readings are not of this vehicle's motion over ground
+    fix_shift_m: tuple[float, float] = (0.0, 0.0)  # of the USBL fixes, east and north
+    fix_late_s: float = 0.0  # of their stamps
 
 
 @dataclass(frozen=True, slots=True)

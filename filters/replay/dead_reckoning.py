@@ -18,6 +18,7 @@ CLOCKS: Mapping[str, tuple[str, str, str, str]] = {
 }
 """Errors of clocks, and the columns of a timeline that they move: records, dead reckoning, how many, and sigmas."""
 START_FIXES = 5  # whose median tolerates two outliers
+MAJORITY = 4.0  # [-] by judgement, a power: a third of the fixes is right in one log of 17, a half in one of two
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
 
 
@@ -174,7 +175,7 @@ def _with_earlier_records(
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:
-    """Return the timeline with compass and DVL read as before the first change; a DVL that is lost has an outage."""
+    """Return the timeline with all read as before the first change; a DVL that is lost has an outage."""
     since = np.searchsorted([one.start_s for one in changed], timeline.time_s, side="right")
     lost = np.array([False, *(one.dvl_lost for one in changed)])[since]
     if lost.any() and not lost.all():
@@ -192,8 +193,14 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
         )
     turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]
     scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
+    since = np.searchsorted([one.start_s for one in changed], timeline.fix_time_s, side="right")
+    shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])[since]
+    late_s = np.array([0.0, *(one.fix_late_s for one in changed)])[since]
     return replace(
         timeline,
+        fix_time_s=np.maximum.accumulate(timeline.fix_time_s - late_s),  # those of a step back are at once
+        fix_m=timeline.fix_m - shift_m,
+        fix_away_m=None if timeline.fix_away_m is None else timeline.fix_away_m - shift_m,
         yaw_rad=timeline.yaw_rad - turned,
         dr_yaw_rad=timeline.dr_yaw_rad - turned,
         dvl_mps=timeline.dvl_mps / (1 + scale),
@@ -216,6 +223,17 @@ def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, s
     for name, one_sigma in sd.items():
         cov_m2 += one_sigma**2 * by_error[name][:, :, None] * by_error[name][:, None]
     return cov_m2
+
+
+def shift_covariance_m2(fix_time_s: Vector, changed: Sequence[SensorChange]) -> Array:
+    """Return what shifts of the fixes leave open of a track, (2, 2): perhaps those that were taken as false are right.
+
+    The more fixes lie in one place, the likelier is it right. ``fix_time_s`` (F,) are those of all fixes.
+    """
+    since = np.searchsorted([one.start_s for one in changed], fix_time_s, side="right")
+    shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])
+    weight = np.bincount(since, minlength=len(shift_m)) ** MAJORITY
+    return np.einsum("n,ni,nj->ij", weight / max(weight.sum(), 1.0), shift_m, shift_m)
 
 
 def integrate(timeline: Timeline, rate: Array) -> Array:

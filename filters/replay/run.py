@@ -27,7 +27,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, without_changes
+from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, shift_covariance_m2, without_changes
 from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
 from usbldr.filters.replay.methods import FilterSettings, Method, method_named, methods_that
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
@@ -108,6 +108,7 @@ def _run(
         mean[:, layout.existing(state)] += value
     x, y = layout.rows("x", "y")
     open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd)
+    open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.changes)
     cov[:, x : y + 1, x : y + 1] += open_cov_m2
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0

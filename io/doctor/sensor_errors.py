@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
 from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Array, Timeline
 from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -38,15 +38,22 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
 
 
 def change_findings(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
-    """Report when compass or DVL changed; worst: what all changes do to dead reckoning at the fixes, RMS."""
+    """Report when sensors changed; worst: how far all changes move the fixes against dead reckoning, RMS."""
     changes = found.parameters.changes
-    moved_m = displacement_m(timeline) - displacement_m(without_changes(timeline, changes))
-    effect_m = float(np.hypot(*interpolate(timeline, moved_m, timeline.fix_time_s).std(axis=0)))
-    ending = f"; the changes move dead reckoning by {effect_m:.2g} m RMS, and replay takes them off"
+    moved_m = _off_m(timeline) - _off_m(without_changes(timeline, changes))
+    effect_m = float(np.hypot(*moved_m.std(axis=0)))
+    ending = f"; the changes move the fixes against dead reckoning by {effect_m:.2g} m RMS, and replay takes them off"
+    of_fixes = any(any(one.fix_shift_m) or one.fix_late_s for one in changes)
+    topic = topic_of(log, "usbl" if of_fixes else "compass")
     return [
-        Finding("SENSOR-CHANGE", text + ending, topic_of(log, "compass"), start_s, effect_m, "m")
+        Finding("SENSOR-CHANGE", text + ending, topic, start_s, effect_m, "m")
         for start_s, text in found.change_texts.items()
     ]
+
+
+def _off_m(timeline: Timeline) -> Array:
+    """Return the fixes minus dead reckoning, (F, 2)."""
+    return timeline.fix_m - interpolate(timeline, displacement_m(timeline), timeline.fix_time_s)
 
 
 def false_fix_findings(log: Log, found: Identification) -> list[Finding]:

@@ -1,13 +1,24 @@
 """Compass and DVL that change within a log: time and size are found, and false fixes are not taken for changes."""
 
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from usbldr.filters.identification import evidence
-from usbldr.filters.identification.changes import FoundChanges, _blocks, _Change, _gains, _with, changes
+from usbldr.filters.identification.changes import (
+    OF_DEAD_RECKONING,
+    OF_FIXES,
+    FoundChanges,
+    Kind,
+    _blocks,
+    _Change,
+    _gains,
+    _with,
+    changes,
+)
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
@@ -34,20 +45,31 @@ def wrong(from_s: float, to_s: float, turned_rad: float = 0.0, scale: float = 0.
     )
 
 
+def of_dead_reckoning(line: Timeline, given: Parameters = ASSUMED) -> tuple[SensorChange, ...]:
+    return changes(line, given)[0].changes
+
+
 def logarithm_of_density(z: np.ndarray, cov: np.ndarray) -> float:
     return float(-0.5 * (z @ np.linalg.solve(cov, z) + np.linalg.slogdet(2 * np.pi * cov)[1]))
 
 
-def test_the_gain_is_the_ratio_of_two_densities() -> None:
-    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
-    before = [_Change(150, 2)]
+@pytest.mark.parametrize("kind", [OF_DEAD_RECKONING, OF_FIXES], ids=["dead reckoning", "fixes"])
+def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
+    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)._replace(kind=kind)
+    before = [_Change(150, 1)]
     gains = _gains(blocks, before, np.array([60, 200, 300]))
-    for (fix, parts), gain in zip(itertools.product([60, 200, 300], range(3)), gains.ravel(), strict=True):
+    for (fix, parts), gain in zip(
+        itertools.product([60, 200, 300], range(len(kind.parts))), gains.ravel(), strict=True
+    ):
         with_it, without = (
             logarithm_of_density(blocks.residual_m, _with(blocks, found))
             for found in ([*before, _Change(fix, parts)], before)
         )
-        assert gain == pytest.approx(with_it - without, abs=1e-6)
+        assert gain == pytest.approx(with_it - without, rel=1e-6, abs=1e-6)
+
+
+def test_a_change_of_both_parts_of_the_factor_has_the_covariance_of_either() -> None:
+    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
     assert np.allclose(
         _with(blocks, [_Change(60, 0)]) + _with(blocks, [_Change(60, 1)]),
         _with(blocks, [_Change(60, 2)]) + _with(blocks, []),
@@ -66,7 +88,7 @@ def test_the_gain_is_the_ratio_of_two_densities() -> None:
     ids=["heading", "the other way", "scale", "a minute", "on top of a mounting"],
 )
 def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tuple[float, float, float]]) -> None:
-    found = changes(line, ASSUMED).changes
+    found = of_dead_reckoning(line)
 
     assert len(found) == len(want)
     for one, (start_s, turned_rad, scale) in zip(found, want, strict=True):
@@ -78,18 +100,18 @@ def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tup
 def test_a_heading_that_jumps_twice_and_back_has_no_scale() -> None:
     line = wrong(200.0, 240.0, 1.2, 0.0, wrong(240.0, 280.0, 1.8))
 
-    found = changes(line, ASSUMED).changes
+    found = of_dead_reckoning(line)
 
     assert [one.start_s for one in found] == pytest.approx([200.0, 240.0, 280.0], abs=5.0)
     assert [one.heading_bias_rad for one in found] == pytest.approx([1.2, 1.8, 0.0], abs=0.05)
     assert [one.dvl_scale for one in found] == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
-    (one,) = changes(wrong(200.0, 1e9, 0.14), ASSUMED).changes
+    (one,) = of_dead_reckoning(wrong(200.0, 1e9, 0.14))
     assert one.dvl_scale == pytest.approx(0.0, abs=7e-3)  # linear in the turn, it would be 1 - cos 8 deg more, 0.015
 
 
 def test_what_is_taken_off_is_what_was_put_on() -> None:
     line = wrong(150.0, 210.0, 0.7, 0.1)
-    (one, back) = (replace_start(one, t) for one, t in zip(changes(line, ASSUMED).changes, (150.0, 210.0), strict=True))
+    (one, back) = (replace_start(one, t) for one, t in zip(of_dead_reckoning(line), (150.0, 210.0), strict=True))
     exact = one._replace(heading_bias_rad=0.7, dvl_scale=0.1), back._replace(heading_bias_rad=0.0, dvl_scale=0.0)
 
     restored = without_changes(line, exact)
@@ -104,7 +126,7 @@ def replace_start(one, start_s: float):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_dive_without_a_change_has_none(seed: int) -> None:
-    assert changes(weaving_dive(Faults(), seed), ASSUMED).changes == ()
+    assert of_dead_reckoning(weaving_dive(Faults(), seed)) == ()
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -119,8 +141,8 @@ def test_a_heading_that_walks_does_not_change(seed: int) -> None:
     walk_rad = np.cumsum(steps) * np.sqrt(np.diff(dive.time_s)[0]) * ASSUMED.errors.heading_walk_rad
     line = replace(dive, yaw_rad=dive.yaw_rad + walk_rad, dr_yaw_rad=dive.dr_yaw_rad + walk_rad)
 
-    assert changes(line, ASSUMED).changes == ()
-    assert changes(line, replace(ASSUMED, errors=replace(ASSUMED.errors, heading_walk_rad=0.0))).changes
+    assert of_dead_reckoning(line) == ()
+    assert of_dead_reckoning(line, replace(ASSUMED, errors=replace(ASSUMED.errors, heading_walk_rad=0.0)))
 
 
 def with_outliers(line: Timeline, share: float, seed: int) -> Timeline:
@@ -134,15 +156,15 @@ def with_outliers(line: Timeline, share: float, seed: int) -> Timeline:
 def test_a_change_is_found_among_outliers_and_outliers_are_none(share: float) -> None:
     for seed in range(4):
         dive = weaving_dive(Faults(), seed)
-        assert changes(with_outliers(dive, share, seed), ASSUMED).changes == ()
-        (one,) = changes(with_outliers(wrong(200.0, 1e9, 0.14, dive=dive), share, seed), ASSUMED).changes
+        assert of_dead_reckoning(with_outliers(dive, share, seed)) == ()
+        (one,) = of_dead_reckoning(with_outliers(wrong(200.0, 1e9, 0.14, dive=dive), share, seed))
         assert one.start_s == pytest.approx(200.0, abs=25.0)
         assert one.heading_bias_rad == pytest.approx(0.14, abs=0.05)
 
 
 @pytest.mark.parametrize("line", [wrong(200.0, 1e9, 0.03), wrong(200.0, 230.0, 0.2)], ids=["small", "short"])
 def test_an_error_within_the_stated_error_of_the_fixes_is_found_if_theirs_is_smaller(line: Timeline) -> None:
-    assert changes(line, ASSUMED).changes
+    assert of_dead_reckoning(line)
 
 
 @pytest.mark.long
@@ -170,13 +192,13 @@ def test_what_changes_do_not_explain_is_none() -> None:
     false = (T >= 250) & (T < 300)
     line = replace(DIVE, fix_m=DIVE.fix_m + 10.0 * false[:, None]).with_fixes((T < 190) | (T >= 250))
 
-    assert changes(line, ASSUMED).changes == ()
+    assert of_dead_reckoning(line) == ()
 
 
 @pytest.mark.parametrize(("from_s", "to_s"), [(150.0, 240.0), (60.0, 120.0), (100.0, 115.0)])
 def test_two_jumps_of_the_position_are_no_change(from_s: float, to_s: float) -> None:
     false = (DIVE.fix_time_s >= from_s) & (DIVE.fix_time_s < to_s)
-    assert changes(replace(DIVE, fix_m=DIVE.fix_m + false[:, None] * [4.0, -3.0]), ASSUMED).changes == ()
+    assert of_dead_reckoning(replace(DIVE, fix_m=DIVE.fix_m + false[:, None] * [4.0, -3.0])) == ()
 
 
 @pytest.mark.parametrize(
@@ -186,9 +208,54 @@ def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they
     turned_rad: float, cost: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     proposed = (SensorChange(200.0, turned_rad, 0.0),)  # of 0 it makes no difference
-    monkeypatch.setattr(evidence, "changes", lambda *_: FoundChanges(proposed, cost))
+    monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges(proposed, cost),))
 
     assert identify(DIVE, ASSUMED).parameters.changes == (proposed if taken else ())
+
+
+def changed_fixes(from_s: float, shift_m: tuple[float, float] = (0.0, 0.0), late_s: float = 0.0) -> Timeline:
+    """Return a dive whose fixes lie elsewhere from then on, or come later."""
+    there = DIVE.fix_time_s >= from_s
+    return replace(
+        DIVE, fix_m=DIVE.fix_m + there[:, None] * np.array(shift_m), fix_time_s=DIVE.fix_time_s + there * late_s
+    )
+
+
+@pytest.mark.parametrize("share", [0.35, 0.5, 0.65])
+def test_fixes_that_shift_for_good_are_moved_onto_the_others(share: float) -> None:
+    from_s = round(share * float(DIVE.fix_time_s[-1]))
+
+    found = identify(changed_fixes(from_s, (5.0, -7.0)), ASSUMED)
+
+    moved = {one.start_s: one.fix_shift_m for one in found.parameters.changes}
+    since_s, text = next(iter(found.change_texts.items()))
+    assert len(found.change_texts) == 1
+    assert since_s == pytest.approx(from_s, abs=2.0)
+    assert text.startswith(f"from {since_s:.0f} s on the USBL fixes lie ")
+    assert "m east and" in text
+    assert "m south of where they lay before" in text
+    if share < 0.4:
+        assert moved[-np.inf] == pytest.approx((-5.0, 7.0), abs=0.5)
+    else:
+        assert moved[since_s] == pytest.approx((5.0, -7.0), abs=0.5)
+    tracks = [
+        run("adf", line, p) for line, p in ((changed_fixes(from_s, (5.0, -7.0)), found.parameters), (DIVE, ASSUMED))
+    ]
+    expected_m = np.array([5.0, -7.0]) * (share < 0.4)
+    off_m = np.median(tracks[0].position_m - tracks[1].position_m, axis=0)
+    np.testing.assert_allclose(off_m, expected_m, atol=0.5)
+    assert tracks[0].open_cov_m2 is not None
+    likelier = min(share, 1 - share) ** 4 / (share**4 + (1 - share) ** 4)
+    np.testing.assert_allclose(tracks[0].open_cov_m2[-1], likelier * np.outer([5.0, -7.0], [5.0, -7.0]), rtol=0.4)
+
+
+def test_fixes_that_come_later_from_a_time_on_are_moved_to_when_they_were_valid() -> None:
+    found = identify(changed_fixes(200.0, late_s=2.5), ASSUMED)
+
+    ((since_s, text),) = found.change_texts.items()
+    assert since_s == pytest.approx(200.0, abs=10.0)
+    (later,) = re.findall(r"stamps of the USBL fixes are (.*) s later than before", text)
+    assert float(later) == pytest.approx(2.5, abs=0.2)
 
 
 def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> None:
