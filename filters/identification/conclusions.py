@@ -174,6 +174,7 @@ def noise_changes(given: Parameters, current: Parameters) -> tuple[NoiseChange, 
     """Return the numbers of the noise that differ."""
     numbers = {
         "dvl_sd_scale": attrgetter("dvl_sd_scale"),
+        "compass_sd_scale": attrgetter("compass_sd_scale"),
         "velocity_walk_mps": attrgetter("process.velocity_mps"),
         "usbl_sd_scale": attrgetter("usbl_sd_scale"),
         "usbl_bias_sd_m": attrgetter("errors.usbl_bias_m"),

@@ -46,7 +46,7 @@ from usbldr.filters.identification.linearisation import (
     prior_sds,
 )
 from usbldr.filters.identification.lost_dvl import cost, lost_dvl
-from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.noise_fit import estimate_compass_noise, estimate_dvl_noise, estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
 from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.replay.dead_reckoning import without_changes
@@ -78,7 +78,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
 
     Without fixes there is evidence of the DVL's noise alone. Raises LogError if nothing gives the start.
     """
-    stated = estimate_dvl_noise(timeline, given)
+    stated = estimate_compass_noise(timeline, estimate_dvl_noise(timeline, given))
     if not len(timeline.fix_time_s):
         return Identification(replace(stated, calibrate=()), (), noise_changes(given, stated))
     errors = stated.errors

@@ -186,6 +186,7 @@ class Parameters:
     water_track: bool = False  # the DVL measures the velocity through the water: identification adds the current
     aid: tuple[TimeWindow, ...] = ()  # windows in which GPS fixes are measurements and not truth
     dvl_sd_scale: float = 1.0  # factor on every stated sigma of the DVL
+    compass_sd_scale: float = 1.0  # factor on every stated sigma of the compass
     usbl_sd_scale: float = 1.0  # factor on every stated sigma of the USBL
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
     false_starts: tuple[FalseStart, ...] = ()  # the same of the first ones alone, as far as it is known in mid-dive

@@ -129,6 +129,7 @@ class OnlineFilter:
             self._yaw = (yaw_rad, sd_rad)
             return self._start_as_stated(time_s)
         yaw_rad += self._north_rad(self._running.estimate.mean[POSITION])
+        sd_rad *= self._sensors.compass_sd_scale
         measured = self._sensors.compass.measurement(self._count, time_s, np.array([yaw_rad]), sd_rad)
         update = self._advance(time_s, (measured,))[0]
         self._turns.add(time_s, yaw_rad)

@@ -77,7 +77,7 @@ def vehicle_motion(line: Timeline, parameters: Parameters, layout: StateLayout) 
 def _vehicle_readings(line: Timeline, sensors: "VehicleSensors") -> Iterator[Readings]:
     """Yield the readings of the compass, and of both axes of the DVL."""
     k = np.flatnonzero(line.yaw_count)
-    t, variance = line.time_s[k], line.yaw_sd_rad[k] ** 2 / line.yaw_count[k]
+    t, variance = line.time_s[k], (sensors.compass_sd_scale * line.yaw_sd_rad[k]) ** 2 / line.yaw_count[k]
     yield sensors.compass.readings(k, t, line.yaw_rad[k], variance)
     k = np.flatnonzero(line.dvl_count)
     t, variance = line.time_s[k], (sensors.dvl_sd_scale * line.dvl_sd_mps[k]) ** 2 / line.dvl_count[k]
@@ -127,6 +127,7 @@ class VehicleSensors:
         axes = (("starboard", starboard), ("forward", forward))
         self.dvl = [ScalarSensor("dvl", axis, model, parameters.dvl) for axis, model in axes]
         self.dvl_sd_scale = parameters.dvl_sd_scale
+        self.compass_sd_scale = parameters.compass_sd_scale
 
 
 def sensor_kinds(parameters: Parameters, layout: StateLayout) -> list[tuple[StateFunction, NoiseFamily]]:

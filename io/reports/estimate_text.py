@@ -8,6 +8,7 @@ from usbldr.filters.models.calibration import EstimatedError
 
 NOISE_WORDS: Mapping[str, tuple[str, float, str]] = {
     "dvl_sd_scale": ("sigma of the DVL", 1.0, "times the stated one"),
+    "compass_sd_scale": ("sigma of the compass", 1.0, "times the stated one"),
     "velocity_walk_mps": ("process noise of the velocity", 1.0, "m/s/√s"),
     "position_walk_m": ("process noise of dead reckoning", 1.0, "m/√s"),
     "usbl_sd_scale": ("sigma of the USBL", 1.0, "times the stated one"),

@@ -61,5 +61,6 @@ def parameters(configuration: Configuration) -> Parameters:
         calibrate=calibrated_keys(configuration.calibrate),
         errors=stated_model(default.errors, configuration.calibrate),
         dvl_sd_scale=configuration.dvl.sd_scale,
+        compass_sd_scale=configuration.compass.sd_scale,
         usbl_sd_scale=configuration.usbl.sd_scale,
     )

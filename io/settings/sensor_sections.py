@@ -113,6 +113,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     deviation_cos_deg: Deviation = 0.0
     declination_deg: Degrees | Literal["auto"] | None = None
     sd_deg: SdDegrees | Literal["message"] | None = None
+    sd_scale: Factor = 1.0
     time: Clock | None = None
     latency_s: Latency = 0.0
     clock_step_s: ClockStep = 0.0

@@ -114,7 +114,7 @@ def _configuration(
     if log.origin is not None:
         sections["map"] = {"origin_lat_deg": repr(log.origin.lat_deg), "origin_lon_deg": repr(log.origin.lon_deg)}
     sections["dvl"] = _of_sensor(known.dvl, "dvl", known.dvl_sd_scale) | _lever(known.dvl_lever_m)
-    sections["compass"] = _of_sensor(known.compass, "compass")
+    sections["compass"] = _of_sensor(known.compass, "compass", known.compass_sd_scale)
     sections["usbl"] = _of_sensor(known.usbl, "usbl", known.usbl_sd_scale) | _lever(known.usbl_lever_m)
     sections["gps"] = _of_sensor(known.gps, "gps") | _lever(known.gps_lever_m)
     sections["depth"] = {}

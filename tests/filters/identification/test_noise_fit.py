@@ -9,7 +9,7 @@ import pytest
 from usbldr.filters.identification import clusters
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.newton import maximise
-from usbldr.filters.identification.noise_fit import estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.noise_fit import estimate_compass_noise, estimate_dvl_noise, estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
@@ -180,6 +180,17 @@ def test_the_sigma_of_a_dvl_grows_if_its_records_scatter_more_than_stated_and_ne
     assert noisy.dvl_sd_scale == pytest.approx(4.0, rel=0.1)
     assert noisy.process.velocity_mps == pytest.approx(0.03, rel=0.3)
     assert quiet.dvl_sd_scale == 1.0
+
+
+@pytest.mark.parametrize(("stated", "found"), [(1.0, 1.0), (0.5, 2.0), (3.0, 1.0)])
+def test_the_sigma_of_a_compass_grows_if_its_headings_scatter_more_than_stated(stated: float, found: float) -> None:
+    line = weaving_dive(Faults(), seconds=400)  # which turns all the time
+    line = replace(line, yaw_sd_rad=stated * line.yaw_sd_rad, yaw_rad=np.where(line.time_s < 20.0, 0.0, line.yaw_rad))
+
+    scale = estimate_compass_noise(line, PLAIN).compass_sd_scale
+
+    assert scale == pytest.approx(found, rel=0.06)
+    assert estimate_compass_noise(line, replace(PLAIN, compass_sd_scale=1.5 * scale)).compass_sd_scale == 1.5 * scale
 
 
 def test_a_velocity_that_hardly_changes_does_not_lower_the_assumed_walk() -> None:
