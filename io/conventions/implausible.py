@@ -184,7 +184,7 @@ CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] 
 def _without_stuck(records: Records, tables: Tables, what: str) -> Judged:
     frozen = _while_moving(stuck(records.time_s, records.values), records.time_s, tables)
     kept = "" if what == "depths" else f"; {LEFT_OUT}"
-    text = f"repeat the previous one to the last digit, as noisy {what} never do otherwise: the sensor was stuck{kept}"
+    text = f"repeat the previous one to the last digit, for longer than rounding explains: the sensor was stuck{kept}"
     return records.without(frozen), _stretch_finding("STUCK", records, frozen, text)
 
 
@@ -212,7 +212,8 @@ def _stretch_finding(code: str, records: Records, which: Mask, text: str) -> lis
     lengths_s = records.time_s[end - 1] - records.time_s[np.maximum(first - 1, 0)]
     longest = int(np.argmax(lengths_s))
     start_s, length_s = float(records.time_s[first[longest]]), float(lengths_s[longest])
-    where = f"in {len(first)} stretches, the longest {length_s:.1f} s from {start_s:.1f} s on"
+    where = f"{length_s:.1f} s from {start_s:.1f} s on"
+    where = where if len(first) == 1 else f"in {len(first)} stretches, the longest {where}"
     whole = f"{records.topic}: {which.sum()} of {len(which)} records, {where}, {text}"
     return [Finding(code, whole, records.topic, start_s, length_s, "s")]
 

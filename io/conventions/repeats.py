@@ -12,7 +12,9 @@ from usbldr.io.messages.layouts import blocks
 
 MIN_FRESH_RECORDS = 100  # that differ from the one before; fewer do not show a sensor's noise
 MIN_FRESH_FIXES = 10  # the same of a USBL, which is never without noise
-MAX_REPEAT_SHARE = 0.005  # [-] of values that are repeated at once; above, the sensor rounds, or is polled
+MAX_REPEAT_SHARE = 0.25  # [-] of values that are repeated at once; above, the sensor is polled, or hides its noise
+FINE_SHARE = 0.005  # [-] the same: below, a sensor does not repeat itself by rounding
+MAX_CHANCE = 1e-9  # [-] that some run of the log is as long by rounding: a calm stretch repeats more than the rest
 MIN_REPEATS = 3  # fewer may be chance
 REPEATS_OVER_CHANCE = 10.0  # [-] repeated fixes over those that rounding explains, so that rounding is no explanation
 MIN_MOVING_MPS = 0.2  # [m/s] a slower vehicle can come to rest between two records
@@ -64,10 +66,12 @@ def stuck(time_s: Vector, values: Array) -> Mask:
     The first record of a run is a measurement, its repeats are not.
     """
     same = repeated(values)
-    if not same.any() or repeat_share(same) > MAX_REPEAT_SHARE or not noisy(values[~same]):
+    share = repeat_share(same)
+    if not same.any() or share > MAX_REPEAT_SHARE or not noisy(values[~same]):
         return np.zeros(len(same), dtype=np.bool_)
     first, end = runs(same)
-    long = (end - first >= MIN_REPEATS) & (time_s[end - 1] - time_s[first - 1] > LONGEST_STILL_S)
+    least = MIN_REPEATS if share <= FINE_SHARE else np.log(MAX_CHANCE / len(same)) / np.log(share)
+    long = (end - first >= least) & (time_s[end - 1] - time_s[first - 1] > LONGEST_STILL_S)
     return _joined(len(same), first, end, long)
 
 
@@ -99,7 +103,7 @@ def sudden_zeros(time_s: Vector, velocity_mps: Array) -> Mask:
     if not zero.any() or not noisy(others[~same]):
         return none
     first, end = runs(zero)
-    braking = 0.0 if repeat_share(same) <= MAX_REPEAT_SHARE else MAX_ACCELERATION_MPS2
+    braking = 0.0 if repeat_share(same) <= FINE_SHARE else MAX_ACCELERATION_MPS2
     speed, last = np.linalg.norm(velocity_mps, axis=1), len(zero) - 1
     sides = [(first - 1, first, first > 0), (np.minimum(end, last), end - 1, end <= last)]
     fast = [

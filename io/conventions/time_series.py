@@ -19,12 +19,17 @@ class TimeSeries:
     time_ns: Nanoseconds  # (n,)
     values: Array  # (n, k)
 
-    def at(self, time_ns: Nanoseconds, longest_gap_s: float = np.inf) -> Array:
-        """Return the values at the times, (m, k), NaN outside the records and inside gaps that are longer."""
+    def at(self, time_ns: Nanoseconds, longest_gap_s: float = np.inf, held_s: float = 0.0) -> Array:
+        """Return the values at the times, (m, k), NaN outside the records and inside gaps that are longer.
+
+        The first and the last value hold for ``held_s`` before and after the records.
+        """
         near = bracketing(self.time_ns, time_ns)
         own_s, wanted_s = (
             np.asarray(t - self.time_ns[0], dtype=np.float64) / 1e9 for t in (self.time_ns[near], time_ns)
         )
+        within_s = np.clip(wanted_s, own_s[0], own_s[-1])
+        wanted_s = np.where(np.abs(wanted_s - within_s) <= held_s, within_s, wanted_s)
         between = np.full((len(wanted_s), self.values.shape[1]), np.nan)
         for k, column in enumerate(self.values.T):
             between[:, k] = np.interp(wanted_s, own_s, column[near], left=np.nan, right=np.nan)

@@ -40,6 +40,9 @@ from usbldr.io.settings.sensor_sections import UsblSection
 # optional, of fixes measured from a head: the line from there, and the depth that made a slant range horizontal
 AWAY_COLUMNS, LEVELLED_COLUMN = ("away_east_m", "away_north_m"), "levelled_by_m"
 OF_HEAD_COLUMNS = (*AWAY_COLUMNS, LEVELLED_COLUMN)
+DEPTH_HELD_S = (
+    5.0  # beyond the first and the last depth: vehicles dive by less than 1 m/s, and without it a fix is far off
+)
 HEADING_KEY = "heading_topic in head of [usbl]"
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
@@ -79,7 +82,8 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s))
     times = when.times
     end = usbl_reference(section, beside.raws, beside.compass, origin, when.at_head_ns)
-    depth = np.full(len(times.time_ns), np.nan) if beside.depths is None else beside.depths.at(times.time_ns)[:, 0]
+    unknown = np.full(len(times.time_ns), np.nan)
+    depth = unknown if beside.depths is None else beside.depths.at(times.time_ns, held_s=DEPTH_HELD_S)[:, 0]
     drop = depth - (end.depth_m if end else 0.0)
     if kind == "latlon":
         fixes = _by_latitude(raw, origin, drop)

@@ -91,6 +91,17 @@ def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(
     assert lost(log) == {role: times(log, role)[within(log, role, 300, to_s)][1:].tolist()}
 
 
+@pytest.mark.parametrize(("step_deg", "stops"), [(0.01, True), (0.1, True), (2.0, False)])
+def test_a_coarse_compass_is_stuck_if_it_repeats_itself_for_longer_than_rounding_explains(
+    dive: Log, step_deg: float, stops: bool
+) -> None:
+    rounded = np.round(dive.tables["compass"][["heading_deg"]].to_numpy() / step_deg) * step_deg
+
+    log = stuck(changed(dive, "compass", ["heading_deg"], rounded), "compass", ["heading_deg"], 300, 360)
+
+    assert ("STUCK" in found(log)) == stops
+
+
 def test_a_finding_counts_the_records_and_the_stretches_and_places_the_longest(dive: Log) -> None:
     log = without_implausible(stuck(stuck(dive, "dvl", VELOCITY, 300, 360), "dvl", VELOCITY, 500, 520))
 

@@ -50,6 +50,8 @@ OWN = f"{PLACES},depth_m,elevation_deg"
         # the head is 2 m deep: 100 m of slant range to 28 m below it leave 96 m, half of them east at 30 deg
         (f"{PLACES}\n5000000000,100,30", DEEP, [148, -50 + 96 * math.cos(math.pi / 6)], "the vehicle's depth"),
         (f"{PLACES}\n2500000000,100,90", DEEP, [100 + math.sqrt(100**2 - 18**2), -50], "the vehicle's depth"),
+        (f"{PLACES}\n14900000000,100,90", DEEP, [100 + math.sqrt(100**2 - 48**2), -50], "the vehicle's depth"),
+        (f"{PLACES}\n15100000000,100,90", DEEP, [200, -50], "nothing (taken as horizontal)"),
         (f"{OWN}\n0,100,90,62,", None, [180, -50], "the fix's depth"),
         (f"{OWN}\n0,100,90,,-60", None, [150, -50], "the fix's elevation"),
         (f"{PLACES}\n0,100,90", None, [200, -50], "nothing (taken as horizontal)"),
