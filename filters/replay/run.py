@@ -32,6 +32,7 @@ from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixe
 from usbldr.filters.replay.methods import FilterSettings, Method, method_named, methods_that
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.prior import prior
+from usbldr.filters.replay.rival_fixes import RivalFixes, rival_fixes
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
 from usbldr.filters.replay.steps import StepSource, sensor_kinds, vehicle_motion
 from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Vector
@@ -109,6 +110,9 @@ def _run(
     x, y = layout.rows("x", "y")
     open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd)
     open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.changes)
+    lever_m = np.array(parameters.usbl_lever_m[:2])
+    rivals = rival_fixes(timeline, mean[:, x : y + 1], mean[:, psi], lever_m, parameters.usbl_sd_scale)
+    open_cov_m2 += rivals.cov_m2 if rivals else 0.0
     cov[:, x : y + 1, x : y + 1] += open_cov_m2
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
@@ -124,7 +128,7 @@ def _run(
         ess if method.draws else None,
         particles,
         acceptance if method.draws else None,
-        _warnings(method, settings, parameters.false_starts, ess, done, late)
+        _warnings(method, settings, parameters.false_starts, ess, done, late, rivals)
         + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions, least_outage_s))
         + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
         time.perf_counter() - began,
@@ -199,7 +203,13 @@ def _check_settings(method: Method, settings: FilterSettings, calibrate: Sequenc
 
 
 def _warnings(
-    method: Method, settings: FilterSettings, starts: Sequence[FalseStart], ess: Vector, updates: UpdateTable, late: int
+    method: Method,
+    settings: FilterSettings,
+    starts: Sequence[FalseStart],
+    ess: Vector,
+    updates: UpdateTable,
+    late: int,
+    rivals: RivalFixes | None,
 ) -> tuple[str, ...]:
     name, texts = method.name, list[str]()
     if settings.order == "arrival":
@@ -214,7 +224,9 @@ def _warnings(
         )
     outcomes = updates.of_sensor("usbl").outcome
     outliers = int(np.count_nonzero(outcomes != "used"))
-    if outliers > MAX_OUTLIER_FRACTION * len(outcomes):
+    if rivals:
+        texts.append(f"{name}: RIVAL-FIXES: {rivals.text}")
+    elif outliers > MAX_OUTLIER_FRACTION * len(outcomes):
         texts.append(
             f"{name}: {outliers} of {len(outcomes)} USBL fixes look like outliers, which they hardly all are: "
             "check frame, map origin, DVL axes and mounting, heading convention and clocks (usbldr info says what was "
