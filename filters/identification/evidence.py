@@ -59,6 +59,7 @@ USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outs
 LEAST_FACTOR = 1e-3  # fixed: on dead reckoning; a smaller one is as far outside
 MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
+MOST_LOST = 6  # [spans] of a DVL that loses its lock: each takes about a second to be found
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 LINEARISATIONS = 2  # about the estimates of each subset
 
@@ -90,10 +91,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
         if changed.changes:
             best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
     if not best.changes:
-        near = timeline.with_fixes(~outliers)
-        for lost in lost_dvl(near, robust_member(near, best.members[0], stated)):
-            other = _explanation(timeline, stated, outliers, FoundChanges(lost, cost(near)))
-            best = max(best, other, key=lambda one: one.log_evidence)
+        best = _with_lost_dvl(timeline, stated, outliers, best)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = _likeliest([_choice(kept, member, stated) for member in best.members])
     found = concluded(kept, given, stated, choice)
@@ -125,6 +123,21 @@ def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed
     if false.any():
         members, _ = _with_every_error(line.with_fixes(~false), stated)
     return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
+
+
+def _with_lost_dvl(timeline: Timeline, stated: Parameters, outliers: Mask, best: _Explanation) -> _Explanation:
+    """Return the explanation with the spans in which the DVL is lost, one after the other while each is likelier."""
+    found, near = FoundChanges(), timeline.with_fixes(~outliers)
+    for _ in range(MOST_LOST):
+        before, line = found, without_changes(near, found.changes)
+        for span in lost_dvl(line, robust_member(line, best.members[0], stated)):
+            one = FoundChanges(tuple(sorted((*before.changes, *span))), before.cost + cost(line))
+            other = _explanation(timeline, stated, outliers, one)
+            if other.log_evidence > best.log_evidence:
+                best, found = other, one
+        if found is before:
+            break
+    return best
 
 
 def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Member], list[Member]]:

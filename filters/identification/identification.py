@@ -112,7 +112,7 @@ class Identification:
         return (
             *([f"FALSE-FIXES: {text}"] if (text := self.false_runs_text) else []),
             *(
-                f"SENSOR-CHANGE: {text}; this was taken off, and later fixes decided it, too"
+                f"SENSOR-CHANGE: {text}; this was subtracted, as the whole log shows it"
                 for text in self.change_texts.values()
             ),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
@@ -122,7 +122,7 @@ class Identification:
             *(
                 f"the fixes contradict dead reckoning; process noise of dead reckoning was raised to {one.after:.2g} "
                 "m/√s, so that the track follows the fixes: check the DVL's bottom lock, its axes and mounting, "
-                "and the compass"
+                "and the compass, or whether the fixes themselves drift"
                 for one in self.noise_changes
                 if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
             ),
@@ -175,12 +175,13 @@ class Identification:
         late, ahead = (self.undecided[name] for name in ("usbl_latency_s", "dvl_lever_forward_m"))
         errors = self.parameters.errors
         usual = abs(late.value) <= UNUSUAL * errors.latency_s or abs(ahead.value) <= UNUSUAL * errors.dvl_lever_m
+        clock, place = ("late", "ahead") if late.value > 0 else ("early", "astern")
         return (
-            f"either stamps of the fixes are {late.value:.2f} ± {late.sd:.2f} s late (latency_s under [usbl]), or the "
-            f"DVL is {ahead.value:.2f} ± {ahead.sd:.2f} m further ahead of the transponder than stated (lever_arm_m), "
-            f"or a part of each{'' if usual else ', which are more than is usual'}: at one speed the log shows only "
-            "their sum; the track takes all of it as latency, and its sigma covers the lever arm; another speed or a "
-            "measured lever arm decides"
+            f"either stamps of the fixes are {abs(late.value):.2f} ± {late.sd:.2f} s {clock} (latency_s under [usbl]), "
+            f"or the DVL is {abs(ahead.value):.2f} ± {ahead.sd:.2f} m further {place} of the transponder than stated "
+            f"(lever_arm_m), or a part of each{'' if usual else ', which are more than is usual'}: at one speed the "
+            "log shows only their sum; the track takes all of it as latency, and its sigma covers the lever arm; another "
+            "speed or a measured lever arm decides"
         )
 
     @property
@@ -205,7 +206,7 @@ class Identification:
             if max(1 + scale, 1 / (1 + scale)) > MOST_OF_SCALE:
                 check = "so much is no scale error: the DVL has no bottom lock or repeats itself, or the fixes do"
             texts[one.start_s] = (
-                f"from {one.start_s:.0f} s on headings read {turned_deg:+.1f}° and speeds {scale:+.1%} compared with "
+                f"from {one.start_s:.0f} s on headings read {turned_deg:+z.1f}° and speeds {scale:+z.1%} compared with "
                 f"before ({check})"
             )
         return texts
@@ -228,9 +229,9 @@ class Identification:
         lie, are = f"{count} USBL fixes ({where}) lie together", "they are"
         if count == 1:
             lie, are = f"a USBL fix at {longest.start_s:.0f} s lies", "it is"
-        decided = "and later fixes decided this, too"
-        if any(run.last for run in self.false_runs):
-            decided = "but no fix follows: perhaps dead reckoning is wrong from there on"
+        decided = "as the whole log shows"
+        if (last := self.false_runs[-1]).last:
+            decided += f"; no fix follows those from {last.start_s:.0f} s on: perhaps dead reckoning is wrong there"
         return (
             f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
             "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"

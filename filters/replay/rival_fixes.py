@@ -11,6 +11,7 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.replay.dead_reckoning import MAJORITY, interpolate
 from usbldr.filters.types import Array, Timeline, Vector
 
+CODE = "RIVAL-FIXES"
 LEAST_RIVALS = 0.5  # [-] of the fixes on the track, by judgement: with 6 % of them right, fewer are outliers
 NEAR_SIGMAS = 5.0  # of a fix: beyond, it lies elsewhere
 
@@ -34,7 +35,7 @@ class RivalFixes(NamedTuple):
         (east_m, north_m), away_m = self.offset_m.tolist(), float(np.hypot(*self.offset_m))
         bearing_deg = np.degrees(np.arctan2(east_m, north_m)) % 360
         return (
-            f"{self.count} USBL fixes lie together {away_m:.0f} m off (at {bearing_deg:.0f}°) the track that "
+            f"{CODE}: {self.count} USBL fixes lie together {away_m:.0f} m off (at {bearing_deg:.0f}°) the track that "
             f"{self.on_track} others give: check for two beacons or targets, or a head with two solutions; the log "
             "does not show which fixes are right, and the track's sigma covers both"
         )
@@ -52,8 +53,8 @@ def rival_fixes(
     near_m = NEAR_SIGMAS * sd_scale * np.sqrt(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)
     elsewhere = np.hypot(*off_m.T) > near_m
     on_track = int(np.count_nonzero(~elsewhere))
-    if np.count_nonzero(elsewhere) < LEAST_RIVALS * on_track:
+    if np.count_nonzero(elsewhere) < max(LEAST_RIVALS * on_track, 1):
         return None
     place_m: Vector = np.median(off_m[elsewhere], axis=0)
     count = int(np.count_nonzero(elsewhere & (np.hypot(*(off_m - place_m).T) < near_m)))
-    return RivalFixes(place_m, count, on_track) if count >= max(LEAST_RIVALS * on_track, 1) else None
+    return RivalFixes(place_m, count, on_track) if count >= LEAST_RIVALS * on_track else None

@@ -225,7 +225,7 @@ def _warnings(
     outcomes = updates.of_sensor("usbl").outcome
     outliers = int(np.count_nonzero(outcomes != "used"))
     if rivals:
-        texts.append(f"{name}: RIVAL-FIXES: {rivals.text}")
+        texts.append(f"{name}: {rivals.text}")
     elif outliers > MAX_OUTLIER_FRACTION * len(outcomes):
         texts.append(
             f"{name}: {outliers} of {len(outcomes)} USBL fixes look like outliers, which they hardly all are: "

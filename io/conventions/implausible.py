@@ -247,8 +247,8 @@ def _without_jumps(records: Records) -> Judged:
     worst = int(np.argmax(np.abs(jump_deg)))
     time_s, size = float(records.time_s[rows[worst]]), abs(float(jump_deg[worst]))
     text = (
-        f"{records.topic}: the heading jumps {len(rows)} times further than a vehicle can turn, the "
-        f"furthest by {size:.0f} deg at {time_s:.1f} s; the headings of the longest stretch stay, the others are "
+        f"{records.topic}: {len(rows)} jump{'s' if len(rows) > 1 else ''} of the heading that no vehicle can turn, the "
+        f"largest by {size:.0f} deg at {time_s:.1f} s; the headings of the longest stretch stay, the others are "
         "turned to fit them"
     )
     turned = without_jumps(records.time_s, heading_deg, rows, jump_deg)

@@ -56,7 +56,8 @@ def _change(log: Log, timeline: Timeline, found: Identification) -> list[Finding
     if change is None:
         return []
     usbl = topic_of(log, "usbl")
-    text = f"{usbl}: the noise of the fixes {change.text}; if it grows with the range, state range_sd_rel under [usbl]"
+    advice = "if it grows with the range, state range_sd_rel and the head under [usbl]"
+    text = f"{usbl}: the noise of the fixes {change.text}; {advice}"
     return [Finding("USBL-NOISE-CHANGE", text, usbl, change.time_s, change.factor, "times")]
 
 

@@ -81,14 +81,16 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
     def number(name: str, factor: float = 1.0, digits: int = 2) -> str:
         return f"{factor * value[name].value:z.{digits}f} ± {abs(factor) * value[name].sd:.{digits}f}"
 
-    def signed(name: str) -> tuple[str, bool]:
+    def signed(name: str, factor: float = 1.0) -> tuple[str, bool]:
         positive = value[name].value > 0
-        return number(name, 1.0 if positive else -1.0), positive
+        return number(name, factor if positive else -factor), positive
 
     if key == "scale":
-        return f"the DVL reads {number('dvl_scale', 100.0, 1)} % too much"
+        percent, much = signed("dvl_scale", 100.0)
+        return f"the DVL reads {percent} % too {'much' if much else 'little'}"
     if key == "heading":
-        return f"headings are {number('heading_bias_deg', 1.0, 1)} deg too large"
+        degrees, large = signed("heading_bias_deg")
+        return f"headings are {degrees} deg too {'large' if large else 'small'}"
     if key == "deviation":
         sine, cosine = number("deviation_sin_deg", 1.0, 1), number("deviation_cos_deg", 1.0, 1)
         return f"the compass has a deviation of ({sine}) sin H + ({cosine}) cos H deg at heading H"
@@ -101,9 +103,11 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         place = f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to "
         return f"the DVL is {place}{'starboard' if starboard else 'port'} of the transponder than stated"
     if key == HEAD:
-        return f"the heading of the USBL head is {number('usbl_heading_deg')} deg too large"
+        degrees, large = signed("usbl_heading_deg")
+        return f"the heading of the USBL head is {degrees} deg too {'large' if large else 'small'}"
     if key == RANGE:
-        return f"ranges of the USBL are {number('usbl_range_scale', 100.0)} % too long"
+        percent, long = signed("usbl_range_scale", 100.0)
+        return f"ranges of the USBL are {percent} % too {'long' if long else 'short'}"
     sensor, others = ("DVL", "compass") if key == DVL_CLOCK else ("compass", "DVL")
     seconds, late = signed(f"{sensor.lower()}_clock_s")
     return f"stamps of the {sensor} are {seconds} s {'late' if late else 'early'} against those of {others} and fixes"

@@ -328,7 +328,7 @@ def _recovery(recoveries: Sequence[OutageRecovery]) -> str:
     text = (
         f"at {one.end_s:.0f} s, after {one.end_s - one.start_s:.1f} s without a fix: the fixes were "
         f"{one.residual_m:.2f} m ({one.sigmas:.1f} sigma) from the track and moved it by {one.correction_m:.2f} m; "
-        f"its sigma had grown from {one.sd_start_m:.2f} to {one.sd_end_m:.2f} m"
+        f"its sigma was {one.sd_start_m:.2f} m before and {one.sd_end_m:.2f} m after the gap"
     )
     return text if len(recoveries) == 1 else f"{len(recoveries)} times; the worst {text}"
 

@@ -176,7 +176,7 @@ def test_a_gross_first_fix_does_not_spoil_the_run() -> None:
 
 def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
     line = timeline(60.0, tuple(np.arange(0.0, 60.0)))
-    line.fix_m[10:] += 300.0  # as a wrong frame or map would have it
+    line.fix_m[10:] += np.arange(50)[:, None] * [30.0, -20.0]  # as a wrong scale or unit would have it
 
     said = run(
         "adf", line, Parameters(), FilterSettings(guard=False)

@@ -77,7 +77,7 @@ def test_false_fixes_in_a_row_are_named_with_their_time_and_their_number(tmp_pat
 
     assert (found["level"], found["worst"], found["topic"]) == ("warning", 40, "/usbl")
     assert found["time_s"] == pytest.approx(110.0, abs=0.5)
-    assert "later fixes decided this" in found["text"]
+    assert "as the whole log shows" in found["text"]
 
 
 def test_a_dive_by_the_defaults_is_healthy(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def reported(log: Log, found: Identification) -> Mapping[str, Finding]:
 @pytest.mark.parametrize(
     ("key", "code", "words"),
     [
-        ("scale", "DVL-SCALE", ("5.0 ± 0.4 %", "scale_error = 0.050 under [dvl]")),
+        ("scale", "DVL-SCALE", ("5.00 ± 0.40 %", "scale_error = 0.050 under [dvl]")),
         ("deviation", "COMPASS-DEVIATION", ("(3.0 ± 0.2) sin H + (-1.0 ± 0.3) cos H",)),
         ("latency", "USBL-LATENCY", ("2.60 ± 0.10 s after", "latency_s = -2.60 under [usbl]")),
         ("dvl-lever", "DVL-LEVER", ("2.00 ± 0.15 m", "lever_arm_m = [-0.20, 2.00, 0.00] under [dvl]")),
