@@ -11,10 +11,10 @@ import numpy as np
 from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Vector
 from usbldr.io.axes import named_ned
+from usbldr.io.file_access.optional_library import library
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import Configuration, GpsSection, TruthSection, UsblSection
-from usbldr.io.tables.table_library import library
 
 WGS84 = "EPSG:4326"
 LATLON = {"kind": "latlon", "frame": "latlon"}

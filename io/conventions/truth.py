@@ -23,7 +23,7 @@ from usbldr.io.settings.sensor_sections import TruthSection
 from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
 from usbldr.io.tables.csv_sheets import keys_since_1970, plain
 from usbldr.io.tables.csv_text import column, read_texts
-from usbldr.io.tables.text_table import cut_findings, row_findings
+from usbldr.io.tables.text_table import line_findings
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
 CLEARLY_BETTER = 2.0  # times: a frame whose points fit so much better is not chance
@@ -202,7 +202,7 @@ def read_truth_file(
         name: np.zeros(rows.start, np.int64) if name == "time_ns" else np.full(rows.start, np.nan) for name in read
     }
     table = pd.DataFrame({name: np.concatenate([skipped[name], values]) for name, values in read.items()})
-    findings = [*row_findings(file, read_table, read_table.left_out), *cut_findings(file, read_table)]
+    findings = line_findings(file, read_table)
     if by_name and section.frame not in (None, frame):
         text = f'{file.name}: frame = "{section.frame}" of the configuration is not used; its columns are {frame}'
         findings.append(Finding("KEY-UNUSED", text))

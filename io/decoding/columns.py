@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.io.limits import RAISE, limit
-from usbldr.io.reader import Column
+from usbldr.io.reader import Column, Nanoseconds
 
 Extractor: TypeAlias = Callable[[bytes], tuple[Any, ...] | None]
 """From a message's bytes to the values at some field paths; to None if the bytes do not match the definition."""
@@ -87,3 +87,8 @@ def _wide(column: Column) -> Column:
     if column.dtype.kind in "iu" and column.dtype != np.uint64:
         return column.astype(np.int64, copy=False)
     return column
+
+
+def counted(times: Nanoseconds) -> tuple[int, int | None, int | None]:
+    """Return how many times (n,) there are, the first and the last; None if there is none."""
+    return (len(times), int(times.min()), int(times.max())) if len(times) else (0, None, None)

@@ -13,6 +13,7 @@ from pathlib import Path
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.file_view import FileView
+from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
 
 HEAD_BYTES = 1 << 14  # [bytes] by which a text and its encoding are recognised
@@ -137,3 +138,9 @@ def text_lines(path: Path, errors: str = "replace") -> Iterator[str]:
                 yield "\0"
     except OSError as err:
         raise LogError(f"cannot be read ({err.strerror or err})", path=path) from err
+
+
+def cut_line(file: Path, line: int) -> list[Finding]:
+    """Report that the last line has no line end and is left out; ``line``: its number, 0 if it has one."""
+    text = f"{file.name}: line {line}, the last, has no line end and is left out: it may be cut"
+    return [Finding("TRUNCATED", f"{text}; append a line end if it is whole", lost_data=True)] if line else []

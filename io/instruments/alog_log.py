@@ -10,15 +10,17 @@ from array import array
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.decoder_set import LOG_FIELDS, DecoderSet
-from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
+from usbldr.io.file_access.open_file import cut_line, head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
+from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo, name_of
 
@@ -47,71 +49,55 @@ def looks_like_alog(head: bytes) -> bool:
     return any(line.startswith("%%") and START.search(line) for line in lines)
 
 
-class AlogLog:
-    """A log of MOOS."""
+def alog_log(path: Path) -> RecordsLog:
+    """Return a log of MOOS; a record of all variables is counted by the one that is posted most often."""
+    return RecordsLog(path, "MOOS log", _topics)
 
-    format = "MOOS log"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._findings: list[Finding] = []
-        self._texts: dict[str, str] = {}  # what was left out of a variable that was read -> topic
+def _topics(file: Path, findings: list[Finding]) -> Iterator[Topic]:
+    def records(topic: str, postings: Postings, paths: Sequence[str]) -> Records:
+        for path in paths:
+            if count := postings.texts[path]:
+                text = f"{topic}: {count} values of {path} are no numbers; left out"
+                findings.append(Finding("UNDECODED", text, topic, lost_data=True))
+        return _records(postings, paths)
 
-    @cached_property
-    def _postings(self) -> Mapping[str, Postings]:
-        """Return the numbers by application; record what was lost."""
-        found: dict[str, Postings] = {}
-        counter, variables, start_ns, bad, first_bad, cut = DecoderSet(self.path), 0, 0, 0, 0, 0
-        for number, line in enumerate(text_lines(self.path), start=1):
-            if not line.endswith("\n"):
-                cut = number
-                continue
-            if line.startswith("%") or not line.strip():
-                start = START.match(line)
-                start_ns = _nanoseconds(start[1]) or start_ns if start else start_ns
-                continue
-            cells = line.split(None, 3)
-            time_ns = _nanoseconds(cells[0])
-            if len(cells) < 3 or time_ns is None or is_damaged(line):
-                bad, first_bad = bad + 1, first_bad or number
-            else:
-                _, variable, source, value = *cells[:3], cells[3].strip() if len(cells) > 3 else ""
-                source = source.partition(":")[0]
-                if source not in found:
-                    counter.add_topic()
-                    found[source] = Postings()
-                time_ns += start_ns if time_ns < start_ns else 0
-                variables += _add(found[source], time_ns, variable, value)
-                if variables > limit(LOG_FIELDS):
-                    raise LogError(f"has more than {limit(LOG_FIELDS)} variables; {RAISE}", path=self.path)
-        if bad:
-            text = f"{self.path.name}: {bad} lines have no time, variable and source, the first is line {first_bad}"
-            self._findings.append(Finding("UNDECODED", f"{text}; left out", lost_data=True))
-        if cut:
-            text = f"{self.path.name}: line {cut}, the last, has no line end and is left out: it may be cut"
-            self._findings.append(Finding("TRUNCATED", f"{text}; append a line end if it is whole", lost_data=True))
-        return {f"/{name_of(source)}": postings for source, postings in found.items()}
+    for source, postings in _postings(file, findings).items():
+        topic = f"/{name_of(source)}"
+        yield Topic(_info(topic, postings), partial(records, topic, postings))
 
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the applications; a record of all variables is counted by the one that is posted most often."""
-        return tuple(_info(topic, postings) for topic, postings in self._postings.items())
 
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Put the wanted variables together."""
-        for topic, paths in wanted.items():
-            found = self._postings[topic].texts
-            self._texts |= {
-                f"{topic}: {found[path]} values of {path} are no numbers": topic for path in paths if found[path]
-            }
-            yield topic, _records(self._postings[topic], paths)
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what was left out."""
-        _ = self._postings
-        texts = (
-            Finding("UNDECODED", f"{text}; left out", topic, lost_data=True) for text, topic in self._texts.items()
-        )
-        return (*self._findings, *texts)
+def _postings(file: Path, findings: list[Finding]) -> Mapping[str, Postings]:
+    """Return the numbers by application; append what is lost to the findings."""
+    found: dict[str, Postings] = {}
+    counter, variables, start_ns, bad, first_bad, cut = DecoderSet(file), 0, 0, 0, 0, 0
+    for number, line in enumerate(text_lines(file), start=1):
+        if not line.endswith("\n"):
+            cut = number
+            continue
+        if line.startswith("%") or not line.strip():
+            start = START.match(line)
+            start_ns = _nanoseconds(start[1]) or start_ns if start else start_ns
+            continue
+        cells = line.split(None, 3)
+        time_ns = _nanoseconds(cells[0])
+        if len(cells) < 3 or time_ns is None or is_damaged(line):
+            bad, first_bad = bad + 1, first_bad or number
+            continue
+        _, variable, source, value = *cells[:3], cells[3].strip() if len(cells) > 3 else ""
+        source = source.partition(":")[0]
+        if source not in found:
+            counter.add_topic()
+            found[source] = Postings()
+        time_ns += start_ns if time_ns < start_ns else 0
+        variables += _add(found[source], time_ns, variable, value)
+        if variables > limit(LOG_FIELDS):
+            raise LogError(f"has more than {limit(LOG_FIELDS)} variables; {RAISE}", path=file)
+    if bad:
+        text = f"{file.name}: {bad} lines have no time, variable and source, the first is line {first_bad}; left out"
+        findings.append(Finding("UNDECODED", text, lost_data=True))
+    findings += cut_line(file, cut)
+    return found
 
 
 def _nanoseconds(text: str) -> int | None:
@@ -165,7 +151,7 @@ def _info(topic: str, postings: Postings) -> TopicInfo:
     kept = np.isin(np.array(postings.variables), [postings.names[name] for name in fields])
     times = np.array(postings.times_ns)[kept]
     most = int(np.bincount(np.array(postings.variables)[kept]).max())
-    return TopicInfo(topic, kind, "moos", most, int(times.min()), int(times.max()), fields)
+    return TopicInfo(topic, kind, "moos", most, *counted(times)[1:], fields)
 
 
 def _records(postings: Postings, paths: Sequence[str]) -> Records:

@@ -9,20 +9,21 @@ import os
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from functools import cached_property
-from importlib import import_module
-from mmap import mmap
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.file_access.open_file import mapped
+from usbldr.io.file_access.optional_library import library
 from usbldr.io.findings import Finding
 from usbldr.io.gps_time import LAST_WEEK, utc_ns
 from usbldr.io.instruments.packed_rows import dtypes_of, table_of
+from usbldr.io.instruments.records_log import RecordsLog, Topic, damaged_bytes
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
@@ -34,76 +35,43 @@ LONGEST_US = 10**14  # [us] three years from power-on: a later time is a damaged
 FIX = 3  # fixed: the least Status of a GPS message with a fix in three dimensions
 
 
-class Source(NamedTuple):
-    """The messages of a topic."""
-
-    number: int  # of the message type
-    instance: int | None
-
-
 def looks_like_dataflash(head: bytes) -> bool:
     """Return whether a file begins with the layout of a message type, or has two behind other bytes."""
     begin = MARK + bytes([FMT])
     return head.startswith(begin) or head.count(begin) > 1
 
 
-class DataflashLog:
-    """An onboard log."""
+def dataflash_log(path: Path) -> RecordsLog:
+    """Return an onboard log; raise UsageError without pymavlink."""
+    dfreader = library("pymavlink.DFReader", "onboard logs", "mavlink", path)
+    os.environ.setdefault("PYMAVLINK_FAST_INDEX", "0")  # the fast one writes to the terminal past Python
+    return RecordsLog(path, "DataFlash log", lambda file, findings: _Messages(dfreader, file, findings).topics())
 
-    format = "DataFlash log"
 
-    def __init__(self, path: Path) -> None:
-        """Take the file; raise UsageError without pymavlink."""
-        self.path = path
-        try:
-            self._library = import_module("pymavlink.DFReader")
-        except ImportError as err:
-            raise UsageError("onboard logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
-        os.environ.setdefault("PYMAVLINK_FAST_INDEX", "0")  # the fast one writes to the terminal past Python
-        self._findings: list[Finding] = []
-        self._undated: dict[int, int] = {}  # messages with impossible times by type
+class _Messages:
+    """The messages of a log by the number of their type."""
 
-    @cached_property
-    def _data(self) -> mmap:
-        return mapped(self.path)
+    def __init__(self, dfreader: Any, file: Path, findings: list[Finding]) -> None:
+        """Find them; append what is lost to the findings."""
+        self._file, self._findings, self._data = file, findings, mapped(file)
+        formats, places = _index(dfreader, file)
+        self._formats = {number: form for number, form in formats.items() if _is_whole(form)}
+        self._places = self._whole(places)
+        self._start_ns = self._power_on_ns()
 
-    @cached_property
-    def _index(self) -> tuple[Mapping[int, Any], Mapping[int, list[int]]]:
-        """Return the formats, and the places of messages by type: by pymavlink's index, behind damage one by one."""
-        try:
-            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # a line for each damaged byte
-                reader = self._library.DFReader_binary
-                with reader.__new__(reader) as log:  # closed if the first pass over the file fails, too
-                    log.__init__(str(self.path))
-                    places = {number: list(map(int, log.offsets[number])) for number in log.formats}
-                    log.offset = max((at + log.formats[number].len for number, found in places.items() for at in found))
-                    while (message := log.recv_msg()) is not None:
-                        places.setdefault(message.fmt.type, []).append(log.offset - message.fmt.len)
-                    return log.formats, places
-        except Exception as err:  # it raises whatever damaged layouts lead to
-            why = " ".join(str(err).split())[:80]
-            raise LogError(f"cannot be read as an onboard log: damaged ({why})", path=self.path) from err
-
-    @cached_property
-    def _formats(self) -> Mapping[int, Any]:
-        return {number: form for number, form in self._index[0].items() if _is_whole(form)}
-
-    @cached_property
-    def _places(self) -> Mapping[int, Sequence[int]]:
-        """Return where the messages of each type begin; record what was lost."""
+    def _whole(self, places: Mapping[int, Sequence[int]]) -> Mapping[int, Sequence[int]]:
+        """Return where the messages begin that are not cut; report the bytes between them."""
         data, found = self._data, dict[int, Sequence[int]]()
-        budget = UnpackingBudget(self.path, len(data))
+        budget = UnpackingBudget(self._file, len(data))
         for number, form in self._formats.items():
-            if places := [at for at in self._index[1].get(number, ()) if at + form.len <= len(data)]:
-                budget.take_record(len(places))
-                found[number] = places
-        spans = sorted((at, at + self._formats[number].len) for number, places in found.items() for at in places)
+            if begins := [at for at in places.get(number, ()) if at + form.len <= len(data)]:
+                budget.take_record(len(begins))
+                found[number] = begins
+        spans = sorted((at, at + self._formats[number].len) for number, begins in found.items() for at in begins)
         edges = zip([0, *(end for _, end in spans)], [*(at for at, _ in spans), len(data)], strict=True)
         gaps = [(end, at) for end, at in edges if data[end:at].strip(_unused(at - end, at == len(data)))]
-        if gaps:
-            lost = sum(at - end for end, at in gaps)
-            text = f"{lost} of {len(data)} bytes, from byte {gaps[0][0]} on, are damaged or cut"
-            self._findings.append(Finding("DAMAGED", f"{text}; their messages are missing", lost_data=True))
+        lost = sum(at - end for end, at in gaps)
+        self._findings += damaged_bytes(lost, len(data), gaps[0][0] if gaps else 0, "messages")
         return found
 
     def _table(self, number: int) -> Mapping[str, Column]:
@@ -111,36 +79,11 @@ class DataflashLog:
         payloads = [self._data[at + HEAD_BYTES : at + form.len] for at in self._places[number]]
         return table_of(payloads, form.columns, dtypes_of(form.msg_struct))
 
-    @cached_property
-    def _sources(self) -> Mapping[str, Source]:
-        """Return the topics: message types with times, by instance if they state one."""
-        found: dict[str, Source] = {}
-        counter = DecoderSet(self.path)
-        for number in self._places:
-            form = self._formats.get(number)
-            if form is None or number == FMT:
-                continue
-            if not _is_timed(form):
-                found[form.name] = Source(number, None)
-                continue
-            instances = self._instances(number)
-            values = [None] if instances is None else sorted(set(instances.tolist()))
-            for value in values:
-                counter.add_topic()
-                found[form.name if value is None else f"{form.name}[{value}]"] = Source(number, value)
-        return found
-
-    def _instances(self, number: int) -> Column | None:
-        """Return the instance of each message of a type, None if it has none."""
-        column = self._formats[number].instance_field
-        return None if column is None else self._table(number)[column]
-
-    @cached_property
-    def _start_ns(self) -> int:
+    def _power_on_ns(self) -> int:
         """Return the time since 1970 of power-on by the first GPS fix; 0 without one."""
-        needed = {"TimeUS", "Status", "GMS", "GWk"}
-        for number, form in self._formats.items():
-            if form.name != "GPS" or number not in self._places or not needed <= set(form.columns):
+        for number in self._places:
+            form = self._formats[number]
+            if form.name != "GPS" or not {"TimeUS", "Status", "GMS", "GWk"} <= set(form.columns):
                 continue
             table = self._table(number)
             dated = (table["GWk"] > 0) & (table["GWk"] < LAST_WEEK) & (table["TimeUS"] < LONGEST_US)
@@ -150,58 +93,66 @@ class DataflashLog:
                 return int((utc_ns(week, gps_ms / 1000) - time_us * 1000)[0])
         return 0
 
-    def _rows(self, source: Source) -> tuple[Mapping[str, Column], Nanoseconds]:
+    def topics(self) -> Iterator[Topic]:
+        """Yield the message types, by instance if they state one; report impossible times."""
+        counter, undated = DecoderSet(self._file), 0
+        for number, places in self._places.items():
+            form = self._formats[number]
+            kind = f"dataflash/{form.name}"
+            if number == FMT:
+                continue
+            if form.columns[0] != "TimeUS" or form.format[0] != "Q":
+                problem = "its messages have no time TimeUS"
+                yield Topic(TopicInfo(form.name, kind, "dataflash", len(places), None, None, problem=problem))
+                continue
+            table = self._table(number)
+            undated += int(np.sum(table["TimeUS"] >= LONGEST_US))
+            for instance in [None] if form.instance_field is None else np.unique(table[form.instance_field]).tolist():
+                counter.add_topic()
+                name = form.name if instance is None else f"{form.name}[{instance}]"
+                _, times = self._rows(number, instance)
+                info = TopicInfo(name, kind, "dataflash", *counted(times), tuple(form.columns))
+                yield Topic(info, partial(self._records, number, instance))
+        if undated:
+            text = f"{undated} messages have an impossible time; left out"
+            self._findings.append(Finding("DAMAGED", text, lost_data=True))
+
+    def _rows(self, number: int, instance: int | None) -> tuple[Mapping[str, Column], Nanoseconds]:
         """Return the columns of a topic, and its times in nanoseconds since 1970; impossible times are left out."""
-        table = self._table(source.number)
+        table = self._table(number)
         good = table["TimeUS"] < LONGEST_US
-        if not good.all():
-            self._undated[source.number] = int(np.sum(~good))
-        column = self._formats[source.number].instance_field
-        if source.instance is not None and column is not None:
-            good &= table[column] == source.instance
+        if instance is not None:
+            good &= table[self._formats[number].instance_field] == instance
         times = table["TimeUS"][good].astype(np.int64) * 1000 + self._start_ns
         return {name: values[good] for name, values in table.items()}, times
 
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the message types."""
-        found: list[TopicInfo] = []
-        for name, source in self._sources.items():
-            form, kind = self._formats[source.number], f"dataflash/{self._formats[source.number].name}"
-            if not _is_timed(form):
-                count, problem = len(self._places[source.number]), "its messages have no time TimeUS"
-                found.append(TopicInfo(name, kind, "dataflash", count, None, None, problem=problem))
-                continue
-            _, times = self._rows(source)
-            span = (int(times.min()), int(times.max())) if len(times) else (None, None)
-            found.append(TopicInfo(name, kind, "dataflash", len(times), *span, tuple(form.columns)))
-        return tuple(found)
-
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Decode the wanted messages."""
-        for topic, paths in wanted.items():
-            yield topic, self._records(self._sources[topic], paths)
-
-    def _records(self, source: Source, paths: Sequence[str]) -> Records:
-        table, times = self._rows(source)
-        form = self._formats[source.number]
-        scales = dict(zip(form.columns, form.msg_mults, strict=True))
+    def _records(self, number: int, instance: int | None, paths: Sequence[str]) -> Records:
+        table, times = self._rows(number, instance)
+        scales = dict(zip(self._formats[number].columns, self._formats[number].msg_mults, strict=True))
         columns = {path: table[path] if scales[path] is None else table[path] * scales[path] for path in paths}
         return Records(times, columns)
 
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what is missing from the file."""
-        undated = sum(self._undated.values()) if self._places else 0
-        text = f"{undated} messages have an impossible time; left out"
-        return (*self._findings, *([Finding("DAMAGED", text, lost_data=True)] if undated else []))
+
+def _index(dfreader: Any, file: Path) -> tuple[Mapping[int, Any], Mapping[int, list[int]]]:
+    """Return the formats, and the places of messages by type: by pymavlink's index, behind damage one by one."""
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # a line for each damaged byte
+            reader = dfreader.DFReader_binary
+            with reader.__new__(reader) as log:  # closed if the first pass over the file fails, too
+                log.__init__(str(file))
+                places = {number: list(map(int, log.offsets[number])) for number in log.formats}
+                log.offset = max((at + log.formats[number].len for number, found in places.items() for at in found))
+                while (message := log.recv_msg()) is not None:
+                    places.setdefault(message.fmt.type, []).append(log.offset - message.fmt.len)
+                return log.formats, places
+    except Exception as err:  # it raises whatever damaged layouts lead to
+        why = " ".join(str(err).split())[:80]
+        raise LogError(f"cannot be read as an onboard log: damaged ({why})", path=file) from err
 
 
 def _unused(size: int, at_end: bool) -> bytes:
     """Return which bytes between messages are no loss: those of an erased page that no message fits in, or any last."""
     return b"\0\xff" if at_end else b"\xff" * (size < LONGEST)
-
-
-def _is_timed(form: Any) -> bool:
-    return form.columns[0] == "TimeUS" and form.format[0] == "Q"
 
 
 def _is_whole(form: Any) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.findings import Finding
+from usbldr.io.instruments.records_log import damaged_bytes
 from usbldr.io.limits import UnpackingBudget
 
 SIZE_AT, LEAST_BYTES, CHECKSUM_BYTES = 2, 6, 2  # fixed by the formats; the size is without the checksum
@@ -36,9 +37,7 @@ def ensembles(file: Path, marks: Sequence[bytes], findings: list[Finding]) -> It
             budget.take_record()
             yield data[start : start + size]
         at = start + size + CHECKSUM_BYTES
-    if lost:
-        text = f"{lost} of {len(data)} bytes, from byte {first_lost} on, are damaged or cut"
-        findings.append(Finding("DAMAGED", f"{text}; their ensembles are missing", lost_data=True))
+    findings += damaged_bytes(lost, len(data), first_lost, "ensembles")
 
 
 def first_ensemble(head: bytes, marks: Sequence[bytes]) -> bytes:

@@ -6,20 +6,21 @@ A topic is a message of an entity of a vehicle: "imc/30/AHRS/EulerAngles". Sourc
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import partial
 from itertools import islice
-from mmap import mmap
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.imc_definitions import Definition, definitions_beside
 from usbldr.io.instruments.packed_rows import dtypes_of, table_of
+from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import MAX_TIME_NS, Column, Records, TopicInfo, name_of
 
@@ -73,31 +74,26 @@ def _order_of(head: bytes) -> Order | Literal[""]:
     return begins[0] if begins else ""
 
 
-class LsfLog:
-    """A log of IMC messages."""
+def lsf_log(path: Path) -> RecordsLog:
+    """Return a log of IMC messages; raise UsageError if the definitions of its messages are not beside it."""
+    definitions = definitions_beside(path)
+    return RecordsLog(path, "LSF", lambda file, findings: _Messages(file, definitions, findings).topics())
 
-    format = "LSF"
 
-    def __init__(self, path: Path) -> None:
-        """Take the file; raise UsageError if the definitions of its messages are not beside it."""
-        self.path = path
-        self._definitions = definitions_beside(path)
-        self._unfit: dict[str, int] = {}
+class _Messages:
+    """The messages of a log."""
 
-    @cached_property
-    def _data(self) -> mmap:
-        return mapped(self.path)
+    def __init__(self, file: Path, definitions: Mapping[int, Definition], findings: list[Finding]) -> None:
+        self._file, self._definitions, self._findings = file, definitions, findings
+        self._data = mapped(file)
+        self._order: Order = _order_of(self._data[:FIRST_BYTES]) or ">"
+        self._frames, self._heads = self._good()
 
-    @cached_property
-    def _order(self) -> Order:
-        return _order_of(self._data[:FIRST_BYTES]) or ">"
-
-    @cached_property
-    def _frames(self) -> tuple[NDArray[np.int64], int, bool]:
+    def _all_frames(self) -> tuple[NDArray[np.int64], int, bool]:
         """Return where the whole messages begin and end, (n, 2); the bytes that are none; whether the last is cut."""
         data, sync = self._data, SYNC.to_bytes(2, ENDIAN[self._order])
         frames: list[tuple[int, int]] = []
-        at, lost, cut, budget = 0, 0, False, UnpackingBudget(self.path, len(data))
+        at, lost, cut, budget = 0, 0, False, UnpackingBudget(self._file, len(data))
         while at < len(data):
             end = self._end(at)
             followed = end == len(data) or data[end : end + 2] == sync
@@ -128,46 +124,60 @@ class LsfLog:
         budget.take_search(end - at)
         return _is_whole(self._data[at:end], self._order)
 
-    @cached_property
-    def _good(self) -> tuple[NDArray[np.int64], NDArray[np.void], int]:
-        """Return the messages with right checksums, (n, 2), their heads, and the bytes of the others."""
-        frames, lost, _ = self._frames
+    def _good(self) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+        """Return the messages with right checksums, (n, 2), and their heads; report the others."""
+        frames, lost, cut = self._all_frames()
         good = np.zeros(len(frames), dtype=bool)
         lengths = frames[:, 1] - frames[:, 0]
         whole = np.frombuffer(self._data, dtype=np.uint8)
         for length in np.unique(lengths).tolist():
             which = np.flatnonzero(lengths == length)
             good[which] = _checked(whole, frames[which, 0], length, self._order)
+        if lost := lost + int(lengths[~good].sum()):
+            edges = zip([0, *frames[good, 1].tolist()], [*frames[good, 0].tolist(), len(self._data)], strict=True)
+            text = f"{lost} of {len(self._data)} bytes, from byte {next(end for end, at in edges if at > end)} on"
+            text += ", are no messages with right checksums; their messages are missing"
+            self._findings.append(Finding("DAMAGED", text, lost_data=True))
+        if cut:
+            text = f"the file ends within a message, at byte {len(self._data)}; that message is missing"
+            self._findings.append(Finding("TRUNCATED", text, lost_data=True))
         heads = b"".join(self._data[start : start + HEAD_BYTES] for start in frames[good, 0].tolist())
         kind = np.dtype([(name, self._order + code) for name, code in HEAD.items()])
-        return frames[good], np.frombuffer(heads, kind), lost + int(lengths[~good].sum())
+        return frames[good], np.frombuffer(heads, kind)
 
-    @cached_property
-    def _topics(self) -> Mapping[str, tuple[Definition | None, NDArray[np.int64]]]:
-        """Return topic -> definition, and which messages; those without a possible time are left out."""
-        _, heads, _ = self._good
+    def topics(self) -> Iterator[Topic]:
+        """Yield the messages of each entity; those without a possible time are left out."""
+        heads, labels, taken = self._heads, self._labels(), set[str]()
         timed = (heads["time_s"] > 0) & (heads["time_s"] < MAX_TIME_NS / 1e9)
-        counter, found = DecoderSet(self.path), dict[str, tuple[Definition | None, NDArray[np.int64]]]()
+        counter = DecoderSet(self._file)
         keys = heads["number"].astype(np.int64) << 32 | heads["source"].astype(np.int64) << 16 | heads["entity"]
         for key in np.unique(keys[timed]).tolist():
             counter.add_topic()
             number, source, entity = key >> 32, key >> 16 & 0xFFFF, key & 0xFF
             definition = self._definitions.get(number)
-            label = self._labels.get((source, entity), str(entity))
+            label = labels.get((source, entity), str(entity))
             name = f"imc/{source}/{label}/{definition.name if definition else f'UNKNOWN_{number}'}"
-            name = name if name not in found else f"{name}_{entity}"
-            found[name_of(name)] = definition, np.flatnonzero(timed & (keys == key))
-        return found
+            name = name_of(name if name not in taken else f"{name}_{entity}")
+            taken.add(name)
+            which = np.flatnonzero(timed & (keys == key))
+            # microseconds: seconds as a floating-point number have no more
+            times = np.rint(heads["time_s"][which] * 1e6).astype(np.int64) * 1000
+            if definition is None:
+                problem = "its message is not in the definitions beside the log"
+                info = TopicInfo(name, "", "imc", *counted(times), problem=problem)
+                yield Topic(info)
+                continue
+            info = TopicInfo(name, f"imc/{definition.name}", "imc", *counted(times), definition.fields)
+            yield Topic(info, partial(self._records, name, definition, self._frames[which], times))
 
-    @cached_property
     def _labels(self) -> Mapping[tuple[int, int], str]:
         """Return the names of entities by source and number, which the messages EntityInfo state."""
-        frames, heads, _ = self._good
+        heads = self._heads
         number = next((n for n, one in self._definitions.items() if one.name == ENTITY_INFO), -1)
         found: dict[tuple[int, int], str] = {}
         for k in np.flatnonzero(heads["number"] == number).tolist():
             try:
-                values = dict(self._definitions[number].values(self._payload(frames[k]), self._order))
+                values = dict(self._definitions[number].values(self._payload(self._frames[k]), self._order))
             except struct.error:
                 continue
             if label := "_".join(str(values.get("label", "")).split()):
@@ -178,40 +188,24 @@ class LsfLog:
         start, end = frame.tolist()
         return self._data[start + HEAD_BYTES : end - CHECKSUM_BYTES]
 
-    def _times(self, which: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return times in nanoseconds, to the microsecond: seconds as a floating-point number have no more."""
-        return np.rint(self._good[1]["time_s"][which] * 1e6).astype(np.int64) * 1000
-
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the messages of each entity."""
-        found: list[TopicInfo] = []
-        for name, (definition, which) in self._topics.items():
-            times = self._times(which)
-            counted = len(times), int(times.min()), int(times.max())
-            problem = "" if definition else "its message is not in the definitions beside the log"
-            kind, fields = (f"imc/{definition.name}", definition.fields) if definition else ("", ())
-            found.append(TopicInfo(name, kind, "imc", *counted, fields, problem))
-        return tuple(found)
-
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Decode the wanted messages."""
-        for topic, paths in wanted.items():
-            yield topic, self._records(topic, paths)
-
-    def _records(self, topic: str, paths: Sequence[str]) -> Records:
-        definition, which = self._topics[topic]
-        assert definition is not None
-        payloads = [self._payload(frame) for frame in self._good[0][which]]
-        columns, fits = self._columns(definition, payloads)
+    def _records(
+        self,
+        topic: str,
+        definition: Definition,
+        frames: NDArray[np.int64],
+        times: NDArray[np.int64],
+        paths: Sequence[str],
+    ) -> Records:
+        columns, fits = self._columns(definition, [self._payload(frame) for frame in frames])
         if not fits.all():
-            self._unfit[topic] = int(np.sum(~fits))
-        times = self._times(which)[fits]
+            text = f"{topic}: {np.sum(~fits)} messages do not match their definition beside the log"
+            self._findings.append(Finding("UNDECODED", text, topic, lost_data=True))
         flags = {f"{m.name}.{flag}": (m.name, mask) for m in definition.members for flag, mask in m.flags.items()}
         found: dict[str, Column] = {}
         for path in paths:
             name, mask = flags.get(path, (path, 0))
             found[path] = columns[name] & mask != 0 if mask else columns[name]
-        return Records(times, found)
+        return Records(times[fits], found)
 
     def _columns(
         self, definition: Definition, payloads: Sequence[bytes]
@@ -231,23 +225,6 @@ class LsfLog:
             except struct.error:
                 continue
         return {name: np.array([row[name] for row in rows]) for name in names}, fits
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what is missing from the file."""
-        found: list[Finding] = []
-        frames, _, lost = self._good
-        if lost:
-            edges = zip([0, *frames[:, 1].tolist()], [*frames[:, 0].tolist(), len(self._data)], strict=True)
-            text = f"{lost} of {len(self._data)} bytes, from byte {next(end for end, at in edges if at > end)} on"
-            text += ", are no messages with right checksums; their messages are missing"
-            found.append(Finding("DAMAGED", text, lost_data=True))
-        if self._frames[2]:
-            text = f"the file ends within a message, at byte {len(self._data)}; that message is missing"
-            found.append(Finding("TRUNCATED", text, lost_data=True))
-        for topic, count in self._unfit.items():
-            text = f"{topic}: {count} messages do not match their definition beside the log"
-            found.append(Finding("UNDECODED", text, topic, lost_data=True))
-        return tuple(found)
 
 
 def _checked(data: NDArray[np.uint8], starts: NDArray[np.int64], length: int, order: Order) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.ensembles import ensembles, first_ensemble
 from usbldr.io.instruments.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
-from usbldr.io.instruments.records_log import RecordsLog
+from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
 from usbldr.io.reader import Nanoseconds, Records
 
 MARK = b"\x7f\x7f"  # fixed by the format: how each ensemble begins
@@ -56,7 +56,7 @@ def looks_like_pd0(head: bytes) -> bool:
 
 def pd0_log(file: Path) -> RecordsLog:
     """Return the log of a PD0 file: bottom track, heading and depth if they are not constant, and positions."""
-    return RecordsLog(file, "PD0", "pd0", _read)
+    return log_in_memory(file, "PD0", "pd0", _read)
 
 
 def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:

@@ -15,7 +15,7 @@ import numpy as np
 from usbldr.io.decoding.nmea_times import NO_TIME, times_from_sentences
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.ensembles import ensembles, first_ensemble
-from usbldr.io.instruments.records_log import RecordsLog
+from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
 from usbldr.io.reader import Records
 
 BEGIN = (b"\x7d\x00\x2d\x00", b"\x7d\x01\x56\x00")  # fixed: mark, PD4 or PD5, and the size of each
@@ -35,7 +35,7 @@ def name_of_pd45(head: bytes) -> str:
 
 def pd45_log(file: Path, kind: str) -> RecordsLog:
     """Return the log of a PD4 or PD5 file: bottom track, and of PD5 heading and depth if they are not constant."""
-    return RecordsLog(file, kind, "pd45", _read)
+    return log_in_memory(file, kind, "pd45", _read)
 
 
 def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:

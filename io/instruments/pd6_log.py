@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
-from usbldr.io.instruments.records_log import RecordsLog
+from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
 from usbldr.io.reader import Records
 
 LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")  # a colon begins a line
@@ -45,7 +45,7 @@ def looks_like_pd6(head: bytes) -> bool:
 
 def pd6_log(file: Path) -> RecordsLog:
     """Return the log of a text file of PD6; its topics are the lines that hold something."""
-    return RecordsLog(file, "PD6 text", "pd6", _read)
+    return log_in_memory(file, "PD6 text", "pd6", _read)
 
 
 def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:

@@ -1,45 +1,72 @@
-"""A file of an instrument whose records are all read when its topics are first listed."""
+"""A file of an instrument or vehicle, whose topics are all found when they are first listed."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+
+from usbldr.io.decoding.columns import counted
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo
 
 
+def _no_records(_: Sequence[str]) -> Records:
+    return Records(np.empty(0, np.int64), {})
+
+
+class Topic(NamedTuple):
+    """A topic of a file, and the function that reads some of its fields; one with a problem has none."""
+
+    info: TopicInfo
+    records: Callable[[Sequence[str]], Records] = _no_records
+
+
 class RecordsLog:
-    """A log of records that stay in memory."""
+    """A log of such topics."""
 
-    def __init__(
-        self, path: Path, kind: str, encoding: str, read: Callable[[Path, list[Finding]], Mapping[str, Records]]
-    ) -> None:
-        """Take a file and what reads its topics, which appends what was lost to the findings.
-
-        The type of the topic "/depth" is "pd0/pd0_depth" if ``encoding`` is "pd0".
-        """
-        self.path, self.format, self._encoding, self._reads = path, kind, encoding, read
+    def __init__(self, path: Path, kind: str, find: Callable[[Path, list[Finding]], Iterable[Topic]]) -> None:
+        """Take a file, its format, and what finds its topics: it appends what is lost to the findings."""
+        self.path, self.format, self._find = path, kind, find
         self._findings: list[Finding] = []
 
     @cached_property
-    def _tables(self) -> Mapping[str, Records]:
-        return self._reads(self.path, self._findings)
+    def _topics(self) -> Mapping[str, Topic]:
+        return {topic.info.name: topic for topic in self._find(self.path, self._findings)}
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
-        return tuple(self._info(name, records) for name, records in self._tables.items())
-
-    def _info(self, name: str, records: Records) -> TopicInfo:
-        times, kind = records.received_ns, f"{self._encoding}/{self._encoding}_{name[1:].lower()}"
-        counted = len(times), int(times.min()), int(times.max())
-        return TopicInfo(name, kind, self._encoding, *counted, tuple(records.columns))
+        return tuple(topic.info for topic in self._topics.values())
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Return the wanted columns."""
+        """Read the wanted fields, one topic after the other."""
         for topic, paths in wanted.items():
-            yield topic, self._tables[topic].only(paths)
+            yield topic, self._topics[topic].records(paths)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was left out."""
-        _ = self._tables
-        return tuple(self._findings)
+        _ = self._topics
+        return tuple(dict.fromkeys(self._findings))  # what is read again is lost again
+
+
+def log_in_memory(
+    path: Path, kind: str, encoding: str, read: Callable[[Path, list[Finding]], Mapping[str, Records]]
+) -> RecordsLog:
+    """Return the log of a file whose records are all read at once, by topic.
+
+    The type of the topic "/depth" is "pd0/pd0_depth" if ``encoding`` is "pd0".
+    """
+
+    def find(file: Path, findings: list[Finding]) -> Iterator[Topic]:
+        for name, records in read(file, findings).items():
+            type_name, span = f"{encoding}/{encoding}_{name[1:].lower()}", counted(records.received_ns)
+            yield Topic(TopicInfo(name, type_name, encoding, *span, tuple(records.columns)), records.only)
+
+    return RecordsLog(path, kind, find)
+
+
+def damaged_bytes(lost: int, total: int, first: int, what: str) -> list[Finding]:
+    """Report the bytes of a file, from one on, that are none of its messages, ``what`` these are."""
+    text = f"{lost} of {total} bytes, from byte {first} on, are damaged or cut; their {what} are missing"
+    return [Finding("DAMAGED", text, lost_data=True)] if lost else []

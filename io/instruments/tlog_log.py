@@ -7,18 +7,18 @@ import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from usbldr.filters.errors import UsageError
+from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.file_access.open_file import begin_of
+from usbldr.io.file_access.optional_library import library
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.packed_rows import dtypes_of, table_of
+from usbldr.io.instruments.records_log import RecordsLog, Topic, damaged_bytes
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import MAX_TIME_NS, Records, TopicInfo
 
@@ -78,101 +78,78 @@ def _key(packet: bytes) -> Key:
     return packet[5], packet[6], int.from_bytes(packet[7 : HEADS[V2]], "little")
 
 
-class TelemetryLog:
-    """A telemetry log."""
+def telemetry_log(path: Path) -> RecordsLog:
+    """Return a telemetry log; raise UsageError without pymavlink."""
+    dialect, mavutil = (
+        library(f"pymavlink.{name}", "telemetry logs", "mavlink", path)
+        for name in ("dialects.v20.ardupilotmega", "mavutil")
+    )
+    types: Mapping[int, Any] = dialect.mavlink_map
 
-    format = "MAVLink telemetry log"
+    def topics(file: Path, findings: list[Finding]) -> Iterator[Topic]:
+        for key, packets in _packets(file, mavutil, types, findings).items():
+            yield _topic(key, packets, types.get(key[2]))
 
-    def __init__(self, path: Path) -> None:
-        """Take the file; raise UsageError without pymavlink."""
-        self.path = path
-        try:
-            self._types: Mapping[int, Any] = import_module("pymavlink.dialects.v20.ardupilotmega").mavlink_map
-            self._library = import_module("pymavlink.mavutil")
-        except ImportError as err:
-            raise UsageError("telemetry logs need pymavlink: pip install 'usbldr[mavlink]'", path=path) from err
-        self._findings: list[Finding] = []
-        self._first_unknown = path.stat().st_size  # [byte]
+    return RecordsLog(path, "MAVLink telemetry log", topics)
 
-    @cached_property
-    def _packets(self) -> Mapping[Key, Packets]:
-        """Return the packets by kind; record what was lost."""
-        head, place = begin_of(self.path, HEAD_BYTES)
-        begin, size = place + max(0, _first_packet(head)), self.path.stat().st_size
-        found, good, first_lost = dict[Key, Packets](), 0, 0 if begin else size
-        counter, budget = DecoderSet(self.path), UnpackingBudget(self.path, size)
-        self._library.set_dialect("ardupilotmega")
-        log = self._library.mavlogfile(str(self.path))
-        log.f.seek(begin)
-        try:
-            while (message := log.recv_msg()) is not None:
-                time_us = round(message._timestamp * 1e6)
-                if message.get_type() == "BAD_DATA" or not EARLIEST_US <= time_us < MAX_TIME_NS // 1000:
-                    first_lost = min(first_lost, good)
-                    continue
-                budget.take_record()
-                packet = bytes(message.get_msgbuf())
-                start = HEADS[packet[0]]
-                key = _key(packet)
-                if key not in found:
-                    counter.add_topic()
-                if key[2] not in self._types:
-                    self._first_unknown = min(self._first_unknown, good)
-                packets, longest = found.setdefault(key, Packets()), self._row_bytes(key)
-                packets.times_us.append(time_us)
-                packets.rows += packet[start : start + packet[1]].ljust(longest, b"\0")[:longest]
-                good += STAMP_BYTES + len(packet)
-        finally:
-            log.close()
-        if good < size:
-            text = f"{size - good} of {size} bytes, from byte {min(first_lost, good)} on, are damaged or cut"
-            self._findings.append(Finding("DAMAGED", f"{text}; their messages are missing", lost_data=True))
-        return found
 
-    def _row_bytes(self, key: Key) -> int:
-        return self._types[key[2]].unpacker.size if key[2] in self._types else 0
+def _packets(file: Path, mavutil: Any, types: Mapping[int, Any], findings: list[Finding]) -> Mapping[Key, Packets]:
+    """Return the packets by kind; append what is lost to the findings."""
+    head, place = begin_of(file, HEAD_BYTES)
+    begin, size = place + max(0, _first_packet(head)), file.stat().st_size
+    found, good, first_lost, first_unknown = dict[Key, Packets](), 0, 0 if begin else size, size
+    counter, budget = DecoderSet(file), UnpackingBudget(file, size)
+    mavutil.set_dialect("ardupilotmega")
+    log = mavutil.mavlogfile(str(file))
+    log.f.seek(begin)
+    try:
+        while (message := log.recv_msg()) is not None:
+            time_us = round(message._timestamp * 1e6)
+            if message.get_type() == "BAD_DATA" or not EARLIEST_US <= time_us < MAX_TIME_NS // 1000:
+                first_lost = min(first_lost, good)
+                continue
+            budget.take_record()
+            packet = bytes(message.get_msgbuf())
+            start, key = HEADS[packet[0]], _key(packet)
+            if key not in found:
+                counter.add_topic()
+            first_unknown = first_unknown if key[2] in types else min(first_unknown, good)
+            packets, longest = found.setdefault(key, Packets()), _row_bytes(types.get(key[2]))
+            packets.times_us.append(time_us)
+            packets.rows += packet[start : start + packet[1]].ljust(longest, b"\0")[:longest]
+            good += STAMP_BYTES + len(packet)
+    finally:
+        log.close()
+    findings += damaged_bytes(size - good, size, min(first_lost, good), "messages")
+    if unknown := sum(len(packets.times_us) for key, packets in found.items() if key[2] not in types):
+        text = f"{unknown} messages, from byte {first_unknown} on, are not in the dialect ardupilotmega, or damaged"
+        findings.append(Finding("UNDECODED", f"{text}; not read"))
+    return found
 
-    def _name(self, key: Key) -> str:
-        system, component, number = key
-        kind = self._types.get(number)
-        return f"mavlink/{system}/{component}/{kind.msgname if kind else f'UNKNOWN_{number}'}"
 
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the messages of each sender."""
-        return tuple(self._info(key, packets) for key, packets in self._packets.items())
+def _row_bytes(kind: Any) -> int:
+    return kind.unpacker.size if kind else 0
 
-    def _info(self, key: Key, packets: Packets) -> TopicInfo:
-        kind, times = self._types.get(key[2]), packets.times_us
-        counted = len(times), min(times) * 1000, max(times) * 1000
-        name = self._name(key)
-        if kind is None:
-            problem = f"its message {key[2]} is not in the dialect ardupilotmega"
-            return TopicInfo(name, "", "mavlink", *counted, problem=problem)
-        lengths = dict(zip(kind.ordered_fieldnames, kind.lengths, strict=True))
-        fields = tuple(f"message.{field}" for field in kind.fieldnames)
-        arrays = frozenset(f"message.{field}" for field, length in lengths.items() if length > 1)
-        return TopicInfo(name, f"mavlink/{kind.msgname}", "mavlink", *counted, fields, arrays=arrays)
 
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Decode the wanted messages."""
-        keys = {self._name(key): key for key in self._packets}
-        for topic, paths in wanted.items():
-            yield topic, self._records(keys[topic], paths)
+def _topic(key: Key, packets: Packets, kind: Any) -> Topic:
+    """Return the messages of a sender; ``kind``: what the dialect says of them, None if it does not know them."""
+    system, component, number = key
+    received = np.array(packets.times_us, dtype=np.int64) * 1000
+    name = f"mavlink/{system}/{component}/{kind.msgname if kind else f'UNKNOWN_{number}'}"
+    if kind is None:
+        problem = f"its message {number} is not in the dialect ardupilotmega"
+        return Topic(TopicInfo(name, "", "mavlink", *counted(received), problem=problem))
+    columns: list[str] = []
+    for part, length in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
+        columns += [f"message.{part}.{k}" for k in range(length)] if length > 1 else [f"message.{part}"]
 
-    def _records(self, key: Key, paths: Sequence[str]) -> Records:
-        kind, packets = self._types[key[2]], self._packets[key]
-        names: list[str] = []
-        for name, length in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
-            names += [f"message.{name}.{k}" for k in range(length)] if length > 1 else [f"message.{name}"]
-        size = self._row_bytes(key)
+    def records(paths: Sequence[str]) -> Records:
+        size = _row_bytes(kind)
         payloads = [bytes(packets.rows[at : at + size]) for at in range(0, len(packets.rows), size)]
-        columns = table_of(payloads, names, dtypes_of(kind.unpacker.format))
-        received = np.array(packets.times_us, dtype=np.int64) * 1000
-        return Records(received, {path: columns[path] for path in paths})
+        return Records(received, table_of(payloads, columns, dtypes_of(kind.unpacker.format))).only(paths)
 
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what is missing from the file."""
-        unknown = sum(len(packets.times_us) for key, packets in self._packets.items() if key[2] not in self._types)
-        counted = f"{unknown} messages, from byte {self._first_unknown} on,"
-        text = f"{counted} are not in the dialect ardupilotmega, or damaged; not read"
-        return (*self._findings, *([Finding("UNDECODED", text)] if unknown else []))
+    fields = tuple(f"message.{part}" for part in kind.fieldnames)
+    arrays = frozenset(path.rpartition(".")[0] for path in columns if path not in fields)
+    return Topic(
+        TopicInfo(name, f"mavlink/{kind.msgname}", "mavlink", *counted(received), fields, arrays=arrays), records
+    )

@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.columns import counted
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
@@ -31,7 +32,7 @@ from usbldr.io.tables.date_times import (
     with_iso_times,
 )
 from usbldr.io.tables.long_tables import long_columns, widened
-from usbldr.io.tables.text_table import TextTable, cut_findings, listed, row_findings
+from usbldr.io.tables.text_table import TextTable, line_findings, listed, row_findings
 from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
 Value = TypeVar("Value")
@@ -178,10 +179,7 @@ class CsvLog:
         lines = self._lines(source)
         times = np.delete(times, list(faults)) if faults else times
         problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
-        first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
-        return TopicInfo(
-            topic, sheet.type, "csv", len(times), first, last, fields, problem, is_shared=source.shown.is_shared
-        )
+        return TopicInfo(topic, sheet.type, "csv", *counted(times), fields, problem, is_shared=source.shown.is_shared)
 
     def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
         """Return the columns and first cells of a file with one sensor."""
@@ -258,5 +256,5 @@ class CsvLog:
             if self._left_out.get(topic):
                 found += row_findings(source.file, self._table(source.file), self._left_out[topic], topic)
         for file, table in self._read.items():
-            found += [*row_findings(file, table, table.left_out), *cut_findings(file, table)]
+            found += line_findings(file, table)
         return tuple(found)

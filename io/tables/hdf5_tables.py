@@ -19,12 +19,12 @@ import numpy as np
 
 from usbldr.io.file_access.decompression import deflated
 from usbldr.io.file_access.open_file import mapped
+from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.cf_times import Clock, clock_of
 from usbldr.io.tables.csv_sheets import OWN_NAMES
 from usbldr.io.tables.mat_objects import DECODE, refuse_objects, unread
-from usbldr.io.tables.table_library import library, reading
 from usbldr.io.tables.table_log import Array, Table, tables_of
 from usbldr.io.units import named_unit
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from usbldr.io.file_access.decompression import deflated
 from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_tables
 from usbldr.io.tables.mat_objects import objects_of, refuse_objects, unread
-from usbldr.io.tables.table_library import library, reading
 from usbldr.io.tables.table_log import Array, Table, tables_of
 
 NAME = "MATLAB"

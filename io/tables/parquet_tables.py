@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
-from usbldr.io.tables.table_library import library, reading
 from usbldr.io.tables.table_log import Table, TableLog
 
 MAGIC = b"PAR1"

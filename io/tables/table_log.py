@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.columns import counted
+from usbldr.io.file_access.optional_library import reading
 from usbldr.io.findings import Finding
 from usbldr.io.limits import BeyondLimitError, UnpackingBudget
 from usbldr.io.messages.configured import ConfiguredColumns
@@ -24,7 +26,6 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 from usbldr.io.tables.cells import numbers, times_of
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.tables.date_times import with_iso_times
-from usbldr.io.tables.table_library import reading
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
@@ -160,8 +161,7 @@ class TableLog:
         times = times[good]
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         none = none if table.rows > len(times) == 0 else ""
-        first, last = (int(times.min()), int(times.max())) if len(times) else (None, None)
-        return TopicInfo(topic, sheet.type, "table", len(times), first, last, fields, none, is_shared=one.is_shared)
+        return TopicInfo(topic, sheet.type, "table", *counted(times), fields, none, is_shared=one.is_shared)
 
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple, overload
 
 from usbldr.filters import errors
+from usbldr.io.file_access.open_file import cut_line
 from usbldr.io.findings import Finding
 
 MAX_NAMES = 20  # of names in a sentence
@@ -58,19 +59,15 @@ def listed(names: Sequence[str]) -> str:
 
 
 def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:
-    """Report the rows of a table that are left out (line -> why), and its cut line."""
-    findings: list[Finding] = []
-    if left_out:
-        first, *others = sorted(left_out)
-        more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
-        text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
-        findings.append(Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=True))
-    return findings
-
-
-def cut_findings(file: Path, table: TextTable) -> list[Finding]:
-    """Report that the last line has no line end."""
-    if not table.cut_line:
+    """Report the rows of a table that are left out (line -> why)."""
+    if not left_out:
         return []
-    text = f"{file.name}: line {table.cut_line}, the last, has no line end and is left out: it may be cut"
-    return [Finding("TRUNCATED", f"{text}; append a line end if it is whole", lost_data=True)]
+    first, *others = sorted(left_out)
+    more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
+    text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
+    return [Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=True)]
+
+
+def line_findings(file: Path, table: TextTable) -> list[Finding]:
+    """Report the lines of a file that are no rows, and its cut line."""
+    return [*row_findings(file, table, table.left_out), *cut_line(file, table.cut_line)]

@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.doctor.proposed_columns import draft
 from usbldr.io.formats.detect import open_log
-from usbldr.io.instruments.alog_log import AlogLog
+from usbldr.io.instruments.alog_log import alog_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
@@ -114,7 +114,7 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
 
 def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:
     (tmp_path / "a.alog").write_text(HEAD[:-5])
-    log = AlogLog(tmp_path / "a.alog")
+    log = alog_log(tmp_path / "a.alog")
 
     assert log.topics() == ()
     assert any(finding.lost_data for finding in log.findings())

@@ -1,4 +1,4 @@
-"""The optional libraries that read tables, and what they raise on damaged files."""
+"""The optional libraries that read some formats, and what they raise on damaged files."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
