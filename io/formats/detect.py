@@ -55,30 +55,6 @@ def _is_matlab_4(path: Path) -> bool:
     )
 
 
-def _mcap(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    if not head.startswith(b"\x89MCAP0\r\n"):
-        return None
-    from usbldr.io.recordings.mcap_log import McapLog
-
-    return McapLog(path, known)
-
-
-def _bag(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    if not head.startswith(b"#ROSBAG V2.0\n"):
-        return None
-    from usbldr.io.recordings.bag_log import BagLog
-
-    return BagLog(path)
-
-
-def _rosbag2(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    if not head.startswith(b"SQLite format 3\x00"):
-        return None
-    from usbldr.io.recordings.db3_log import Db3Log
-
-    return Db3Log(path, known)
-
-
 def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.instruments.pd45_log import name_of_pd45, pd45_log
 
@@ -93,27 +69,6 @@ def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return nmea_file(path, form) if form and not _is_other_text(head) else None
 
 
-def _parquet(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.tables.parquet_tables import MAGIC, NAME, parquet_table
-    from usbldr.io.tables.table_log import TableLog
-
-    return TableLog(path, NAME, [parquet_table(path)]) if head.startswith(MAGIC) else None
-
-
-def _hdf5(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.tables.hdf5_tables import MAGIC, NAME, hdf5_tables
-    from usbldr.io.tables.table_log import TableLog
-
-    return TableLog(path, NAME, hdf5_tables(path)) if head.startswith(MAGIC) else None
-
-
-def _mat(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.tables.mat_tables import NAME, looks_like_mat, mat_tables
-    from usbldr.io.tables.table_log import TableLog
-
-    return TableLog(path, NAME, mat_tables(path)) if looks_like_mat(head) else None
-
-
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.tables.csv_log import CsvLog
     from usbldr.io.tables.csv_text import looks_like_csv
@@ -121,12 +76,21 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     return CsvLog(path) if looks_like_csv(head) and not _is_other_text(head) else None
 
 
-def _by_look(module: str, test: str, opens: str) -> Callable[[Path, bytes, Definitions], Reader | None]:
-    """Return how a format is recognised by a function of the first bytes in the module that reads it."""
+def _by_look(
+    module: str, test: str | bytes, opens: str, with_definitions: bool = False
+) -> Callable[[Path, bytes, Definitions], Reader | None]:
+    """Return how a format is recognised: by its first bytes, or by a function of these in the module that reads it.
+
+    That is imported only then; ``with_definitions``: it also takes those of messages that a log does not define.
+    """
 
     def reader(path: Path, head: bytes, known: Definitions) -> Reader | None:
-        part = import_module(f"usbldr.io.instruments.{module}")
-        return getattr(part, opens)(path) if getattr(part, test)(head) and not _is_other_text(head) else None
+        if isinstance(test, bytes) and not head.startswith(test):
+            return None
+        part = import_module(f"usbldr.io.{module}")
+        if isinstance(test, str) and (_is_other_text(head) or not getattr(part, test)(head)):
+            return None
+        return getattr(part, opens)(path, *([known] if with_definitions else []))
 
     return reader
 
@@ -147,27 +111,26 @@ def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Rea
 
 
 FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
-    "MCAP files": _mcap,
-    "ROS 1 bags": _bag,
-    "rosbag2 (folders and .db3 files)": _rosbag2,
-    "MAVLink telemetry logs (.tlog)": _by_look("tlog_log", "looks_like_tlog", "telemetry_log"),
-    "DataFlash logs (.BIN)": _by_look("dataflash_log", "looks_like_dataflash", "dataflash_log"),
-    "PD0 files": _by_look("pd0_log", "looks_like_pd0", "pd0_log"),
+    "MCAP files": _by_look("recordings.mcap_log", b"\x89MCAP0\r\n", "McapLog", True),
+    "ROS 1 bags": _by_look("recordings.bag_log", b"#ROSBAG V2.0\n", "BagLog"),
+    "rosbag2 (folders and .db3 files)": _by_look("recordings.db3_log", b"SQLite format 3\0", "Db3Log", True),
+    "MAVLink telemetry logs (.tlog)": _by_look("instruments.tlog_log", "looks_like_tlog", "telemetry_log"),
+    "DataFlash logs (.BIN)": _by_look("instruments.dataflash_log", "looks_like_dataflash", "dataflash_log"),
+    "PD0 files": _by_look("instruments.pd0_log", "looks_like_pd0", "pd0_log"),
     "PD4 and PD5 files": _pd45,
-    "PD6 text": _by_look("pd6_log", "looks_like_pd6", "pd6_log"),
-    "MOOS logs (.alog)": _by_look("alog_log", "looks_like_alog", "alog_log"),
-    "LSF logs of IMC messages": _by_look("lsf_log", "looks_like_lsf", "lsf_log"),
-    "Parquet files and folders of them": _parquet,
-    "HDF5 files (also netCDF-4)": _hdf5,
-    "MATLAB files (.mat)": _mat,
-    "JSON lines": _by_look("json_lines_log", "looks_like_json_lines", "JsonLinesLog"),
+    "PD6 text": _by_look("instruments.pd6_log", "looks_like_pd6", "pd6_log"),
+    "MOOS logs (.alog)": _by_look("instruments.alog_log", "looks_like_alog", "alog_log"),
+    "LSF logs of IMC messages": _by_look("instruments.lsf_log", "looks_like_lsf", "lsf_log"),
+    "Parquet files and folders of them": _by_look("tables.parquet_tables", b"PAR1", "parquet_log"),
+    "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", b"\x89HDF\r\n\x1a\n", "hdf5_log"),
+    "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
+    "JSON lines": _by_look("instruments.json_lines_log", "looks_like_json_lines", "JsonLinesLog"),
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
     **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},
 }
 """One line per format: from the path, the first bytes and the definitions of messages that a log
-does not define to its reader, which is imported only then; to None if it is of another format. Those of
-other packages come last."""
+does not define to its reader; to None if it is of another format. Those of other packages come last."""
 
 
 def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]) -> Reader | None:

@@ -25,7 +25,7 @@ from usbldr.io.reader import Column
 from usbldr.io.tables.cf_times import Clock, clock_of
 from usbldr.io.tables.csv_sheets import OWN_NAMES
 from usbldr.io.tables.mat_objects import DECODE, refuse_objects, unread
-from usbldr.io.tables.table_log import Array, Table, tables_of
+from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 from usbldr.io.units import named_unit
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -33,6 +33,11 @@ NAME = "HDF5"
 HEAP = re.compile(rb"GCOL\x01\0\0\0(.{8})", re.DOTALL)  # the head of a heap of texts, and its size in bytes
 TEXT = struct.Struct("<H6xQ")  # the head of a text: whether it is used, and its size in bytes
 REFERENCE = np.dtype([("bytes", "<u4"), ("heap", "<u8"), ("text", "<u4")])  # of an array to a text
+
+
+def hdf5_log(file: Path, kind: str = NAME) -> TableLog:
+    """Return the log of a file; raise as `hdf5_tables` does."""
+    return TableLog(file, kind, hdf5_tables(file, kind))
 
 
 def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:

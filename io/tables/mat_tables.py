@@ -18,9 +18,9 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
-from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_tables
+from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_log
 from usbldr.io.tables.mat_objects import objects_of, refuse_objects, unread
-from usbldr.io.tables.table_log import Array, Table, tables_of
+from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 
 NAME = "MATLAB"
 HEAD_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # fixed by the format
@@ -35,12 +35,12 @@ def looks_like_mat(head: bytes) -> bool:
     return head[124:HEAD_BYTES] in ENDIAN or head[USER_BLOCK_BYTES:].startswith(MAGIC)
 
 
-def mat_tables(file: Path) -> list[Table]:
-    """Return the tables of a file; raise LogError if it cannot be read, UsageError without SciPy (or h5py)."""
+def mat_log(file: Path) -> TableLog:
+    """Return the log of a file; raise LogError if it cannot be read, UsageError without SciPy (or h5py)."""
     with opened(file) as content:
         head = content.read(USER_BLOCK_BYTES + len(MAGIC))
     if head[USER_BLOCK_BYTES:].startswith(MAGIC):
-        return hdf5_tables(file, NAME)
+        return hdf5_log(file, NAME)
     scipy = library("scipy.io", "MATLAB files", "mat", file)
     matrices = _checked(file, ENDIAN[head[124:HEAD_BYTES]])
     with reading(file, NAME):
@@ -48,7 +48,7 @@ def mat_tables(file: Path) -> list[Table]:
     tables = list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
     if not tables:
         refuse_objects(file, unread(objects_of(variables)))
-    return tables
+    return TableLog(file, NAME, tables)
 
 
 def _checked(file: Path, order: Any) -> int:

@@ -41,6 +41,11 @@ def is_parted(folder: Path) -> bool:
     return bool(parts) and all(file in parts for file in folder.iterdir() if file.is_dir() or file.suffix == ENDING)
 
 
+def parquet_log(file: Path) -> TableLog:
+    """Return the log of a file; raise as `parquet_table` does."""
+    return TableLog(file, NAME, [parquet_table(file)])
+
+
 def parted_table(folder: Path) -> list[TableLog]:
     """Return the parts of one table, each a log with the topic that the folder names."""
     return [TableLog(folder, NAME, [parquet_table(file, folder.stem)]) for file in parquet_files(folder)]
