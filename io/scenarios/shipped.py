@@ -28,7 +28,7 @@ from usbldr.filters.simulation.scenario import (
     Timing,
     Usbl,
 )
-from usbldr.io.scenarios.sections import AccuracySection, ScenarioFile, SensorSection
+from usbldr.io.scenarios.sections import AccuracySection, LegSection, ScenarioFile, SensorSection
 from usbldr.io.settings.noise_sections import Section, noise_family_of, start_of, stated_model
 from usbldr.io.settings.validation import checked, read_document
 
@@ -36,20 +36,30 @@ Made = TypeVar("Made")
 FOLDER = Path(__file__).parent
 
 
+def names_in(folder: Path) -> tuple[str, ...]:
+    """Return the names of the TOML files of a folder."""
+    return tuple(sorted(file.stem for file in folder.glob("*.toml")))
+
+
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the scenarios that are shipped."""
-    return tuple(sorted(file.stem for file in FOLDER.glob("*.toml")))
+    return names_in(FOLDER)
+
+
+def file_of(name: str, what: str, folder: Path, beside: Sequence[str] = ()) -> Path:
+    """Return the shipped file of a name, or a file NAME.toml; raise UsageError with the names, and those ``beside``."""
+    if Path(name).suffix == ".toml":
+        return Path(name)
+    if name not in (known := names_in(folder)):
+        known = (*known, *beside)
+        hint = did_you_mean(name, known)
+        raise UsageError(f"there is no {what} {name!r}{hint} ({what}s: {', '.join(known)}, or a file NAME.toml)")
+    return folder / f"{name}.toml"
 
 
 def find_scenario(name: str, beside: Sequence[str] = ()) -> Scenario:
     """Return a shipped scenario, or that of a file NAME.toml; raise UsageError with the names, and those ``beside``."""
-    if Path(name).suffix == ".toml":
-        return read_scenario(Path(name))
-    if name not in (known := scenario_names()):
-        known = (*known, *beside)
-        hint = did_you_mean(name, known)
-        raise UsageError(f"there is no scenario {name!r}{hint} (scenarios: {', '.join(known)}, or a file NAME.toml)")
-    return read_scenario(FOLDER / f"{name}.toml")
+    return read_scenario(file_of(name, "scenario", FOLDER, beside))
 
 
 def read_scenario(file: Path) -> Scenario:
@@ -61,16 +71,16 @@ def read_scenario(file: Path) -> Scenario:
         name=file.stem,
         about=stated.about,
         duration_s=stated.duration_s,
-        legs=tuple(_made(Leg, leg, turn_rate_radps=_yaw(leg.turn_rate_dps)) for leg in stated.leg),
-        dvl=_sensor(Dvl, dvl, "dvl", misalignment_rad=_yaw(dvl.mount_deg), lever_m=dvl.lever_arm_m),
+        legs=legs_of(stated.leg),
+        dvl=_sensor(Dvl, dvl, "dvl", misalignment_rad=yaw_rad(dvl.mount_deg), lever_m=dvl.lever_arm_m),
         # the heading reads h + A sin h + B cos h, so the yaw psi = -h reads psi + A sin psi - B cos psi
         compass=_sensor(
             Compass,
             compass,
             "compass",
             sd_rad=math.radians(compass.sd_deg),
-            bias_rad=_yaw(compass.bias_deg),
-            deviation_rad=(math.radians(compass.deviation_sin_deg), _yaw(compass.deviation_cos_deg)),
+            bias_rad=yaw_rad(compass.bias_deg),
+            deviation_rad=(math.radians(compass.deviation_sin_deg), yaw_rad(compass.deviation_cos_deg)),
             assumed_sd_rad=None if assumed_compass_sd is None else math.radians(assumed_compass_sd),
         ),
         usbl=_sensor(
@@ -78,20 +88,20 @@ def read_scenario(file: Path) -> Scenario:
             usbl,
             "usbl",
             accuracy=_accuracy(usbl.accuracy),
-            head=_made(AcousticHead, usbl.head),
-            misalignment_rad=_yaw(usbl.mount_deg),
+            head=made(AcousticHead, usbl.head),
+            misalignment_rad=yaw_rad(usbl.mount_deg),
             lever_m=usbl.lever_arm_m,
             multipath=usbl.multipath
-            and _made(Multipath, usbl.multipath, least_m=usbl.multipath.offset_m[0], most_m=usbl.multipath.offset_m[1]),
+            and made(Multipath, usbl.multipath, least_m=usbl.multipath.offset_m[0], most_m=usbl.multipath.offset_m[1]),
             assumed_accuracy=usbl.assumed_accuracy and _accuracy(usbl.assumed_accuracy),
         ),
         gps=_sensor(Gps, gps, "gps", lever_m=gps.lever_arm_m),
-        yaw_rad=_yaw(stated.vehicle.heading_deg),
+        yaw_rad=yaw_rad(stated.vehicle.heading_deg),
         east_m=stated.vehicle.east_m,
         north_m=stated.vehicle.north_m,
         depth_m=stated.vehicle.depth_m,
         current_mps=(stated.current.east_mps, stated.current.north_mps),
-        drawn=drawn and _made(RandomWalkMotion, drawn, dvl_misalignment_sd_rad=math.radians(drawn.dvl_mount_sd_deg)),
+        drawn=drawn and made(RandomWalkMotion, drawn, dvl_misalignment_sd_rad=math.radians(drawn.dvl_mount_sd_deg)),
         process=stated_model(ProcessNoise(), stated.process),
         start=stated.start and start_of(stated.start),
     )
@@ -113,12 +123,17 @@ def _document(file: Path) -> dict[str, object]:
     return whole
 
 
-def _yaw(clockwise_deg: float) -> float:
+def legs_of(stated: Sequence[LegSection]) -> tuple[Leg, ...]:
+    """Return the legs of a course."""
+    return tuple(made(Leg, leg, turn_rate_radps=yaw_rad(leg.turn_rate_dps)) for leg in stated)
+
+
+def yaw_rad(clockwise_deg: float) -> float:
     """Return clockwise degrees as radians counter-clockwise."""
     return -math.radians(clockwise_deg)
 
 
-def _made(owner: type[Made], stated: Section, **converted: Any) -> Made:
+def made(owner: type[Made], stated: Section, **converted: Any) -> Made:
     """Return a dataclass with the values of the keys that have the names of its fields, and the converted ones."""
     names = [field.name for field in dataclasses.fields(owner) if hasattr(stated, field.name)]  # pyright: ignore
     return owner(**{name: getattr(stated, name) for name in names} | converted)
@@ -131,12 +146,12 @@ def _sensor(owner: type[Made], stated: SensorSection, sensor: str, **converted: 
     sd, least, most = map(math.radians, errors) if unit == "deg" else errors
     noises = {key: getattr(stated, key) for key in ("noise", "assumed_noise") if hasattr(stated, key)}
     families = {key: noise and noise_family_of(noise, Gaussian(), sensor) for key, noise in noises.items()}
-    return _made(
+    return made(
         owner,
         stated,
         correlated=CorrelatedError(sd, stated.correlated_time_s) if sd else None,
         outliers=Outliers(stated.outlier_share, least, most) if stated.outlier_share else None,
-        timing=_made(Timing, stated),
+        timing=made(Timing, stated),
         **families | {"noise": families["noise"] or Gaussian()},
         **converted,
     )
@@ -144,4 +159,4 @@ def _sensor(owner: type[Made], stated: SensorSection, sensor: str, **converted: 
 
 def _accuracy(stated: AccuracySection) -> Accuracy:
     bearing = stated.bearing_sd_deg
-    return _made(Accuracy, stated, bearing_sd_rad=None if bearing is None else math.radians(bearing))
+    return made(Accuracy, stated, bearing_sd_rad=None if bearing is None else math.radians(bearing))

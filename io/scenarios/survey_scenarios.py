@@ -1,19 +1,18 @@
 """Simulated surveys of a transponder that lies still: their scenarios, and their files."""
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
 from msgspec import Meta
+from msgspec.structs import astuple
 
-from usbldr.filters.errors import UsageError, did_you_mean
-from usbldr.filters.simulation.scenario import Leg
 from usbldr.filters.simulation.usbl_survey import RecordNoise, SurveyScenario, Swing, simulate_survey
 from usbldr.filters.usbl_survey.geometry import UsblSurvey
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.scenarios.sections import LegSection, Part
+from usbldr.io.scenarios.shipped import file_of, legs_of, made, names_in, yaw_rad
 from usbldr.io.scenarios.simulated_log import ORIGIN, START_NS
 from usbldr.io.settings.limits import NotNegative, Positive
 from usbldr.io.settings.noise_sections import Section
@@ -49,7 +48,7 @@ class TransponderSection(Section, frozen=True, kw_only=True):
 
 
 class InstallationSection(Section, frozen=True, kw_only=True):
-    """The errors of the USBL's installation."""
+    """The errors of the USBL's installation, in the order of geometry.NAMES; the transponder's place follows."""
 
     mount_roll_deg: float = 0.8
     mount_pitch_deg: float = -0.6
@@ -86,7 +85,7 @@ class SurveyFile(Section, frozen=True, kw_only=True):
 
 def survey_names() -> tuple[str, ...]:
     """Return the names of the surveys that are shipped."""
-    return tuple(sorted(file.stem for file in FOLDER.glob("*.toml")))
+    return names_in(FOLDER)
 
 
 def is_survey(name: str) -> bool:
@@ -97,33 +96,21 @@ def is_survey(name: str) -> bool:
 
 
 def find_survey(name: str) -> SurveyScenario:
-    """Return a shipped survey, or that of a file NAME.toml; raise UsageError with the names."""
-    if Path(name).suffix == ".toml":
-        return read_survey(Path(name))
-    if name not in (known := survey_names()):
-        hint = did_you_mean(name, known)
-        raise UsageError(f"there is no survey {name!r}{hint} (surveys: {', '.join(known)}, or a file NAME.toml)")
-    return read_survey(FOLDER / f"{name}.toml")
+    """Return a shipped survey, or that of a file NAME.toml.
 
-
-def read_survey(file: Path) -> SurveyScenario:
-    """Read and check a survey; raise UsageError with file, key, nearest match and allowed values."""
+    Raises UsageError with the names, and for a fault of the file with file, key, nearest match and allowed values.
+    """
+    file = file_of(name, "survey", FOLDER)
     stated = checked(read_document(file), SurveyFile, file)
-    ship, place, installed, fixes = stated.ship, stated.transponder, stated.installation, stated.fixes
-    legs = tuple(
-        Leg(leg.duration_s, leg.starboard_mps, leg.forward_mps, -math.radians(leg.turn_rate_dps)) for leg in stated.leg
-    )
-    true_values = [
-        *(installed.mount_roll_deg, installed.mount_pitch_deg, installed.mount_deg, installed.sound_speed_scale),
-        *(installed.arm_starboard_m, installed.arm_forward_m, installed.heading_latency_s, installed.latency_s),
-        *(place.east_m, place.north_m, place.depth_m),
-    ]
-    return SurveyScenario(
+    ship, fixes, legs = stated.ship, stated.fixes, legs_of(stated.leg)
+    return made(
+        SurveyScenario,
+        fixes,
         name=file.stem,
         about=stated.about,
         duration_s=sum(leg.duration_s for leg in legs),
         legs=legs,
-        yaw_rad=-math.radians(ship.heading_deg),
+        yaw_rad=yaw_rad(ship.heading_deg),
         east_m=ship.east_m,
         north_m=ship.north_m,
         current_mps=(0.0, 0.0),
@@ -131,13 +118,8 @@ def read_survey(file: Path) -> SurveyScenario:
         pitch=Swing(ship.pitch_deg, ship.pitch_period_s),
         position=RecordNoise(ship.position_rate_hz, ship.position_sd_m),
         attitude=RecordNoise(ship.attitude_rate_hz, ship.attitude_sd_deg),
-        true_values=np.array(true_values),
+        true_values=np.array([*astuple(stated.installation), *astuple(stated.transponder)]),
         fix_rate_hz=fixes.rate_hz,
-        range_sd_m=fixes.range_sd_m,
-        angle_sd_deg=fixes.angle_sd_deg,
-        dof=fixes.dof,
-        outlier_share=fixes.outlier_share,
-        outlier_deg=fixes.outlier_deg,
     )
 
 

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import COLUMNS, Log
@@ -16,6 +16,7 @@ LogFormat: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
 FORMS: Mapping[str, LogFormat] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
 FOLDERS: tuple[LogFormat, ...] = ("csv", "rosbag2")
 WRITTEN = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # and *.db3
+STAMPS = ("time", "received")  # the columns of times, without their unit
 ELSEWHERE = "choose another --output"
 WRITTEN_BY = "Written by: usbldr"  # first words of the configuration of every written log
 
@@ -26,7 +27,7 @@ def log_format_of(out: Path, stated: str | None = None) -> LogFormat:
     NAME.mcap, NAME.bag and NAME.db3 are files, NAME_db3 is a rosbag2 folder, a name without an ending a folder of CSV
     files. Raises UsageError for another ending.
     """
-    for form in ("mcap", "bag", "db3", "rosbag2", "csv"):
+    for form in get_args(LogFormat):
         if stated == form:
             return form
     if has_ending(out) and out.suffix.lower() not in FORMS:
@@ -86,29 +87,33 @@ def write_log_atomically(
 def write_records(log: Log, target: Path, form: LogFormat, remarks: Mapping[str, str], exported: bool) -> None:
     """Write a log's tables to ``target``; ``exported``: with messages that carry every canonical value."""
     if form == "csv":
-        from usbldr.io.writers.csv_writing import write_csv_folder
-
         target.mkdir()
-        write_csv_folder(log, target)
+        _write_csv_files(log, target)
         return
-    from usbldr.io.writers.ros_messages import channels_of  # rosbags and mcap: 0.4 s
+    from usbldr.io.writers.recording_files import write_bag, write_mcap, write_rosbag2  # rosbags and mcap: 0.4 s
+    from usbldr.io.writers.ros_messages import channels_of
 
     channels = channels_of(log, exported)
     if form == "mcap":
-        from usbldr.io.writers.mcap_writing import write_mcap
-
         write_mcap(log, target, remarks, channels)
     elif form == "bag":
-        from usbldr.io.writers.bag_writing import write_bag
-
         write_bag(log, target, channels)
     else:
-        from usbldr.io.writers.bag_writing import write_rosbag2
-
         folder = target.with_suffix("") if form == "db3" else target
         write_rosbag2(log, folder, channels)
         if form == "db3":
             os.replace(folder / f"{folder.name}.db3", target)
+
+
+def _write_csv_files(log: Log, folder: Path) -> None:
+    """Write a file for each sensor: COLUMNS with time_ns and received_ns in place of seconds.
+
+    Floats are written with as many digits as bring back the same float; an empty cell is unknown.
+    """
+    for sensor, table in log.tables.items():
+        stamps = {f"{name}_ns": [log.start_ns + round(t * 1e9) for t in table[f"{name}_s"]] for name in STAMPS}
+        table = table.rename(columns={f"{name}_s": f"{name}_ns" for name in STAMPS}).assign(**stamps)
+        table.to_csv(folder / f"{sensor}.csv", index=False, lineterminator="\n")
 
 
 def conventions_of(log: Log, form: LogFormat, exported: bool) -> dict[str, dict[str, str]]:

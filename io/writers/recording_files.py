@@ -1,4 +1,4 @@
-"""Write a log as a ROS 1 bag and as a rosbag2 folder (sqlite3), by rosbags."""
+"""Write a log as ROS messages of the usual types: MCAP, and by rosbags a ROS 1 bag (bz2) or a rosbag2 folder."""
 
 import errno
 import sqlite3
@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys.store import Typestore
@@ -15,8 +17,26 @@ from usbldr.io.log import Log
 from usbldr.io.writers.ros_messages import Channel, messages
 
 
+def write_mcap(log: Log, file: Path, remarks: Mapping[str, str], channels: Mapping[str, Channel]) -> None:
+    """Write the sensors of the channels in order of arrival, definitions embedded; ``remarks`` become its metadata."""
+    store = known_types(2)
+    with file.open("wb") as stream:
+        writer = McapWriter(stream, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2", library="usbldr")
+        ids: dict[str, int] = {}
+        for sensor, channel in channels.items():
+            definition, _ = store.generate_msgdef(channel.type, ros_version=2)
+            schema = writer.register_schema(channel.type, "ros2msg", definition.encode())
+            ids[sensor] = writer.register_channel(channel.topic, "cdr", schema, {"offered_qos_profiles": ""})
+        for received_ns, sensor, message in messages(log, channels, store):
+            data = bytes(store.serialize_cdr(message, channels[sensor].type))
+            writer.add_message(ids[sensor], received_ns, data, received_ns)
+        writer.add_metadata("usbldr", dict(remarks))
+        writer.finish()
+
+
 def write_bag(log: Log, file: Path, channels: Mapping[str, Channel]) -> None:
-    """Write the sensors of the channels in order of arrival, bz2 chunks."""
+    """Write the sensors of the channels in order of arrival."""
     store = known_types(1)
     writer = BagWriter(file)
     writer.set_compression(BagWriter.CompressionFormat.BZ2)
