@@ -111,24 +111,24 @@ def _decompressed(path: Path, compression: str, copy: Path, whose: str) -> Findi
             first = next((piece for piece in pieces if piece), b"")
             if compression_of(first):
                 raise LogError("is compressed twice; decompress it once", path=path)
-            _write(copy, first, pieces, path)
+            text = b"\0" not in first[:HEAD_BYTES]
+            budget = UnpackingBudget(path, size, text)
+            with written(copy, path) as whole:
+                for piece in chain([first], pieces):
+                    budget.take_bytes(len(piece))
+                    budget.take_record(piece.count(b"\n") if text else 0)
+                    whole.write(piece)
         except DamagedFileError as err:
-            where = f"at byte {err.at} of {size}" + f" ({err.why})" * bool(err.why)
+            what, where = f"{whose}the {compression} data", f"at byte {err.at} of {size}"
             if not copy.exists():
-                text = f"is damaged: no {compression} data could be decompressed {where}"
-                raise LogError(text, path=path) from err
-            return _lost(f"{whose}the {compression} data", err, where)
+                why = f" ({err.why})" if err.why else ""
+                why = f"is damaged: no {compression} data could be decompressed {where}{why}"
+                raise LogError(why, path=path) from err
+            if err.why:
+                why = f"{what} are damaged {where} ({err.why}): what precedes is read, and values may be altered"
+                return Finding("DAMAGED", why, lost_data=True)
+            return Finding("TRUNCATED", f"{what} end early, {where}: what precedes is read", lost_data=True)
     return None
-
-
-def _write(copy: Path, first: bytes, pieces: Iterator[bytes], original: Path) -> None:
-    text = b"\0" not in first[:HEAD_BYTES]
-    budget = UnpackingBudget(original, original.stat().st_size, text)
-    with written(copy, original) as file:
-        for piece in chain([first], pieces):
-            budget.take_bytes(len(piece))
-            budget.take_record(piece.count(b"\n") if text else 0)
-            file.write(piece)
 
 
 @contextmanager
@@ -140,10 +140,3 @@ def written(copy: Path, original: Path) -> Generator[BufferedWriter]:
     except OSError as err:
         why = f"cannot be copied into {copy.parent} ({err.strerror or err}); TMPDIR names another folder"
         raise LogError(why, path=original) from err
-
-
-def _lost(what: str, err: DamagedFileError, where: str) -> Finding:
-    if err.why:
-        text = f"{what} are damaged {where}: what precedes is read, and values may be altered"
-        return Finding("DAMAGED", text, lost_data=True)
-    return Finding("TRUNCATED", f"{what} end early, {where}: what precedes is read", lost_data=True)

@@ -22,7 +22,12 @@ def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader 
     with opened(path) as file:
         data = FileView(file.fileno())
         places = places_of(data)
-        if not any(place.kind for place in places) or (len(places) == 1 and _is_whole(data, places[0])):
+        first = places[0] if places else None
+        # of most containers the readers ignore what is behind them
+        whole = (
+            len(places) == 1 and first.start == 0 and (first.end == len(data) or first.kind not in (PARQUET, MATLAB))
+        )
+        if whole or not any(place.kind for place in places):
             return None
 
     def copy(folder: Path) -> Copies:
@@ -30,11 +35,6 @@ def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader 
             return {_cut(FileView(file.fileno()), place, path, folder): path for place in places}, []
 
     return CopiedLog(path, "", copy, lambda copies: _joined(path, places, copies, open_copy))
-
-
-def _is_whole(data: FileView, place: Place) -> bool:
-    """Return whether the readers of a container find it in its file: of most they ignore zeros behind it."""
-    return place.start == 0 and (place.end == len(data) or place.kind not in (PARQUET, MATLAB))
 
 
 def _cut(data: FileView, place: Place, path: Path, folder: Path) -> Path:
@@ -64,4 +64,4 @@ def _joined(
     if len(parts) > 1:
         text = f"the file holds {len(parts)} recordings, one behind the other: {', '.join(part.name for part in parts)}"
         unread.insert(0, Finding("CONCATENATED", text))
-    return JoinedLog(path, " + ".join(dict.fromkeys(part.reader.format for part in parts)), parts, tuple(unread))
+    return JoinedLog(path, parts, tuple(unread))

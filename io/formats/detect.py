@@ -14,7 +14,6 @@ from usbldr.io.file_access.open_file import begin_of, is_tar, opened
 from usbldr.io.reader import Reader
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
-TO_NETCDF_4 = "convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)"
 UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"#ROSBAG V1": "a ROS 1 bag of an old version; convert it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
     b"\x89MCAP0\n": f"an MCAP file whose {CONVERTED}",
@@ -23,9 +22,10 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
     b"FMT, 128": "a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from",
     b"%%": "a table of all variables at equal times that MOOS writes (.aslog); read the .alog file beside it",
-    b"CDF\x01": f"a netCDF-3 file; {TO_NETCDF_4}",
-    b"CDF\x02": f"a netCDF-3 file; {TO_NETCDF_4}",
-    b"CDF\x05": f"a netCDF-3 file; {TO_NETCDF_4}",
+    **dict.fromkeys(
+        (b"CDF\x01", b"CDF\x02", b"CDF\x05"),
+        "a netCDF-3 file; convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)",
+    ),
     b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""

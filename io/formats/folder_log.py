@@ -59,9 +59,9 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
     others = [file for file in files if file not in used]
     if readers:
         return _one_log(path, readers, [*_passed_over(copies), *_not_read(others, open_file)])
-    parts, unread = _alone(path, others, open_file)
-    if parts:
-        return JoinedLog(path, _formats(parts), parts, (*_passed_over(copies), *unread))
+    readers, unread = _alone(path, others, open_file)
+    if readers:
+        return _one_log(path, readers, [*_passed_over(copies), *unread])
     folders = [file for file in others if file.is_dir()]
     if folders and all(suggested_sensors(folder.name) for folder in folders):
         texts = [file for folder in folders for file in text_files(folder)]
@@ -79,8 +79,7 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
 def _one_log(path: Path, readers: Sequence[Reader], findings: Sequence[Finding]) -> Reader:
     if len(readers) == 1 and not findings:
         return readers[0]
-    parts = tuple(LogPart(reader) for reader in readers)
-    return JoinedLog(path, _formats(parts), parts, tuple(findings))
+    return JoinedLog(path, tuple(LogPart(reader) for reader in readers), tuple(findings))
 
 
 def _copies(files: Sequence[Path]) -> list[Path]:
@@ -123,10 +122,6 @@ def _files_within(folder: Path, levels: int) -> Iterator[Path]:
             yield file
         elif levels > 1 and not file.name.startswith("."):
             yield from _files_within(file, levels - 1)
-
-
-def _formats(parts: Sequence[LogPart]) -> str:
-    return " + ".join(dict.fromkeys(part.reader.format for part in parts))
 
 
 def _together(
@@ -172,7 +167,7 @@ def _readable(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> tup
 
 def _alone(
     path: Path, files: Sequence[Path], open_file: Callable[[Path], Reader]
-) -> tuple[tuple[LogPart, ...], list[Finding]]:
+) -> tuple[list[Reader], list[Finding]]:
     """Return the files of a folder that are read one by one, and findings on the others."""
     filled = [file for file in files if file.is_file() and file.stat().st_size]
     readers, _ = _readable([file for file in filled if _may_hold_records(file)], open_file)
@@ -183,7 +178,7 @@ def _alone(
         raise LogError(text, path=path)
     read = {reader.path for reader in readers}
     left = [file for file in files if file not in read]
-    return tuple(LogPart(reader) for reader in readers), _not_read(left, open_file)
+    return readers, _not_read(left, open_file)
 
 
 def _may_hold_records(file: Path) -> bool:

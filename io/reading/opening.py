@@ -132,9 +132,8 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     (first, *others) = parts
     reader = first.reader
     if others or first.offset_ns or first.dated:
-        formats = dict.fromkeys(part.reader.format for part in parts)
         units_ns = time_units_ns(configured_columns(configuration, request.topics))
-        reader = JoinedLog(path, " + ".join(formats), tuple(sorted(parts, key=_first_ns)), time_units_ns=units_ns)
+        reader = JoinedLog(path, tuple(sorted(parts, key=_first_ns)), time_units_ns=units_ns)
     reader = with_parts(reader, _chosen_topics(configuration, request))
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     layouts = layout_files(stated_layouts(stated))

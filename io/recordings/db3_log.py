@@ -105,19 +105,16 @@ class Db3Log:
             raise LogError(f"is not a readable rosbag2 recording ({cut}); {self._advice}", path=self.path)
 
     @cached_property
-    def _keys(self) -> dict[int, TopicType]:
-        return {number: key for number, key, _ in self._listed}
-
-    @cached_property
-    def _listed(self) -> list[tuple[int, TopicType, str]]:
+    def _listed(self) -> dict[int, tuple[TopicType, str]]:
+        """Return the topics by number, each with its type and encoding."""
         with self._open() as database:
             have = {str(row[1]) for row in database.execute("PRAGMA table_info(topics)")}
             encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
             rows = database.execute(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
-            return [
-                (int(number), (name_of(str(name)), name_of(str(kind))), str(how or "cdr"))
+            return {
+                int(number): ((name_of(str(name)), name_of(str(kind))), str(how or "cdr"))
                 for number, name, kind, how in rows
-            ]
+            }
 
     @cached_property
     def _streams(self) -> dict[TopicType, Stream]:
@@ -126,7 +123,7 @@ class Db3Log:
             definitions = _definitions(database)
             query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
             counts = {int(number): (int(n), int(t0), int(t1)) for number, n, t0, t1 in database.execute(query)}
-        for number, key, encoding in self._listed:
+        for number, (key, encoding) in self._listed.items():
             self._decoders.add_topic()
             count, first, last = counts.get(number, (0, None, None))
             decoder = self._decoder(number, key[1], encoding, definitions)
@@ -156,13 +153,13 @@ class Db3Log:
 
     def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
         """Yield the messages of the wanted topics; the payloads of others are not read."""
-        numbers = [number for number, key in self._keys.items() if key[0] in wanted]
+        numbers = [number for number, (key, _) in self._listed.items() if key[0] in wanted]
         marks = ", ".join("?" * len(numbers))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"
         self._unpacker = unpacker = MessageUnpacker(self.path)
         with self._open() as database:
             for number, time_ns, data in database.execute(query, numbers):
-                yield self._keys[number], int(time_ns), unpacker.unpacked(data)
+                yield self._listed[number][0], int(time_ns), unpacker.unpacked(data)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is missing from the file."""
@@ -170,19 +167,15 @@ class Db3Log:
         return (*self._journal_findings(), *oversized, *self._unfit.values())
 
     def _journal_findings(self) -> list[Finding]:
-        with opened(self.path) as file:
-            journaled = file.read(20)[18:] == b"\2\2"
         journal = f"{self.path.name}-wal"
         if self._merged is not None:
-            text = f"the file's last rows are in its journal {journal}; they are read, too"
-            return [Finding("JOURNAL", text)]
+            return [Finding("JOURNAL", f"the file's last rows are in its journal {journal}; they are read, too")]
         if self._journal is not None:
-            text = f"the journal {journal} cannot be read; its rows are missing"
-            return [Finding("JOURNAL", text, lost_data=True)]
-        if journaled:
-            text = f"the file was recorded with a journal; if the recorder was killed, rows of {journal} are missing"
-            return [Finding("JOURNAL", text)]
-        return []
+            return [Finding("JOURNAL", f"the journal {journal} cannot be read; its rows are missing", lost_data=True)]
+        with opened(self.path) as file:
+            journaled = file.read(20)[18:] == b"\2\2"
+        text = f"the file was recorded with a journal; if the recorder was killed, rows of {journal} are missing"
+        return [Finding("JOURNAL", text)] if journaled else []
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, tuple[str, str]]:

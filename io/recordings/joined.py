@@ -33,18 +33,24 @@ class JoinedLog:
     """Logs read as one; topics of the same name and type are one topic."""
 
     path: Path
-    format: str
     parts: tuple[LogPart, ...]
     joining_findings: tuple[Finding, ...] = ()  # findings of the parts together
     stated_messages: int | None = None  # number of messages that the parts should hold together
     time_units_ns: Mapping[str, int] = field(default_factory=dict[str, int])  # of the fields that the user calls times
+    kind: str = ""  # what the user calls it; "": the formats of the parts
+
+    @property
+    def format(self) -> str:
+        """What a user calls it."""
+        return self.kind or " + ".join(dict.fromkeys(part.reader.format for part in self.parts))
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics of all parts."""
         found: dict[tuple[str, str], TopicInfo] = {}
         for part in self.parts:
-            for topic in (_shifted(topic, part.offset_ns) for topic in part.reader.topics()):
-                key = _key(topic)
+            for stated in part.reader.topics():
+                first, last = (t if t is None else t - part.offset_ns for t in (stated.first_ns, stated.last_ns))
+                topic, key = replace(stated, first_ns=first, last_ns=last), _key(stated)
                 found[key] = _together(found[key], topic) if key in found else topic
         return tuple(found.values())
 
@@ -87,7 +93,9 @@ class JoinedLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""
         own = [
-            finding if not part.name and part.reader.path == self.path else _of(part, finding)
+            finding
+            if not part.name and part.reader.path == self.path
+            else replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
             for part in self.parts
             for finding in part.reader.findings()
             if not (part.dated and finding.code in UNDATED)
@@ -122,29 +130,18 @@ def readable_parts(
     return tuple(parts), unread
 
 
-def _of(part: LogPart, finding: Finding) -> Finding:
-    return replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
-
-
 def _key(topic: TopicInfo) -> tuple[str, str]:
     """Return the key of a topic: its name and its type, which ROS 1 and ROS 2 spell differently."""
     return topic.name, ros2_name(topic.type)
 
 
-def _shifted(topic: TopicInfo, offset_ns: int) -> TopicInfo:
-    if topic.first_ns is None or topic.last_ns is None:
-        return topic
-    return replace(topic, first_ns=topic.first_ns - offset_ns, last_ns=topic.last_ns - offset_ns)
-
-
 def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
-    firsts = [t for t in (a.first_ns, b.first_ns) if t is not None]
-    lasts = [t for t in (a.last_ns, b.last_ns) if t is not None]
+    times = [t for t in (a.first_ns, b.first_ns, a.last_ns, b.last_ns) if t is not None]
     return replace(
         a,
         count=a.count + b.count,
-        first_ns=min(firsts, default=None),
-        last_ns=max(lasts, default=None),
+        first_ns=min(times, default=None),
+        last_ns=max(times, default=None),
         fields=tuple(f for f in a.fields if f in b.fields) if a.count and b.count else (a if a.count else b).fields,
         problem=a.problem or b.problem,
         arrays=a.arrays | b.arrays,

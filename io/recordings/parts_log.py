@@ -1,9 +1,8 @@
 """Tables that follow each other as parts of one topic, as a logger leaves them that begins new files."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 from usbldr.filters.errors import listed
 from usbldr.io.findings import Finding
@@ -13,46 +12,34 @@ from usbldr.io.reader import Reader, Records, TopicInfo
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
 
 
-@dataclass(frozen=True, slots=True)
 class PartsLog:
     """A log, some of whose topics are read as one: the first, with the records of those that follow it."""
 
-    whole: Reader
-    followers: Mapping[str, Sequence[str]]  # first topic -> the others, in order of time
-
-    @property
-    def path(self) -> Path:
-        """The file or folder."""
-        return self.whole.path
-
-    @property
-    def format(self) -> str:
-        """The format of the log."""
-        return self.whole.format
+    def __init__(self, whole: Reader, followers: Mapping[str, Sequence[str]]) -> None:
+        """Take the log, and by the first topic the others, in order of time."""
+        self.path, self.format, self._whole, self._followers = whole.path, whole.format, whole, followers
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics, of parts the first with the count and the end of all."""
-        topics = self.whole.topics()
-        tables = {topic.name: topic for topic in topics if topic.is_table}
-        taken = {name for names in self.followers.values() for name in names}
-        return tuple(
-            _together(topic, [tables[name] for name in self.followers.get(topic.name, ())])
-            for topic in topics
-            if topic.name not in taken
-        )
+        topics = {topic.name: topic for topic in self._whole.topics()}
+        for first, names in self._followers.items():
+            others = [topics.pop(name) for name in names]
+            count = topics[first].count + sum(other.count for other in others)
+            topics[first] = replace(topics[first], count=count, last_ns=others[-1].last_ns)
+        return tuple(topics.values())
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the topics in blocks, of parts one after the other."""
-        firsts = {name: first for first in wanted for name in (first, *self.followers.get(first, ()))}
-        for topic, records in self.whole.blocks({name: wanted[first] for name, first in firsts.items()}):
+        firsts = {name: first for first in wanted for name in (first, *self._followers.get(first, ()))}
+        for topic, records in self._whole.blocks({name: wanted[first] for name, first in firsts.items()}):
             yield firsts[topic], records
 
     def findings(self) -> tuple[Finding, ...]:
         """Report which topics are read as one."""
         text = "{}: read as one topic with {}: they follow each other"
-        parts = self.followers.items()
+        parts = self._followers.items()
         found = [Finding("TOPIC-PARTS", text.format(first, listed(others, 5)), first) for first, others in parts]
-        return (*found, *self.whole.findings())
+        return (*found, *self._whole.findings())
 
 
 def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
@@ -65,7 +52,7 @@ def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
     topics = log.topics()
     tables = [one for one in topics if one.is_table and one.count and not one.problem and one.first_ns is not None]
     followers: dict[str, Sequence[str]] = {}
-    for name_of in (_without_numbers, _sensor):
+    for name_of in (lambda topic: without_numbers(topic.name), _sensor):
         joined = {name for first, others in followers.items() for name in (first, *others)}
         alike: dict[tuple[str, str, tuple[str, ...]], list[TopicInfo]] = {}
         for topic in tables:
@@ -78,20 +65,11 @@ def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
     return PartsLog(log, followers) if followers else log
 
 
-def _without_numbers(topic: TopicInfo) -> str:
-    return without_numbers(topic.name)
-
-
 def _sensor(topic: TopicInfo) -> str:
     """Return what tables of one sensor have in common besides their type; the name if the type tells no sensor."""
     if not topic.type.startswith("usbldr/"):
         return topic.name
     return f"{bool(SHIP.search(topic.name.lower()))} {bool(NO_SENSOR.search(topic.name.lower()))}"
-
-
-def _together(first: TopicInfo, others: Sequence[TopicInfo]) -> TopicInfo:
-    count = sum(topic.count for topic in others)
-    return replace(first, count=first.count + count, last_ns=others[-1].last_ns) if others else first
 
 
 def _span_ns(topic: TopicInfo) -> tuple[int, int]:

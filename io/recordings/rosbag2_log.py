@@ -44,7 +44,7 @@ def open_rosbag2(path: Path, open_part: Callable[[Path], Reader]) -> Reader:
     opened_parts, unread = readable_parts(files, open_part)
     complete = len(opened_parts) == len(set(metadata.parts))  # missing parts are reported
     stated = metadata.messages if complete else None
-    return JoinedLog(path, "rosbag2 folder", opened_parts, (*findings, *unread), stated)
+    return JoinedLog(path, opened_parts, (*findings, *unread), stated, kind="rosbag2 folder")
 
 
 def _parts(folder: Path) -> list[Path]:
