@@ -20,7 +20,7 @@ from usbldr.io.messages.field_names import named_column
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
-from usbldr.io.tables.cells import ParsedColumn, nanoseconds, numbers, times
+from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_sheets import keys_since_1970, plain
 from usbldr.io.tables.csv_text import column, read_texts
 from usbldr.io.tables.text_table import line_findings
@@ -273,8 +273,6 @@ def _times_by_unit(texts: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
 
 def _times(cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int) -> ParsedColumn:
     key = next(key for key in TIME_UNITS_NS if key in columns)
-    if key == "time_ns":
-        return nanoseconds(cells[key], columns[key])
     found = times(cells[key], columns[key], TIME_UNITS_NS[key], AT_1970.get(key, 0))
     return found._replace(values=found.values + start_ns) if key == "time_s" else found
 

@@ -123,21 +123,16 @@ class RosDecoder:
         return extractor(lambda data: deserialize(data, self._name), getters, errors)
 
 
-def from_msg(name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr") -> RosDecoder:
-    """Return the decoder for a definition in ROS's own language; raise DefinitionError if it is invalid."""
-    return _read(name, definition, encoding, lambda text: get_types_from_msg(text, ros2_name(name)))
-
-
-def from_idl(name: str, definition: bytes) -> RosDecoder:
-    """Return the decoder for a definition in OMG IDL, as rosbag2 writes it: one part for each type in it."""
-    return _read(name, definition, "cdr", _idl_types)
-
-
-def _read(
-    name: str, definition: bytes, encoding: Literal["cdr", "ros1"], types_of: Callable[[str], Types]
+def ros_decoder(
+    name: str, definition: bytes, encoding: Literal["cdr", "ros1"] = "cdr", language: Literal["msg", "idl"] = "msg"
 ) -> RosDecoder:
+    """Return the decoder for a definition in ROS's own language, or in OMG IDL as rosbag2 writes it.
+
+    Raises DefinitionError if it is invalid.
+    """
     try:
-        types = types_of(definition.decode())
+        text = definition.decode()
+        types = _idl_types(text) if language == "idl" else get_types_from_msg(text, ros2_name(name))
     except RecursionError as err:
         raise DefinitionError("it is nested too deeply") from err
     except (TypesysError, ValueError, KeyError) as err:
@@ -146,7 +141,7 @@ def _read(
 
 
 def _idl_types(text: str) -> Types:
-    """Return the types of an IDL definition; a part begins with a line of "=" and a line with the type's name.
+    """Return the types of an IDL definition, a part each; a part begins with a line of "=" and one with the name.
 
     Raises DefinitionError for constants that would have to be computed: a result may be endless, and no type needs it.
     """

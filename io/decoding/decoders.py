@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.cdr import RosDecoder, from_idl, from_msg
+from usbldr.io.decoding.cdr import RosDecoder, ros_decoder
 from usbldr.io.decoding.columns import DecodedRows, DefinitionError, Extractor, concatenated, decode_one_by_one
 from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
@@ -42,9 +42,9 @@ class Decoder(Protocol):
 
 
 DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
-    ("cdr", "ros2msg"): from_msg,
-    ("cdr", "ros2idl"): from_idl,
-    ("ros1", "ros1msg"): lambda name, definition: from_msg(name, definition, "ros1"),
+    ("cdr", "ros2msg"): ros_decoder,
+    ("cdr", "ros2idl"): lambda name, definition: ros_decoder(name, definition, language="idl"),
+    ("ros1", "ros1msg"): lambda name, definition: ros_decoder(name, definition, "ros1"),
     ("protobuf", "protobuf"): lambda name, definition: _protobuf(name, definition),
     ("json", "jsonschema"): JsonDecoder,
 }

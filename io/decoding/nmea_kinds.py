@@ -120,14 +120,12 @@ def _hipap_radians(m: Fields) -> SentenceValues:
 EVOLOGICS = "time target head frame origin transformation x:DE y:DE z:DE accuracy:DE rssi:DE integrity:DE"
 
 
-def _evologics(m: Fields) -> SentenceValues:
-    accuracy = m.number("accuracy")
-    return m.text("target"), *m.offset(), _status(not accuracy < 0), accuracy
+def _evologics(*axes: str) -> Callable[[Fields], SentenceValues]:
+    def decode(m: Fields) -> SentenceValues:
+        accuracy = m.number("accuracy")
+        return m.text("target"), *map(m.number, axes), _status(not accuracy < 0), accuracy
 
-
-def _evologics_place(m: Fields) -> SentenceValues:
-    accuracy = m.number("accuracy")
-    return m.text("target"), m.number("x"), m.number("y"), _status(not accuracy < 0), accuracy
+    return decode
 
 
 GAPS = "frame time day month year target"
@@ -138,41 +136,17 @@ def _received(m: Fields) -> bool:
     return m.text("validity").strip("0") != ""
 
 
-def _ellipse(major_m: float, minor_m: float, direction_deg: float) -> SentenceValues:
-    """Return the covariance of east and north, the major axis being clockwise from north."""
-    s, c = math.sin(math.radians(direction_deg)), math.cos(math.radians(direction_deg))
-    a, b = major_m**2, minor_m**2
-    return a * s * s + b * c * c, (a - b) * s * c, a * c * c + b * s * s
-
-
 def _ranger(m: Fields) -> SentenceValues:
-    ellipse = _ellipse(*(m.number(name) for name in ("major", "minor", "direction")))
+    """Return the place, and the covariance of east and north: the major axis is clockwise from north."""
+    a, b, direction = m.number("major") ** 2, m.number("minor") ** 2, math.radians(m.number("direction"))
+    s, c = math.sin(direction), math.cos(direction)
+    ellipse = a * s * s + b * c * c, (a - b) * s * c, a * c * c + b * s * s
     return m.text("target"), m.number("lat"), m.number("lon"), _status(m.text("status") == "A"), *ellipse
 
 
 LOCATOR = "version device channel compass head_lat head_lon heading qw qx qy qz range bearing elevation"
 
 
-_hipap_offset = SentenceKind(
-    ("target", *OFFSET, "fix_status", "sd_m"),
-    lambda m: (m.text("target"), *m.offset(), _status(_measured(m)), m.number("accuracy")),
-    time=0,
-    fields=HIPAP,
-)
-_evologics_offset = SentenceKind(("target", *OFFSET, "fix_status", "sd_m"), _evologics, time=0, fields=EVOLOGICS)
-_gaps_place = SentenceKind(
-    ("target", *PLACE),
-    lambda m: (m.text("target"), *m.place(_received(m))),
-    time=1,
-    date=(2, 3, 4),
-    fields=f"{GAPS} lat:LA NS:LAD lon:LN EW:LND validity z:DE",
-)
-_ranger_place = SentenceKind(
-    ("target", *PLACE, *ELLIPSE),
-    _ranger,
-    time=0,
-    fields="time target status lat:DE lon:DE z:DE major:DE minor:DE direction:DE",
-)
 _timed = SentenceKind(time=0)  # known, but not usable: messages/usbl.py says why
 
 SENTENCE_KINDS: Mapping[str, SentenceKind] = {
@@ -190,9 +164,15 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     "THS": SentenceKind(("heading_deg",), lambda m: (math.nan if m.text("mi", "A") == "V" else m.number("headt"),)),
     "HDG": SentenceKind(("magnetic_deg", "corrected"), _magnetic),
     "HDM": SentenceKind(("magnetic_deg", "corrected"), _magnetic),
-    "PSIMSSB_C_H": _hipap_offset,
-    "PSIMSSB_C_N": _hipap_offset,
-    "PSIMSSB_C_E": _hipap_offset,
+    **dict.fromkeys(
+        ("PSIMSSB_C_H", "PSIMSSB_C_N", "PSIMSSB_C_E"),
+        SentenceKind(
+            ("target", *OFFSET, "fix_status", "sd_m"),
+            lambda m: (m.text("target"), *m.offset(), _status(_measured(m)), m.number("accuracy")),
+            time=0,
+            fields=HIPAP,
+        ),
+    ),
     "PSIMSSB_R": SentenceKind(("target", *PLACE, "sd_m"), _hipap_radians, time=0, fields=HIPAP),
     "PSIMSSB_D": SentenceKind(
         ("target", *PLACE, "sd_m"),
@@ -200,18 +180,23 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
         time=0,
         fields=HIPAP_DEGREES,
     ),
-    "PSIMSSB_R_E": _timed,
-    "PSIMSSB_C_G": _timed,
-    "PSIMSSB_U": _timed,
-    "PSIMSSB_P": _timed,
+    **dict.fromkeys(("PSIMSSB_R_E", "PSIMSSB_C_G", "PSIMSSB_U", "PSIMSSB_P", "PSONALL"), _timed),
     "PSIMSNS": SentenceKind(
         ("heading_deg",),
         lambda m: (m.number("heading"),),
         time=0,
         fields="time target transceiver transducer roll:DE pitch:DE heave:DE heading:DE",
     ),
-    "PTSAG": _gaps_place,
-    "PTSAG_ship": _gaps_place,
+    **dict.fromkeys(
+        ("PTSAG", "PTSAG_ship"),
+        SentenceKind(
+            ("target", *PLACE),
+            lambda m: (m.text("target"), *m.place(_received(m))),
+            time=1,
+            date=(2, 3, 4),
+            fields=f"{GAPS} lat:LA NS:LAD lon:LN EW:LND validity z:DE",
+        ),
+    ),
     "PTSAX": SentenceKind(
         ("target", *OFFSET, "fix_status"),
         lambda m: (m.text("target"), *m.offset(), _status(_received(m))),
@@ -221,16 +206,21 @@ SENTENCE_KINDS: Mapping[str, SentenceKind] = {
     ),
     "PTSAY": SentenceKind(time=1, date=(2, 3, 4)),
     "PTSAH": SentenceKind(),  # known, but its fields are not
-    "PSONLLD": _ranger_place,
-    "PSONLLD_ship": _ranger_place,
-    "PSONALL": _timed,
-    "PEVOSSB_H": _evologics_offset,
-    "PEVOSSB_N": _evologics_offset,
-    "PEVOSSB_E": _evologics_offset,
-    "PEVOSSB_G": SentenceKind(("target", *PLACE, "sd_m"), _evologics_place, time=0, fields=EVOLOGICS),
-    "PEVOSSB_T": _timed,
-    "PEVOSSB_B": _timed,
-    "PEVOSSA": _timed,
+    **dict.fromkeys(
+        ("PSONLLD", "PSONLLD_ship"),
+        SentenceKind(
+            ("target", *PLACE, *ELLIPSE),
+            _ranger,
+            time=0,
+            fields="time target status lat:DE lon:DE z:DE major:DE minor:DE direction:DE",
+        ),
+    ),
+    **dict.fromkeys(
+        ("PEVOSSB_H", "PEVOSSB_N", "PEVOSSB_E"),
+        SentenceKind(("target", *OFFSET, "fix_status", "sd_m"), _evologics("x", "y", "z"), time=0, fields=EVOLOGICS),
+    ),
+    "PEVOSSB_G": SentenceKind(("target", *PLACE, "sd_m"), _evologics("x", "y"), time=0, fields=EVOLOGICS),
+    **dict.fromkeys(("PEVOSSB_T", "PEVOSSB_B", "PEVOSSA"), _timed),
     "RTH": SentenceKind(  # according to the manual, fields are only ever added
         ("slant_range_m", "bearing_deg", "elevation_deg"),  # bearing and elevation are true, elevation positive up
         lambda m: (m.number("range"), m.number("bearing"), m.number("elevation")),

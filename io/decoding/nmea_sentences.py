@@ -343,13 +343,3 @@ def _counted(
     if without:
         findings.append(Finding("NMEA-OTHER", f"{source}: {without} lines hold no NMEA sentence", topic))
     return findings
-
-
-def undecoded_findings(undecoded: Mapping[str, int]) -> list[Finding]:
-    """Report topics whose sentences do not have the fields of their kind."""
-    what = "sentences do not have the fields of their type; left out"
-    return [
-        Finding("UNDECODED", f"{topic}: {count} {what}", topic, lost_data=True)
-        for topic, count in undecoded.items()
-        if count
-    ]

@@ -124,7 +124,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "Parquet files and folders of them": _by_look("tables.parquet_tables", b"PAR1", "parquet_log"),
     "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", b"\x89HDF\r\n\x1a\n", "hdf5_log"),
     "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
-    "JSON lines": _by_look("instruments.json_lines_log", "looks_like_json_lines", "JsonLinesLog"),
+    "JSON lines": _by_look("instruments.json_lines_log", "looks_like_json_lines", "json_lines_log"),
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
     **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},

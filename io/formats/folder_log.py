@@ -131,7 +131,7 @@ def _together(
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
     if is_parted(path):
-        return [*parted_table(path)], {*parquet_files(path)}
+        return parted_table(path), {*parquet_files(path)}
     texts = [file for file in text_files(path) if file in among]
     packed = {file: kind for file, kind in compressed_texts(path).items() if file in among}
     tables = [file for file in parquet_files(path) if file in among]

@@ -9,17 +9,22 @@ any unit since 1970 or as a date; without any time they are taken as 1 s apart. 
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from usbldr.io.decoding.collected import CollectedRecords
+from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.decoder_set import DecoderSet
-from usbldr.io.decoding.decoders import Stream, StreamMessage, decode_blocks, json_decoder
+from usbldr.io.decoding.decoders import Stream, decode_blocks, json_decoder
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
+from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.messages.field_names import named_column
-from usbldr.io.reader import Records, TopicInfo, name_of
+from usbldr.io.reader import Records, name_of
 
 REPORTS = ("velocity", "velocity_water", "position_local")
 """Reports of a DVL by their type."""
@@ -50,83 +55,72 @@ def looks_like_json_lines(head: bytes) -> bool:
     return any(kind in WATER_LINKED for kind in kinds) or sum(map(bool, kinds)) > len(kinds) / 2
 
 
-class JsonLinesLog:
-    """A text file of such lines."""
+def json_lines_log(path: Path) -> RecordsLog:
+    """Return the log of a text file of such lines; its topics are their kinds."""
+    return RecordsLog(path, "JSON lines", _topics)
 
-    format = "JSON lines"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._unfit: dict[str, Finding] = {}
-        self._lost: list[Finding] = []
+def _topics(file: Path, findings: list[Finding]) -> Iterator[Topic]:
+    counter = DecoderSet(file)
+    for kind, lines in _lines(file, findings).items():
+        counter.add_topic()
+        type_name = f"waterlinked/waterlinked_{kind}" if kind in WATER_LINKED else f"json/{kind}"
+        decoder = json_decoder(type_name, [text for _, text in lines[:SAMPLES]])
+        times = np.array([time_ns for time_ns, _ in lines], dtype=np.int64)
+        stream = Stream(f"/{kind}", type_name, "json", decoder, *counted(times))
+        yield Topic(stream.info(), partial(_records, file, stream, lines, findings))
 
-    @cached_property
-    def _lines(self) -> Mapping[str, list[tuple[int, bytes]]]:
-        """Return log time and text of each line by kind; record what was lost."""
-        found: dict[str, list[tuple[int, bytes]]] = {}
-        untimed, numbered, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
-        for count, (number, before, text, value) in enumerate(_objects(text_lines(self.path)), start=1):
-            if value is None or is_damaged(text):
-                bad, first_bad = bad + 1, first_bad or number
-                continue
-            kind = _kind(value)
-            logged = prefixed_ns(before)
-            last = logged if logged != NO_TIME else _own_time(value, last)
-            if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
-                since_ns = _since_last_ns(value)
-                counted = counted or (since_ns > 0 and last == NO_TIME)
-                last = _since_power_on_ns(value) or max(last, 0) + since_ns
-            if kind in WATER_LINKED and last == NO_TIME:
-                untimed += 1
-            elif kind:
-                numbered += last == NO_TIME
-                time_ns = count * 1_000_000_000 if last == NO_TIME else last
-                found.setdefault(kind, []).append((time_ns, text.encode()))
-        if counted:
-            set_later = last >= EARLIEST_S * 1e9
-            self._lost.append(Finding("NO-DATE", f"{self.path.name}: {SET_LATER if set_later else COUNTED}"))
-        if bad:
-            text = f"{self.path.name}: {bad} lines are no JSON, the first is line {first_bad}; left out"
-            self._lost.append(Finding("UNDECODED", text, lost_data=True))
-        if untimed:
-            text = f"{self.path.name}: {untimed} lines have no time; log them with one before each line"
-            self._lost.append(Finding("UNDECODED", text, lost_data=True))
-        if numbered:
-            text = f"{self.path.name}: {numbered} objects have no time that is known; they are taken as 1 s apart"
-            self._lost.append(Finding("NMEA-TIME", text))
-        return found
 
-    @cached_property
-    def _streams(self) -> dict[tuple[str, str], Stream]:
-        streams: dict[tuple[str, str], Stream] = {}
-        counter = DecoderSet(self.path)
-        for kind, lines in self._lines.items():
-            counter.add_topic()
-            key = f"/{kind}", f"waterlinked/waterlinked_{kind}" if kind in WATER_LINKED else f"json/{kind}"
-            decoder = json_decoder(key[1], [text for _, text in lines[:SAMPLES]])
-            times = [time_ns for time_ns, _ in lines]
-            streams[key] = Stream(*key, "json", decoder, len(times), min(times), max(times))
-        return streams
+def _records(
+    file: Path,
+    stream: Stream,
+    lines: Sequence[tuple[int, bytes]],
+    findings: list[Finding],
+    paths: Sequence[str],
+) -> Records:
+    key, unfit = (stream.topic, stream.type), dict[str, Finding]()
+    messages = ((key, time_ns, text) for time_ns, text in lines)
+    whole = CollectedRecords(len(lines), paths)
+    for _, block in decode_blocks(file, {key: stream}, {stream.topic: paths}, messages, unfit):
+        whole.add(block)
+    findings += unfit.values()
+    return whole.whole()
 
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the kinds of lines."""
-        return tuple(stream.info() for stream in self._streams.values())
 
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Decode the wanted lines block by block."""
-        self._unfit = {}
-        return decode_blocks(self.path, self._streams, wanted, self._messages(wanted), self._unfit)
-
-    def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
-        for key in self._streams:
-            if key[0] in wanted:
-                for time_ns, text in self._lines[key[0][1:]]:
-                    yield key, time_ns, text
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what was left out."""
-        _ = self._lines
-        return (*self._lost, *self._unfit.values())
+def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, bytes]]]:
+    """Return log time and text of each line by kind; append what is lost to the findings."""
+    found: dict[str, list[tuple[int, bytes]]] = {}
+    untimed, numbered, bad, first_bad, last, counted = 0, 0, 0, 0, NO_TIME, False
+    for count, (number, before, text, value) in enumerate(_objects(text_lines(file)), start=1):
+        if value is None or is_damaged(text):
+            bad, first_bad = bad + 1, first_bad or number
+            continue
+        kind = _kind(value)
+        logged = prefixed_ns(before)
+        last = logged if logged != NO_TIME else _own_time(value, last)
+        if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
+            since_ns = _since_last_ns(value)
+            counted = counted or (since_ns > 0 and last == NO_TIME)
+            last = _since_power_on_ns(value) or max(last, 0) + since_ns
+        if kind in WATER_LINKED and last == NO_TIME:
+            untimed += 1
+        elif kind:
+            numbered += last == NO_TIME
+            time_ns = count * 1_000_000_000 if last == NO_TIME else last
+            found.setdefault(kind, []).append((time_ns, text.encode()))
+    if counted:
+        set_later = last >= EARLIEST_S * 1e9
+        findings.append(Finding("NO-DATE", f"{file.name}: {SET_LATER if set_later else COUNTED}"))
+    if bad:
+        text = f"{file.name}: {bad} lines are no JSON, the first is line {first_bad}; left out"
+        findings.append(Finding("UNDECODED", text, lost_data=True))
+    if untimed:
+        text = f"{file.name}: {untimed} lines have no time; log them with one before each line"
+        findings.append(Finding("UNDECODED", text, lost_data=True))
+    if numbered:
+        text = f"{file.name}: {numbered} objects have no time that is known; they are taken as 1 s apart"
+        findings.append(Finding("NMEA-TIME", text))
+    return found
 
 
 def _joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.decoding.nmea_sentences import SENTENCE, WORD_LINE, SentenceSet, find_sentences, undecoded_findings
+from usbldr.io.decoding.nmea_sentences import SENTENCE, WORD_LINE, SentenceSet, find_sentences
 from usbldr.io.file_access.open_file import head_lines, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Reader, Records, TopicInfo
@@ -86,7 +86,13 @@ class SentenceLog:
             for finding in sentences.findings
             if sentences.by_name or finding.code != "NMEA-OTHER" or not topic
         ]
-        return (*own, *found, *undecoded_findings(self._undecoded))
+        text = "{}: {} sentences do not have the fields of their type; left out"
+        undecoded = [
+            Finding("UNDECODED", text.format(topic, count), topic, lost_data=True)
+            for topic, count in self._undecoded.items()
+            if count
+        ]
+        return (*own, *found, *undecoded)
 
 
 def nmea_file(path: Path, form: re.Pattern[str] = SENTENCE) -> SentenceLog:

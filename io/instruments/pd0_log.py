@@ -76,7 +76,7 @@ def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
     if unused := count - int(np.sum(timed)):
         findings.append(Finding("UNDECODED", f"{unused} ensembles have no leader or no valid time; left out"))
     placed = {topic: _placed(topic, found, times, timed) for topic, found in places.items() if found}
-    return _records(rows[timed], times[timed]) | {topic: r for topic, r in placed.items() if len(r.received_ns)}
+    return _records(rows[timed], times[timed]) | placed
 
 
 def _parts(ensemble: bytes) -> dict[int, list[bytes]]:
@@ -119,18 +119,14 @@ def _times_ns(clock: NDArray[np.int64]) -> tuple[Nanoseconds, NDArray[np.bool_]]
 
 
 def _records(rows: NDArray[np.void], times: Nanoseconds) -> dict[str, Records]:
-    tables: dict[str, Records] = {}
     tracked = rows["tracked"] == 1
-    if np.any(tracked):
-        velocities, coordinates = instrument_velocities(rows[tracked])
-        x, y, z = velocities.T
-        columns = {"x": x, "y": y, "z": z, "coordinates": coordinates, "altitude": _altitudes_m(rows[tracked])}
-        tables["/bottom_track"] = Records(times[tracked], columns)
-    quantities = {"/heading": ("heading_deg", rows["heading_cdeg"] / 100), "/depth": ("depth_m", rows["depth_dm"] / 10)}
-    for topic, (column, values) in quantities.items():
-        if len(values) and np.ptp(values) > 0:
-            tables[topic] = Records(times, {column: values})
-    return tables
+    velocities, coordinates = instrument_velocities(rows[tracked])
+    track = dict(zip("xyz", velocities.T, strict=True)) | {"coordinates": coordinates}
+    return {
+        "/bottom_track": Records(times[tracked], track | {"altitude": _altitudes_m(rows[tracked])}),
+        "/heading": Records(times, {"heading_deg": rows["heading_cdeg"] / 100}),
+        "/depth": Records(times, {"depth_m": rows["depth_dm"] / 10}),
+    }
 
 
 def _altitudes_m(rows: NDArray[np.void]) -> NDArray[np.float64]:

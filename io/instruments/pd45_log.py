@@ -67,8 +67,8 @@ def _records(rows: Sequence[tuple[int, ...]]) -> dict[str, Records]:
     of_day, coordinates, x, y, z, depth, heading = np.array(rows, dtype=np.int64).T
     times, _ = times_from_sentences(of_day, np.full(len(of_day), NO_TIME))
     velocity = {axis: np.where(v == NO_VELOCITY, np.nan, v / 1000) for axis, v in zip("xyz", (x, y, z), strict=True)}
-    found = {"/bottom_track": Records(times, {**velocity, "coordinates": coordinates})}
-    for topic, values in (("/heading", {"heading_deg": heading / 100}), ("/depth", {"depth_m": depth / 10})):
-        if np.ptp(next(iter(values.values()))) > 0:
-            found[topic] = Records(times, values)
-    return found
+    return {
+        "/bottom_track": Records(times, {**velocity, "coordinates": coordinates}),
+        "/heading": Records(times, {"heading_deg": heading / 100}),
+        "/depth": Records(times, {"depth_m": depth / 10}),
+    }

@@ -5,7 +5,7 @@ units. A group is timed by its line TS; one without it is lost. Lines have no ch
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -18,23 +18,20 @@ from usbldr.io.reader import Records
 
 LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")  # a colon begins a line
 TIME = re.compile(r"\d{14}", re.ASCII)
-VELOCITY = ("x", "y", "z", "status")
-LINES: Mapping[str, tuple[tuple[str, ...], Callable[[Sequence[str]], tuple[float | str, ...]]]] = {
-    "BI": (VELOCITY, lambda f: (_number(f[0]), _number(f[1]), _number(f[2]), _status(f[4]))),
-    "BS": (VELOCITY, lambda f: (_number(f[0]), _number(f[1]), _number(f[2]), _status(f[3]))),
-    "BE": (VELOCITY, lambda f: (_number(f[0]), _number(f[1]), _number(f[2]), _status(f[3]))),
-    "SA": (("pitch_deg", "roll_deg", "heading_deg"), lambda f: (_number(f[0]), _number(f[1]), _number(f[2]))),
-    "TS": (("depth_m", "sound_speed_mps"), lambda f: (_number(f[3]), _number(f[4]))),
+LINES: Mapping[str, Mapping[str, int]] = {
+    "BI": {"x": 0, "y": 1, "z": 2, "status": 4},
+    "BS": {"x": 0, "y": 1, "z": 2, "status": 3},
+    "BE": {"x": 0, "y": 1, "z": 2, "status": 3},
+    "SA": {"pitch_deg": 0, "roll_deg": 1, "heading_deg": 2},
+    "TS": {"depth_m": 3, "sound_speed_mps": 4},
 }
-"""By the name of a line: its columns, and their values from its fields."""
+"""By the name of a line: its columns, and which fields they are."""
 FIELD_COUNTS: Mapping[str, int] = {
     "SA": 3,
     "TS": 6,
     **dict.fromkeys(("WI", "WD", "BI", "BD"), 5),
     **dict.fromkeys(("WS", "WE", "BS", "BE"), 4),
 }  # fixed by the format
-USED = {"SA": "heading_deg", "TS": "depth_m"}
-"""Columns of which a topic is made only if they are not always the same: instruments without sensors write zeros."""
 
 
 def looks_like_pd6(head: bytes) -> bool:
@@ -59,13 +56,14 @@ def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
                 if not name or time_ns is None or not known or any(map(is_damaged, fields)):
                     raise ValueError
                 if name in LINES:
-                    rows[name].append((time_ns, LINES[name][1](fields)))
+                    values = (_value(column, fields[place]) for column, place in LINES[name].items())
+                    rows[name].append((time_ns, tuple(values)))
             except ValueError:
                 bad.append(number)
     if bad:
         text = f"{file.name}: {len(bad)} lines are cut, altered or without a time, the first is line {bad[0]}"
         findings.append(Finding("UNDECODED", f"{text}; left out", lost_data=True))
-    return {f"/{name}": made for name, found in rows.items() if (made := _records(name, found)) is not None}
+    return {f"/{name}": _records(name, found) for name, found in rows.items() if found}
 
 
 def _groups(lines: Iterator[str]) -> Iterator[list[tuple[int, str, Sequence[str]]]]:
@@ -102,25 +100,17 @@ def _time(fields: Sequence[str]) -> int | None:
     return (whole_s * 100 + hundredths) * 10_000_000
 
 
-def _number(text: str) -> float:
+def _value(column: str, text: str) -> float | str:
+    if column == "status":
+        if text not in ("A", "V"):
+            raise ValueError
+        return text
     if "_" in text:  # which Python takes for part of a number
         raise ValueError
     return float(text)
 
 
-def _status(text: str) -> str:
-    if text not in ("A", "V"):
-        raise ValueError
-    return text
-
-
-def _records(name: str, rows: Sequence[tuple[int, tuple[float | str, ...]]]) -> Records | None:
-    """Return the rows of a line as columns, None if it says nothing."""
-    if not rows:
-        return None
+def _records(name: str, rows: Sequence[tuple[int, tuple[float | str, ...]]]) -> Records:
     times = np.array([time_ns for time_ns, _ in rows], dtype=np.int64)
     values = zip(*(values for _, values in rows), strict=True)
-    columns = dict(zip(LINES[name][0], map(np.array, values), strict=True))
-    if name in USED and len(np.unique(columns[USED[name]])) == 1:
-        return None
-    return Records(times, columns)
+    return Records(times, dict(zip(LINES[name], map(np.array, values), strict=True)))

@@ -11,6 +11,8 @@ from usbldr.io.decoding.columns import counted
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo
 
+VARYING = ("heading_deg", "depth_m")  # columns that say nothing if always the same: without a sensor they are zeros
+
 
 def _no_records(_: Sequence[str]) -> Records:
     return Records(np.empty(0, np.int64), {})
@@ -53,13 +55,15 @@ class RecordsLog:
 def log_in_memory(
     path: Path, kind: str, encoding: str, read: Callable[[Path, list[Finding]], Mapping[str, Records]]
 ) -> RecordsLog:
-    """Return the log of a file whose records are all read at once, by topic.
+    """Return the log of a file whose records are all read at once, by topic; those that say nothing are no topics.
 
     The type of the topic "/depth" is "pd0/pd0_depth" if ``encoding`` is "pd0".
     """
 
     def find(file: Path, findings: list[Finding]) -> Iterator[Topic]:
         for name, records in read(file, findings).items():
+            if not len(records.received_ns) or any(np.ptp(records.columns.get(one, [0, 1])) == 0 for one in VARYING):
+                continue
             type_name, span = f"{encoding}/{encoding}_{name[1:].lower()}", counted(records.received_ns)
             yield Topic(TopicInfo(name, type_name, encoding, *span, tuple(records.columns)), records.only)
 

@@ -12,7 +12,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
-from usbldr.io.tables.csv_sheets import ISO, SECOND_NS, TimeColumn
+from usbldr.io.tables.csv_sheets import ISO, SECOND_NS
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 
 NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
@@ -44,24 +44,11 @@ class ParsedColumn(NamedTuple):
         return self.values
 
 
-def nanoseconds(texts: Sequence[str], name: str) -> ParsedColumn:
-    """Return a column of integer nanoseconds, never through float."""
-    whole = isinstance(texts, NumberColumn) and texts.values.dtype.kind == "i"
-    fast = texts.times(1, 0, MAX_TIME_NS) if isinstance(texts, NumberColumn) and whole else None
-    if fast is not None:
-        return ParsedColumn(fast, {})
-    return _parsed(texts, name, lambda text: _in_range(int(text)), 0, "a whole number of nanoseconds")
-
-
-def times_of(texts: Sequence[str], clock: TimeColumn) -> ParsedColumn:
-    """Return a column of times in its unit as nanoseconds since 1970."""
-    return nanoseconds(texts, clock.column) if clock.unit_ns == 1 else times(texts, *clock)
-
-
-def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> ParsedColumn:
+def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: int = 0) -> ParsedColumn:
     """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds since 1970.
 
-    ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not representable in float64.
+    Those in nanoseconds are whole numbers. ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not
+    representable in float64.
     """
 
     fast = texts.times(unit_ns, at_1970, MAX_TIME_NS) if isinstance(texts, NumberColumn) else None
@@ -69,12 +56,14 @@ def times(texts: Sequence[str], name: str, unit_ns: int, at_1970: int = 0) -> Pa
         return ParsedColumn(fast, {})
 
     def exact(text: str) -> int:
+        if unit_ns == 1:
+            return _in_range(int(text))
         if ISO.fullmatch(text):
             return _in_range(_iso_ns(text))
         return _in_range(int(((Decimal(text) - at_1970) * unit_ns).to_integral_value()))
 
-    what = "a number of seconds before 2116" if unit_ns == SECOND_NS else "a number or a date and time"
-    return _parsed(texts, name, exact, 0, what)
+    whats = {1: "a whole number of nanoseconds", SECOND_NS: "a number of seconds before 2116"}
+    return _parsed(texts, name, exact, 0, whats.get(unit_ns, "a number or a date and time"))
 
 
 def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedColumn:

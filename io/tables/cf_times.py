@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.io.reader import MAX_TIME_NS, Column
+from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds
 
 SINCE = re.compile(
     r"\s*([a-z]+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})"
@@ -32,6 +32,12 @@ CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 NO_DATE = np.iinfo(np.int64).min  # fixed: NumPy's "not a time"
 
 
+def whole_ns(numbers: Column, unit_ns: int) -> Nanoseconds:
+    """Return numbers (n,) of a unit as nanoseconds; integers stay exact."""
+    whole = np.floor(numbers).astype(np.int64) if numbers.dtype.kind == "f" else numbers.astype(np.int64)
+    return whole * unit_ns + np.rint((numbers - whole) * unit_ns).astype(np.int64)
+
+
 class Clock(NamedTuple):
     """What numbers count: a unit, since a moment."""
 
@@ -44,9 +50,7 @@ class Clock(NamedTuple):
         rough = numbers.astype(np.float64) * self.unit_ns
         good = (np.abs(rough + self.since_ns) < MAX_TIME_NS) & (np.abs(rough) < -float(NO_DATE))  # False for NaN
         good &= ~masked
-        kept = np.where(good, numbers, 0)
-        whole = np.floor(kept).astype(np.int64) if kept.dtype.kind == "f" else kept.astype(np.int64)
-        ns = whole * self.unit_ns + np.rint((kept - whole) * self.unit_ns).astype(np.int64) + self.since_ns
+        ns = whole_ns(np.where(good, numbers, 0), self.unit_ns) + self.since_ns
         return np.where(good, ns, NO_DATE).astype("datetime64[ns]")
 
 

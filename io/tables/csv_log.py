@@ -19,7 +19,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
-from usbldr.io.tables.cells import ParsedColumn, numbers, times_of
+from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, TimeColumn, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
@@ -212,7 +212,7 @@ class CsvLog:
         return [value for value, sensor in zip(values, sensors, strict=True) if sensor == source.sensor]
 
     def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
-        return times_of(self._cells(source, clock.column), clock)
+        return times(self._cells(source, clock.column), *clock)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the wanted columns; rows with an invalid cell in one of them are left out."""
@@ -249,10 +249,7 @@ class CsvLog:
         """Report the rows that are left out, and dates that have two readings."""
         found = [order.finding(self.path.name) for order in self._orders.values() if order.example]
         for topic, source in self._sources.items():
-            if source.shown.by_name and source.sheet and source.sheet.stamp and topic in self._left_out:
-                named = {**source.sheet.columns, "time": source.sheet.stamp.column}
-                text = ", ".join(f"{key} from {column}" for key, column in named.items())
-                found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))
+            found += source.shown.findings(topic) if topic in self._left_out else []
             if self._left_out.get(topic):
                 found += row_findings(source.file, self._table(source.file), self._left_out[topic], topic)
         for file, table in self._read.items():

@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
-from usbldr.io.reader import Column
+from usbldr.io.reader import Column, Reader
 from usbldr.io.tables.table_log import Table, TableLog
 
 MAGIC = b"PAR1"
@@ -46,7 +46,7 @@ def parquet_log(file: Path) -> TableLog:
     return TableLog(file, NAME, [parquet_table(file)])
 
 
-def parted_table(folder: Path) -> list[TableLog]:
+def parted_table(folder: Path) -> list[Reader]:
     """Return the parts of one table, each a log with the topic that the folder names."""
     return [TableLog(folder, NAME, [parquet_table(file, folder.stem)]) for file in parquet_files(folder)]
 

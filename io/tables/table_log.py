@@ -23,7 +23,8 @@ from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import named_column, sensors_by_name
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
-from usbldr.io.tables.cells import numbers, times_of
+from usbldr.io.tables.cells import numbers, times
+from usbldr.io.tables.cf_times import whole_ns
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, TimeColumn, plain_names, sheet_of
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.tables.text_table import listed
@@ -217,7 +218,7 @@ class TableLog:
         """Return a column of times as nanoseconds since 1970, and which of them are times; integers stay exact."""
         values = self._column(table, clock.column)
         if values.dtype.kind in TEXT:
-            parsed = times_of(values.tolist(), clock)
+            parsed = times(values.tolist(), *clock)
             good = ~np.isin(np.arange(len(values)), list(parsed.faults))
             if good.any():
                 return parsed.values.astype(np.int64), good
@@ -228,9 +229,7 @@ class TableLog:
         values = values.astype(np.float64) - clock.at_1970 if clock.at_1970 and not dated else values
         values, unit_ns = (values.astype(np.int64), 1) if dated else (values, clock.unit_ns)
         good = (np.abs(values.astype(np.float64)) * unit_ns < MAX_TIME_NS) & ~masked  # False for NaN, and for no date
-        values = np.where(good, values, 0)
-        whole = np.floor(values).astype(np.int64) if values.dtype.kind == "f" else values.astype(np.int64)
-        return whole * unit_ns + np.rint((values - whole) * unit_ns).astype(np.int64), good
+        return whole_ns(np.where(good, values, 0), unit_ns), good
 
     def _column(self, table: Table, name: str) -> Column:
         if (key := (table.topic, name)) not in self._columns:
@@ -264,10 +263,7 @@ class TableLog:
             for path, why in left_out.items()
         ]
         for topic, one in self._topics.items():
-            if one.by_name and one.sheet and one.sheet.stamp:
-                named = {**one.sheet.columns, "time": one.sheet.stamp.column}
-                text = ", ".join(f"{key} from {column}" for key, column in named.items())
-                found.append(Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic))
+            found += one.findings(topic)
             if why := self._left_out.get(topic):
                 found.append(Finding("UNDECODED", f"{topic}: {why}; left out", topic, lost_data=True))
         return tuple(found)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
 from usbldr.io.tables.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
 
@@ -28,6 +29,14 @@ class TopicSheet(NamedTuple):
     sheet: Sheet | None  # None: its columns match no sensor
     by_name: bool = False  # whether names and their units tell
     is_shared: bool = False  # whether the table's rows hold other sensors, too
+
+    def findings(self, topic: str) -> list[Finding]:
+        """Report what the names of columns were taken for."""
+        if not (self.by_name and self.sheet and self.sheet.stamp):
+            return []
+        named = {**self.sheet.columns, "time": self.sheet.stamp.column}
+        text = ", ".join(f"{key} from {column}" for key, column in named.items())
+        return [Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic)]
 
 
 def topic_sheets(

@@ -4,9 +4,10 @@ Values keep all their digits. Log time is the time of arrival, the header's stam
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeAlias
+from operator import itemgetter
+from typing import Any, TypeAlias
 
 import numpy as np
 from rosbags.typesys.store import Typestore
@@ -190,29 +191,16 @@ def channels_of(log: Log, exported: bool) -> Mapping[str, Channel]:
     return {sensor: channel for sensor, channel in chosen.items() if sensor in log.tables}
 
 
-class Stamped(NamedTuple):
-    """A message to be written."""
-
-    received_ns: int
-    sensor: str
-    message: RosMessage
-
-
-def messages(log: Log, channels: Mapping[str, Channel], store: Typestore) -> list[Stamped]:
-    """Return the log's records as messages, in order of arrival."""
+def messages(log: Log, channels: Mapping[str, Channel], store: Typestore) -> list[tuple[int, str, RosMessage]]:
+    """Return the log's records as messages in order of arrival: log time in ns, sensor and message."""
     makers = Makers(store)
-    made = [
-        Stamped(received_ns, sensor, channels[sensor].message(makers, row))
-        for sensor, received_ns, row in _rows(log, channels)
-    ]
-    return sorted(made, key=lambda stamped: stamped.received_ns)
-
-
-def _rows(log: Log, sensors: Mapping[str, Channel]) -> Iterator[tuple[str, int, TableRow]]:
-    for sensor in sensors:
-        for row in log.tables[sensor].to_dict("records"):
-            stamp_ns, received_ns = nanoseconds(log, row["time_s"]), nanoseconds(log, row["received_s"])
-            yield sensor, received_ns, {str(name): value for name, value in row.items()} | {"stamp_ns": stamp_ns}
+    made: list[tuple[int, str, RosMessage]] = []
+    for sensor, channel in channels.items():
+        rows: list[dict[str, Any]] = log.tables[sensor].to_dict("records")  # pyright: ignore
+        for row in rows:
+            row["stamp_ns"] = nanoseconds(log, row["time_s"])
+            made.append((nanoseconds(log, row["received_s"]), sensor, channel.message(makers, row)))
+    return sorted(made, key=itemgetter(0))
 
 
 def nanoseconds(log: Log, time_s: float) -> int:

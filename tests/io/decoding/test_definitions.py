@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from commands import run
 from recordings import SECOND, T0, execute, write_payloads
 from usbldr.filters.errors import UsageError
-from usbldr.io.decoding.cdr import RosDecoder, from_idl
+from usbldr.io.decoding.cdr import RosDecoder, ros_decoder
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.decoders import decoder_of, decoder_without_definition
@@ -272,7 +272,11 @@ def test_definitions_in_idl_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("size", ["1 << 40000000000", "9999999999 * 9999999999", "9" * 5000])
 def test_constants_in_idl_are_not_computed(size: str) -> None:
     with pytest.raises(DefinitionError):
-        from_idl("our_msgs/msg/Fix", f"module our_msgs {{ module msg {{ const long A = {size}; }}; }};".encode())
+        ros_decoder(
+            "our_msgs/msg/Fix",
+            f"module our_msgs {{ module msg {{ const long A = {size}; }}; }};".encode(),
+            language="idl",
+        )
 
 
 def test_operators_in_comments_and_texts_of_idl_compute_nothing() -> None:
@@ -284,4 +288,4 @@ module our_msgs { module msg {
   };
 }; };
 """
-    assert from_idl("our_msgs/msg/Fix", text.encode()).fields == ("x",)
+    assert ros_decoder("our_msgs/msg/Fix", text.encode(), language="idl").fields == ("x",)

@@ -11,7 +11,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from usbldr.io.decoding.cdr import RosDecoder, from_msg
+from usbldr.io.decoding.cdr import RosDecoder, ros_decoder
 from usbldr.io.decoding.columns import concatenated
 
 ODD = """\
@@ -84,8 +84,8 @@ def messages(ros_version: int, type_name: str, count: int, most: int) -> tuple[R
     definition = store.generate_msgdef(type_name, ros_version=ros_version)[0].encode()
     if ros_version == 1:
         payloads = [bytes(store.serialize_ros1(one, type_name)) for one in made]
-        return from_msg(type_name, definition, "ros1"), payloads, made
-    return from_msg(type_name, definition), [bytes(store.serialize_cdr(one, type_name)) for one in made], made
+        return ros_decoder(type_name, definition, "ros1"), payloads, made
+    return ros_decoder(type_name, definition), [bytes(store.serialize_cdr(one, type_name)) for one in made], made
 
 
 def value(message: Any, path: str) -> Any:
@@ -162,7 +162,7 @@ def test_messages_of_other_lengths_may_be_among_the_others(monkeypatch: pytest.M
     assert len({len(payload) for payload in payloads}) == 1
     monkeypatch.setattr(Typestore, "deserialize_cdr", None)
 
-    rows, read = columns(from_msg("two_msgs/msg/Two", definition.encode()), payloads, ["x", "a", "b"])
+    rows, read = columns(ros_decoder("two_msgs/msg/Two", definition.encode()), payloads, ["x", "a", "b"])
 
     assert rows == [0, 1, 2, 3]
     np.testing.assert_array_equal(read["x"], [1, 2, 3, 4])

@@ -18,7 +18,7 @@ from commands import run
 from logs import refusal
 from recordings import ROS1, ROS2, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import UsageError
-from usbldr.io.decoding.cdr import from_msg
+from usbldr.io.decoding.cdr import ros_decoder
 from usbldr.io.reading.read import Request, read_log
 
 TYPES = {
@@ -154,7 +154,7 @@ def test_many_lengths_of_arrays_need_no_decoder_for_each_message(monkeypatch: py
     lengths = np.random.default_rng(5).integers(0, 6, 300)
     made = [whole([one(j % 2, k + j / 8) for j in range(n)], time(k, 0)) for k, n in enumerate(lengths.tolist())]
     payloads = [bytes(store.serialize_cdr(message, name)) for message in made]
-    decoder = from_msg(name, store.generate_msgdef(name, ros_version=2)[0].encode())
+    decoder = ros_decoder(name, store.generate_msgdef(name, ros_version=2)[0].encode())
     monkeypatch.setattr(Typestore, "deserialize_cdr", None)
 
     pieces = decoder.pieces(payloads, ["beams.3.range", "end"])

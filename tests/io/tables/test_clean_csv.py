@@ -15,7 +15,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.tables import clean_csv, csv_text
-from usbldr.io.tables.cells import nanoseconds, numbers, times
+from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.clean_csv import NumberColumn
 from usbldr.io.tables.csv_text import read_texts
 
@@ -35,7 +35,7 @@ def interpreted(file: Path) -> tuple[Any, ...]:
         table = read_texts(file)
     except LogError as err:
         return (str(err),)
-    readings = (numbers, nanoseconds, lambda c, n: times(c, n, 10**9), lambda c, n: times(c, n, 1000, 7))
+    readings = (numbers, times, lambda c, n: times(c, n, 10**9), lambda c, n: times(c, n, 1000, 7))
     parsed = [reading(cells, name) for name, cells in table.columns.items() for reading in readings]
     texts = [list(cells) for cells in table.columns.values()]
     values = [(np.delete(one.values, list(one.faults)).tobytes(), dict(one.faults)) for one in parsed]
