@@ -77,9 +77,7 @@ class CollectedRecords:
 
 def read_whole(reader: Reader, wanted: Mapping[str, Sequence[str]]) -> dict[str, Records]:
     """Read the fields of the topics; return the records of each topic."""
-    counts = {topic.name: 0 for topic in reader.topics()}
-    for topic in reader.topics():
-        counts[topic.name] = max(counts[topic.name], topic.count)
+    counts = dict(sorted((topic.name, topic.count) for topic in reader.topics()))  # of several types the largest
     while True:
         found = {topic: CollectedRecords(counts.get(topic, 0), paths) for topic, paths in wanted.items()}
         try:

@@ -6,7 +6,7 @@ readers go on over anything.
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -54,9 +54,11 @@ def places_of(data: FileView) -> list[Place]:
     """
     found: list[Place] = []
     at = data.after_zeros(0)
+    is_parquet = data[len(data) - len(PARQUET) : len(data)] == PARQUET  # which is known by its end, too
+    marks = (*MARKS, PARQUET) if is_parquet else MARKS
     while at < len(data):
         kind = _kind(data, at)
-        end = _end(data, at, kind) if kind else _next(data, at, len(data) if found else limit(SEARCHED))
+        end = _end(data, at, kind) if kind else _next(data, at, marks, len(data) if found else limit(SEARCHED))
         if len(found) == limit(RECORDINGS):
             kind, end = b"", len(data)
         found.append(Place(at, end, kind))
@@ -64,11 +66,9 @@ def places_of(data: FileView) -> list[Place]:
     return found
 
 
-def _next(data: FileView, at: int, until: int) -> int:
-    """Return where the next container begins, else the end of the file; Parquet is known by its end, too."""
-    ends_as_parquet = data[len(data) - len(PARQUET) : len(data)] == PARQUET
-    magics = (*MARKS, *((PARQUET,) if ends_as_parquet else ()))
-    return min((place for magic in magics if (place := data.find(magic, at, until)) >= 0), default=len(data))
+def _next(data: FileView, at: int, marks: Sequence[bytes], until: int | None = None) -> int:
+    """Return where one of the marks is next, else the end of the file."""
+    return min((place for mark in marks if (place := data.find(mark, at, until)) >= 0), default=len(data))
 
 
 def _kind(data: FileView | bytes, start: int) -> bytes:
@@ -90,8 +90,7 @@ def _end(data: FileView, start: int, kind: bytes) -> int:
         behind = len(data)
     except (struct.error, BrokenError) as err:
         behind = err.at if isinstance(err, BrokenError) else start + 1
-    marks = {MCAP: (MARKS[0],), BAG: (BAG,)}.get(kind, MARKS)
-    return min((place for mark in marks if (place := data.find(mark, behind)) >= 0), default=len(data))
+    return _next(data, behind, {MCAP: (MARKS[0],), BAG: (BAG,)}.get(kind, MARKS))
 
 
 class BrokenError(Exception):
@@ -109,17 +108,14 @@ def summary_ends_file(data: FileView, start: int = 0) -> bool:
     if footer <= start or data[len(data) - len(MCAP) : len(data)] != MCAP:
         return False
     op, _, summary, _, _ = MCAP_FOOTER.unpack(data[footer : footer + MCAP_FOOTER.size])
-    if op != FOOTER or not 0 < summary < footer - start or not _ends_data(data, start + summary):
+    if op != FOOTER or not 0 < summary < footer - start:
+        return False
+    end = data[start + summary - MCAP_HEAD.size - CHECKSUM_BYTES : start + summary - CHECKSUM_BYTES]
+    if end != MCAP_HEAD.pack(DATA_END, CHECKSUM_BYTES):  # the record before the summary, which ends the data
         return False
     with suppress(BrokenError):
         return _mcap_walk(data, start + summary) == len(data)
     return False
-
-
-def _ends_data(data: FileView, at: int) -> bool:
-    """Return whether the record that ends the data of an MCAP file is before a byte."""
-    begin = at - MCAP_HEAD.size - CHECKSUM_BYTES
-    return begin > 0 and MCAP_HEAD.unpack(data[begin : begin + MCAP_HEAD.size]) == (DATA_END, CHECKSUM_BYTES)
 
 
 def _mcap_walk(data: FileView, at: int) -> int:

@@ -76,6 +76,13 @@ def begin_of(path: Path, size: int) -> tuple[bytes, int]:
         return file.read(size), place
 
 
+def filled_files(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder by name, neither hidden nor empty ones: of endless files the size is zero, too."""
+    for file in sorted(folder.iterdir()):
+        if not file.name.startswith(".") and file.is_file() and file.stat().st_size:
+            yield file
+
+
 def encoding_of(head: bytes) -> str:
     """Return the encoding of a text by its first bytes: UTF-32 or UTF-16 with or without its mark, else UTF-8."""
     marked = next((name for mark, name in MARKS.items() if head.startswith(mark)), "")

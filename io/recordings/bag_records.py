@@ -105,8 +105,10 @@ class BagScan:
 
     def _records(self) -> Iterator[Record]:
         while word := self.file.read(WORD.size):
-            if not any(word):
-                self._skip_zeros()
+            if not any(word):  # a crash or a file system left zeros
+                self._broken()
+                self.good_until = FileView(self.file.fileno()).after_zeros(self.good_until)
+                self.file.seek(self.good_until)
                 continue
             fields = read_fields(self._exactly(self._length(word)))
             length = self._length(self.file.read(WORD.size))
@@ -121,7 +123,11 @@ class BagScan:
     def _outside(self, op: int, fields: Fields, data: bytes) -> Iterator[Record]:
         """Take a record that is not a chunk; yield it if it is a connection or a message."""
         if op == BAG_HEADER:
-            self._look_at_header(fields)
+            if fields.get(b"encryptor"):
+                raise LogError(f"{self.file.name}: the bag is encrypted; decrypt it first (rosbag decrypt)")
+            self._index_at = int.from_bytes(fields.get(b"index_pos", b""), "little")
+            self._chunk_count = int.from_bytes(fields.get(b"chunk_count", b""), "little")
+            self.indexed = self._index_at != 0
         elif op == INDEX:
             self.in_chunks[number_of(fields, b"conn", 4)] += number_of(fields, b"count", 4)
         elif op == CHUNK_INFO:
@@ -130,19 +136,6 @@ class BagScan:
                 self.in_index[connection] += count
         elif op in (CONNECTION, MESSAGE):
             yield from self._record(op, fields, memoryview(data))
-
-    def _skip_zeros(self) -> None:
-        """Go to the next byte that is not zero: a crash or a file system left zeros."""
-        self._broken()
-        self.good_until = FileView(self.file.fileno()).after_zeros(self.good_until)
-        self.file.seek(self.good_until)
-
-    def _look_at_header(self, fields: Fields) -> None:
-        self._index_at = int.from_bytes(fields.get(b"index_pos", b""), "little")
-        self._chunk_count = int.from_bytes(fields.get(b"chunk_count", b""), "little")
-        self.indexed = self._index_at != 0
-        if fields.get(b"encryptor"):
-            raise LogError(f"{self.file.name}: the bag is encrypted; decrypt it first (rosbag decrypt)")
 
     def _length(self, word: bytes | memoryview) -> int:
         if len(word) < WORD.size:
@@ -160,8 +153,12 @@ class BagScan:
         packed = self.file.read(min(length, self.size))
         whole = len(packed) == length
         try:
-            data = self._unpacked(fields, packed)
-            sound = len(data) == number_of(fields, b"size", 4)
+            name, size = fields.get(b"compression", b""), number_of(fields, b"size", 4)
+            if name not in COMPRESSIONS:
+                self.unknown.add(name.decode(errors="replace"))
+                raise CutError
+            data = self._unpacker.unpack(COMPRESSIONS[name], memoryview(packed), size)
+            sound = len(data) == size
             yield from self._inside(data)
         except TooLargeError:
             sound, self.oversized = False, True
@@ -170,13 +167,6 @@ class BagScan:
         if not whole:
             raise CutError
         self._unread |= set[int]() if sound else {self.good_until}
-
-    def _unpacked(self, fields: Fields, packed: bytes) -> memoryview:
-        name = fields.get(b"compression", b"")
-        if name not in COMPRESSIONS:
-            self.unknown.add(name.decode(errors="replace"))
-            raise CutError
-        return self._unpacker.unpack(COMPRESSIONS[name], memoryview(packed), number_of(fields, b"size", 4))
 
     def _inside(self, data: memoryview) -> Iterator[Record]:
         at, end = 0, len(data)

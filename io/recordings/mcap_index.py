@@ -80,8 +80,11 @@ def read_index(file: BufferedReader) -> Index:
             inside[place] = frozenset(found)
             for channel, entries in found.items():
                 times = entries[:, 0]
-                new = ChannelSummary(len(times), int(times.min()), int(times.max()))
-                summaries[channel] = _together(summaries[channel], new) if channel in summaries else new
+                first, last = int(times.min()), int(times.max())
+                known = summaries.get(channel, ChannelSummary(0, first, last))
+                summaries[channel] = ChannelSummary(
+                    known.messages + len(times), min(known.first_ns, first), max(known.last_ns, last)
+                )
     except (*DAMAGE, OSError):
         summaries = None
     if summaries is not None and not _agrees(summaries, summary):
@@ -130,10 +133,6 @@ def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Ent
         entries = np.frombuffer(data, "<u8", (length - 6) // 16 * 2, body + 6).reshape(-1, 2)
         if len(entries):
             yield int.from_bytes(data[body : body + 2], "little"), entries
-
-
-def _together(a: ChannelSummary, b: ChannelSummary) -> ChannelSummary:
-    return ChannelSummary(a.messages + b.messages, min(a.first_ns, b.first_ns), max(a.last_ns, b.last_ns))
 
 
 def _agrees(summaries: Mapping[int, ChannelSummary], summary: Summary) -> bool:

@@ -176,9 +176,12 @@ class CsvLog:
             return TopicInfo(topic, sheet.type, "csv", 0, None, None, problem=problem, first_row=row)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, faults = self._times(source, sheet.received)
-        lines = self._lines(source)
+        lines = self._own_rows(source, self._table(source.file).lines)
         times = np.delete(times, list(faults)) if faults else times
-        problem = "" if len(times) or not faults else self._only_faults(topic, source, lines, faults)
+        problem = ""
+        if faults and not len(times):
+            self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+            problem = f"{source.file}: line {lines[min(faults)]}: {faults[min(faults)]}"
         return TopicInfo(topic, sheet.type, "csv", *counted(times), fields, problem, is_shared=source.shown.is_shared)
 
     def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
@@ -186,20 +189,11 @@ class CsvLog:
         cells = () if source.sensor else self._row(source.file)
         return tuple(zip(plain_names(source.header), cells, strict=False))
 
-    def _only_faults(self, topic: str, source: CsvSource, lines: Sequence[int], faults: Mapping[int, str]) -> str:
-        """Keep the faults of a topic without one good row; return the first."""
-        self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
-        row = min(faults)
-        return f"{source.file}: line {lines[row]}: {faults[row]}"
-
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
             read = self._raw(file)
             self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats, self._orders))
         return self._read[file]
-
-    def _lines(self, source: CsvSource) -> Sequence[int]:
-        return self._own_rows(source, self._table(source.file).lines)
 
     def _cells(self, source: CsvSource, name: str) -> Sequence[str]:
         return self._own_rows(source, self._table(source.file).columns[name])
@@ -228,7 +222,7 @@ class CsvLog:
         faults: dict[int, str] = {}
         for parsed in (received, *columns.values()):
             faults = {**parsed.faults, **faults}
-        lines = self._lines(source)
+        lines = self._own_rows(source, self._table(source.file).lines)
         if faults and len(faults) == len(lines):
             raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
         self._left_out[topic] = {lines[row]: text for row, text in faults.items()}

@@ -11,7 +11,16 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of, first_bytes
-from usbldr.io.file_access.open_file import CONTROL, HEAD_BYTES, WESTERN, begin_of, head_lines, opened, text_lines
+from usbldr.io.file_access.open_file import (
+    CONTROL,
+    HEAD_BYTES,
+    WESTERN,
+    begin_of,
+    filled_files,
+    head_lines,
+    opened,
+    text_lines,
+)
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
 from usbldr.io.tables.date_order import stated_order
@@ -36,10 +45,8 @@ def text_files(folder: Path) -> Iterator[Path]:
     from usbldr.io.instruments.pd6_log import looks_like_pd6
 
     others = (form_of, looks_like_json_lines, looks_like_pd6)
-    for file in sorted(folder.iterdir()):
-        if file.is_file() and not file.name.startswith(".") and file.suffix not in (".toml", ".md", ".json"):
-            if not file.stat().st_size:
-                continue  # of endless files of the system the size is zero, too
+    for file in filled_files(folder):
+        if file.suffix not in (".toml", ".md", ".json"):
             head, _ = begin_of(file, HEAD_BYTES)
             if looks_like_csv(head) and not any(holds(head) for holds in others):
                 yield file
@@ -52,8 +59,8 @@ def compressed_texts(folder: Path) -> dict[Path, str]:
     does, so that its damage is an error.
     """
     found: dict[Path, str] = {}
-    for file in sorted(folder.iterdir()):
-        if not file.is_file() or file.name.startswith(".") or file.with_suffix("").is_file():
+    for file in filled_files(folder):
+        if file.with_suffix("").is_file():
             continue
         with opened(file) as content:
             if compression := compression_of(content.peek(16)):

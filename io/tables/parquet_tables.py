@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.open_file import filled_files, opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Reader
@@ -23,9 +23,7 @@ ENDING = ".parquet"
 
 def parquet_files(folder: Path) -> Iterator[Path]:
     """Yield the Parquet files of a folder by name: those that begin and end as such, whatever they are called."""
-    for file in sorted(folder.iterdir()):
-        if file.name.startswith(".") or not file.is_file() or not file.stat().st_size:
-            continue  # of endless files of the system the size is zero, too
+    for file in filled_files(folder):
         with opened(file) as content:
             begin = content.read(len(MAGIC))
             content.seek(-min(len(MAGIC), file.stat().st_size), SEEK_END)

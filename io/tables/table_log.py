@@ -86,13 +86,13 @@ def _cells(values: Column, name: str) -> Column:
     return np.array(with_iso_times({name: cells})[name], dtype=object)
 
 
-def _is_empty(table: Table) -> bool:
-    """Return whether a table is a sensor's by its columns, and has no rows."""
-    return not table.rows and sheet_of(table.topic.rpartition("/")[2], list(table.columns)) is not None
+def _own_sheet(table: Table) -> Sheet | None:
+    """Return how usbldr's own names interpret the columns of a table."""
+    return sheet_of(table.topic.rpartition("/")[2], list(table.columns))
 
 
 class TableLog:
-    """A log of tables."""
+    """A log of tables; one of a single row holds parameters, unless all do."""
 
     def __init__(
         self, path: Path, kind: str, tables: Sequence[Table], configured: Sequence[ConfiguredColumns] = ()
@@ -102,7 +102,7 @@ class TableLog:
         self._configured = tuple(configured)
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
         self._columns: dict[tuple[str, str], Column] = {}
-        self._all = [table for table in tables if table.rows > 1 or _is_empty(table)] or tables  # else parameters
+        self._all = [one for one in tables if one.rows > 1 or (not one.rows and _own_sheet(one))] or tables
         sizes = {table.file: table.file.stat().st_size for table in tables}
         self._budget = UnpackingBudget(path, sum(sizes.values()))
 
@@ -129,7 +129,7 @@ class TableLog:
             timed = "" in sensors_by_name(names, stem)
             alike = [one for one in self._all if one.rows == table.rows and one is not table]
             elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
-            heads[topic] = TableHead(table.file, stem, names, sheet_of(stem, names), date if timed else None, elsewhere)
+            heads[topic] = TableHead(table.file, stem, names, _own_sheet(table), date if timed else None, elsewhere)
         return topic_sheets(heads, self._configured, self.path)
 
     def _date(self, table: Table, name: str) -> str:
@@ -235,7 +235,7 @@ class TableLog:
         if (key := (table.topic, name)) not in self._columns:
             self._budget.take_bytes(table.rows * 8)
             with reading(table.file, self.format):
-                values = self._reader_of(table, name)()
+                values = self._readers(table)[name]()
             if len(values) != table.rows:
                 count = f"{len(values)} of {table.rows} values"
                 raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
@@ -245,15 +245,10 @@ class TableLog:
             self._columns[key] = values.astype(np.float64) if long else values
         return self._columns[key]
 
-    def _reader_of(self, table: Table, name: str) -> Callable[[], Column]:
-        """Return the function that reads a column by its plain name, of another table by its full name."""
-        for plain_name, read in zip(plain_names(list(table.columns)), table.columns.values(), strict=True):
-            if plain_name == name:
-                return read
-        other = next(
-            one for one in self._all if name.startswith(f"/{one.topic}/") and name[len(one.topic) + 2 :] in one.columns
-        )
-        return other.columns[name[len(other.topic) + 2 :]]
+    def _readers(self, table: Table) -> Mapping[str, Callable[[], Column]]:
+        """Return the functions that read columns by their plain name, those of other tables by their full name."""
+        others = {f"/{one.topic}/{name}": read for one in self._all for name, read in one.columns.items()}
+        return others | dict(zip(plain_names(list(table.columns)), table.columns.values(), strict=True))
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is not read, the rows that are left out, and what the names of columns were taken for."""

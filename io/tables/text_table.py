@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple
 
 from usbldr.filters import errors
 from usbldr.io.file_access.open_file import cut_line
@@ -15,11 +15,7 @@ MAX_CHARACTERS = 60  # of a name or a cell in a sentence
 class Cells(Sequence[str]):
     """The cells of a column as text. To read them one after the other is fast; to pick one, all are read."""
 
-    @overload
-    def __getitem__(self, index: int) -> str: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[str]: ...
-    def __getitem__(self, index: int | slice) -> str | list[str]:
+    def __getitem__(self, index: Any) -> Any:
         return list(self)[index]
 
 

@@ -54,13 +54,14 @@ def topic_sheets(
     found: dict[str, TopicSheet] = {}
     for topic, table in tables.items():
         sensors = stated.get(topic, [])
-        by_name = {s: sheet for s, sheet in _foreign(table).items() if s not in [one.sensor for one in sensors]}
+        own, by_units = _interpreted(table)
+        by_name = {s: sheet for s, sheet in by_units.items() if s not in [one.sensor for one in sensors]}
         shared = len(sensors) + len(by_name) > 1
         if sensors:
             sheet = configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
             found[topic] = TopicSheet(topic, sheet, is_shared=shared)
         elif not by_name:
-            found[topic] = TopicSheet(topic, _own(table))
+            found[topic] = TopicSheet(topic, own)
         apart = sensors or len(by_name) > 1
         found |= {
             f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True, shared) for s, one in by_name.items()
@@ -68,20 +69,19 @@ def topic_sheets(
     return found
 
 
-def _foreign(table: TableHead) -> Mapping[str, Sheet]:
-    """Return the sensors that a table's columns name with their units; empty if the columns are known otherwise."""
-    if table.first_row is None or (table.own is not None and not table.own.problem):
-        return {}
+def _interpreted(table: TableHead) -> tuple[Sheet | None, Mapping[str, Sheet]]:
+    """Return how usbldr's own names interpret a table, and by sensor how its names with units do, if those do not.
+
+    The problem of one that has no time_ns is that of other names.
+    """
+    own = table.own
+    if table.first_row is None or (own is not None and not own.problem):
+        return own, {}
     sheets = foreign_sheets(table.stem, table.names, table.first_row)
-    return {} if table.own is not None and any(sheet.problem for sheet in sheets.values()) else sheets
-
-
-def _own(table: TableHead) -> Sheet | None:
-    """Return how usbldr's names interpret a table; the problem of one that has no time_ns is that of other names."""
-    if table.own is None or table.first_row is None or "time_ns" in plain_names(table.names):
-        return table.own
-    sheets = foreign_sheets(table.stem, table.names, table.first_row).values()
-    return replace(table.own, problem=next((sheet.problem for sheet in sheets if sheet.problem), table.own.problem))
+    problem = next((sheet.problem for sheet in sheets.values() if sheet.problem), "")
+    if own is None or not problem:
+        return own, sheets
+    return own if "time_ns" in plain_names(table.names) else replace(own, problem=problem), {}
 
 
 def _topic(tables: Mapping[str, TableHead], stated: ConfiguredColumns, log: Path) -> str | None:

@@ -16,7 +16,6 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.models.calibration import AUTO
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, ProcessNoise, SensorErrors
-from usbldr.filters.types import Truth
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES
@@ -46,16 +45,11 @@ def cut_log(log: Log, start_s: float, end_s: float) -> Log:
     if not tables:
         raise LogError(f"{log.path}: no record is from --start {start_s:g} to --end {end_s:g} s")
     known = log.parameters if start_s <= 0 else replace(log.parameters, start=None)
-    return replace(log, tables=tables, parameters=known, truth=_cut_truth(log.truth, start_s, end_s))
-
-
-def _cut_truth(truth: Truth | None, start_s: float, end_s: float) -> Truth | None:
-    if truth is None:
-        return None
-    inside = (truth.time_s >= start_s) & (truth.time_s <= end_s)
-    if not inside.any():
-        return None
-    return truth.only(inside)
+    truth = log.truth
+    if truth is not None:
+        inside = (truth.time_s >= start_s) & (truth.time_s <= end_s)
+        truth = truth.only(inside) if inside.any() else None
+    return replace(log, tables=tables, parameters=known, truth=truth)
 
 
 def export(

@@ -4,6 +4,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
@@ -132,13 +133,9 @@ def _refuse_unless_written(folder: Path) -> None:
     foreign = [name for name in held if name not in WRITTEN and not name.endswith(".db3")]
     if foreign:
         raise UsageError(f"{folder}: holds {foreign[0]}, which usbldr did not write; choose another folder")
-    if held and not _written_by_usbldr(folder):
-        raise UsageError(f"{folder}: is not a log written by usbldr, so it is not replaced; choose another folder")
-
-
-def _written_by_usbldr(folder: Path) -> bool:
-    try:
-        text = (folder / "usbldr.toml").read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return False
-    return text.startswith(f"# {WRITTEN_BY} ")
+    if not held:
+        return
+    with suppress(OSError, UnicodeDecodeError):
+        if (folder / "usbldr.toml").read_text(encoding="utf-8").startswith(f"# {WRITTEN_BY} "):
+            return
+    raise UsageError(f"{folder}: is not a log written by usbldr, so it is not replaced; choose another folder")
