@@ -6,7 +6,7 @@ known; around midnight it is the date that brings both within half a day.
 
 import re
 from collections.abc import Sequence
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime
 
 import numpy as np
 
@@ -46,8 +46,7 @@ def prefixed_ns(prefix: str) -> int:
             moment = datetime(*map(int, (year, month, day, hour, minute, second)), tzinfo=UTC)
         except ValueError:
             return NO_TIME
-        whole = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
-        return _plausible_date(whole * SECOND + _fraction_ns(fraction) - _zone_ns(zone))
+        return _plausible_date(int(moment.timestamp()) * SECOND + _fraction_ns(fraction) - _zone_ns(zone))
     epoch = EPOCH.search(prefix)
     if epoch is None:
         return NO_TIME

@@ -5,14 +5,15 @@ may begin with the time at which it was logged.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_sentences import SENTENCE, WORD_LINE, SentenceSet, find_sentences
 from usbldr.io.file_access.open_file import head_lines, text_lines
 from usbldr.io.findings import Finding
+from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.reader import Reader, Records, TopicInfo
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
@@ -40,64 +41,57 @@ def form_of(head: bytes) -> re.Pattern[str] | None:
     return WORD_LINE if begins and sum(map(bool, words)) > len(lines) / 2 else None
 
 
-class SentenceLog:
-    """Kinds of sentences as topics: those of a text file, or those of the text topics of a log, beside its own."""
+def nmea_file(path: Path, form: re.Pattern[str] = SENTENCE) -> RecordsLog:
+    """Return a text file of sentences, whose form is SENTENCE or WORD_LINE."""
 
-    def __init__(
-        self, path: Path, kind: str, find: Callable[[], Mapping[str, SentenceSet]], carried: Reader | None = None
-    ) -> None:
-        """Take what finds the sentences by the topic that carries them, "" for a file; ``kind``: of the log."""
-        self.path, self.format, self._find, self._carried = path, kind, find, carried
-        self._undecoded: dict[str, int] = {}
+    def find(file: Path, findings: list[Finding]) -> Iterator[Topic]:
+        yield from _topics("", find_sentences(file.name, text_lines(file), form=form), findings)
 
-    @cached_property
-    def _sentences(self) -> Mapping[str, SentenceSet]:
-        return self._find()
+    return RecordsLog(path, "NMEA text", find)
 
-    @cached_property
-    def _topics(self) -> Mapping[str, tuple[SentenceSet, str, TopicInfo]]:
-        found: dict[str, tuple[SentenceSet, str, TopicInfo]] = {}
-        for topic, sentences in self._sentences.items():
-            found |= {full: (sentences, name, info) for full, (name, info) in sentences.topics(topic).items()}
+
+def _topics(prefix: str, sentences: SentenceSet, findings: list[Finding]) -> Iterator[Topic]:
+    """Yield the kinds of sentences of a topic, ``prefix``, or of a file; append what was dropped."""
+
+    def records(topic: str, name: str, paths: Sequence[str]) -> Records:
+        found, undecoded = sentences.by_name[name].records(paths)
+        if undecoded:
+            text = f"{topic}: {undecoded} sentences do not have the fields of their type; left out"
+            findings.append(Finding("UNDECODED", text, topic, lost_data=True))
         return found
+
+    findings += [one for one in sentences.findings if sentences.by_name or one.code != "NMEA-OTHER" or not prefix]
+    for topic, (name, info) in sentences.topics(prefix).items():
+        yield Topic(info, partial(records, topic, name))
+
+
+class CarriedSentences:
+    """A log, and beside its own topics the kinds of sentences that some of them carry."""
+
+    def __init__(self, log: Reader, carriers: Mapping[str, str]) -> None:
+        """Take the log, and the topics that carry sentences with their fields."""
+
+        def find(_: Path, findings: list[Finding]) -> Iterator[Topic]:
+            for topic, sentences in _carried(log, carriers).items():
+                yield from _topics(topic, sentences, findings)
+
+        self.path, self.format, self._log = log.path, log.format, log
+        self._sentences = RecordsLog(log.path, log.format, find)
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the log's own topics and the kinds of sentences."""
-        own = self._carried.topics() if self._carried else ()
-        return (*own, *(info for _, _, info in self._topics.values()))
+        return (*self._log.topics(), *self._sentences.topics())
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the log's own topics block by block, and the wanted sentences of each kind."""
-        own = {topic: paths for topic, paths in wanted.items() if topic not in self._topics}
-        if own and self._carried:
-            yield from self._carried.blocks(own)
-        for topic, paths in wanted.items():
-            if topic not in own:
-                sentences, name, _ = self._topics[topic]
-                records, self._undecoded[topic] = sentences.by_name[name].records(paths)
-                yield topic, records
+        of_sentences = {topic.name for topic in self._sentences.topics()} & wanted.keys()
+        if own := {topic: paths for topic, paths in wanted.items() if topic not in of_sentences}:
+            yield from self._log.blocks(own)
+        yield from self._sentences.blocks({topic: wanted[topic] for topic in wanted if topic in of_sentences})
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what the log lost, and which sentences were dropped."""
-        own = self._carried.findings() if self._carried else ()
-        found = [
-            finding
-            for topic, sentences in self._sentences.items()
-            for finding in sentences.findings
-            if sentences.by_name or finding.code != "NMEA-OTHER" or not topic
-        ]
-        text = "{}: {} sentences do not have the fields of their type; left out"
-        undecoded = [
-            Finding("UNDECODED", text.format(topic, count), topic, lost_data=True)
-            for topic, count in self._undecoded.items()
-            if count
-        ]
-        return (*own, *found, *undecoded)
-
-
-def nmea_file(path: Path, form: re.Pattern[str] = SENTENCE) -> SentenceLog:
-    """Return a text file of sentences, whose form is SENTENCE or WORD_LINE."""
-    return SentenceLog(path, "NMEA text", lambda: {"": find_sentences(path.name, text_lines(path), form=form)})
+        return (*self._log.findings(), *self._sentences.findings())
 
 
 def with_sentences(log: Reader) -> Reader:
@@ -109,7 +103,7 @@ def with_sentences(log: Reader) -> Reader:
         suggested = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
         if field and suggested and topic.count and not topic.problem and topic.has(field):
             carriers[topic.name] = field
-    return SentenceLog(log.path, log.format, lambda: _carried(log, carriers), log) if carriers else log
+    return CarriedSentences(log, carriers) if carriers else log
 
 
 def _carried(log: Reader, carriers: Mapping[str, str]) -> dict[str, SentenceSet]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from usbldr.io.findings import Finding
@@ -109,12 +110,10 @@ def _part(parts: Mapping[int, Sequence[bytes]], kind: int) -> bytes:
 def _times_ns(clock: NDArray[np.int64]) -> tuple[Nanoseconds, NDArray[np.bool_]]:
     """Return the times (n,) of clocks (n, 7), and which are valid."""
     year, month, day, hour, minute, second, hundredths = clock.T
-    year = year + np.where(year < CENTURY, 2000, 1900)
-    months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
-    first, next_first = (which.astype("datetime64[D]").astype(np.int64) for which in (months, months + 1))
-    good = (month >= 1) & (month <= 12) & (day >= 1) & (day <= next_first - first)
-    good &= (hour < 24) & (minute < 60) & (second < 60)
-    seconds = (((first + day - 1) * 24 + hour) * 60 + minute) * 60 + second
+    dates = pd.DataFrame({"year": year + np.where(year < CENTURY, 2000, 1900), "month": month, "day": day})
+    midnights = pd.to_datetime(dates, errors="coerce").to_numpy(dtype="datetime64[s]")  # none: there is no such day
+    good = ~np.isnat(midnights) & (hour < 24) & (minute < 60) & (second < 60)
+    seconds = midnights.astype(np.int64) + (hour * 60 + minute) * 60 + second
     return (seconds * 100 + hundredths) * HUNDREDTH_NS, good
 
 

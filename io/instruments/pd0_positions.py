@@ -53,10 +53,10 @@ def vmdas_fixes(blocks: Sequence[bytes], number: int) -> list[tuple[int, int, in
             continue
         _, day, month, year, first, last, lat, lon, flags = PLACES.unpack_from(block)
         try:
-            days = (datetime(year, month, day, tzinfo=UTC) - datetime(1970, 1, 1, tzinfo=UTC)).days
+            midnight_s = int(datetime(year, month, day, tzinfo=UTC).timestamp())
         except ValueError:
             continue
-        stamp_ns = (days + (last < first)) * DAY_NS + last * TICK_NS
+        stamp_ns = midnight_s * 10**9 + (last < first) * DAY_NS + last * TICK_NS
         if abs(stamp_ns) < MAX_TIME_NS:
             found.append((number, 0, stamp_ns, lat * TURN, lon * TURN, int(flags & VALID == VALID)))
     return found

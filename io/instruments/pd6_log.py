@@ -6,7 +6,7 @@ units. A group is timed by its line TS; one without it is lost. Lines have no ch
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -96,8 +96,7 @@ def _time(fields: Sequence[str]) -> int | None:
         moment = datetime(2000 + year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:
         return None
-    whole_s = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1)
-    return (whole_s * 100 + hundredths) * 10_000_000
+    return (int(moment.timestamp()) * 100 + hundredths) * 10_000_000
 
 
 def _value(column: str, text: str) -> float | str:

@@ -5,7 +5,7 @@ Source: CF conventions, time coordinate (cfconventions.org).
 
 import re
 from collections.abc import Mapping
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import datetime, timedelta, timezone
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +66,5 @@ def clock_of(units: object, calendar: object = "standard") -> Clock | None:
         moment = datetime(*(int(part or 0) for part in date), tzinfo=timezone(zone))
     except ValueError:
         return None
-    seconds = round((moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
-    since_ns = seconds * 10**9 + int((fraction or "").ljust(9, "0"))
+    since_ns = int(moment.timestamp()) * 10**9 + int((fraction or "").ljust(9, "0"))
     return Clock(unit_ns, since_ns) if unit_ns and abs(since_ns) < MAX_TIME_NS else None
