@@ -22,12 +22,9 @@ def concatenated_log(path: Path, open_copy: Callable[[Path], Reader]) -> Reader 
     with opened(path) as file:
         data = FileView(file.fileno())
         places = places_of(data)
-        first = places[0] if places else None
-        # of most containers the readers ignore what is behind them
-        whole = (
-            len(places) == 1 and first.start == 0 and (first.end == len(data) or first.kind not in (PARQUET, MATLAB))
-        )
-        if whole or not any(place.kind for place in places):
+        # of most containers the readers ignore the zeros behind them
+        ends = len(places) == 1 and (places[0].end == len(data) or places[0].kind not in (PARQUET, MATLAB))
+        if (ends and places[0].start == 0) or not any(place.kind for place in places):
             return None
 
     def copy(folder: Path) -> Copies:

@@ -1,6 +1,6 @@
 """Tables that follow each other as parts of one topic, as a logger leaves them that begins new files."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -52,11 +52,12 @@ def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
     topics = log.topics()
     tables = [one for one in topics if one.is_table and one.count and not one.problem and one.first_ns is not None]
     followers: dict[str, Sequence[str]] = {}
-    for name_of in (lambda topic: without_numbers(topic.name), _sensor):
+    likenesses: tuple[Callable[[TopicInfo], str], ...] = (lambda topic: without_numbers(topic.name), _sensor)
+    for likeness_of in likenesses:
         joined = {name for first, others in followers.items() for name in (first, *others)}
         alike: dict[tuple[str, str, tuple[str, ...]], list[TopicInfo]] = {}
         for topic in tables:
-            alike.setdefault((name_of(topic), topic.type, topic.fields), []).append(topic)
+            alike.setdefault((likeness_of(topic), topic.type, topic.fields), []).append(topic)
         for group in alike.values():
             first, *others = sorted(group, key=_span_ns)
             free = not joined & {one.name for one in group} and not names & {one.name.lstrip("/") for one in others}

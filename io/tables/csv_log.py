@@ -165,15 +165,17 @@ class CsvLog:
 
     def _info(self, topic: str, source: CsvSource) -> TopicInfo:
         sheet = source.sheet
-        if sheet is None:
-            problem = f"its columns match no sensor ({listed(source.header)}); {PROPOSED}"
-            problem = f"{source.file.name} {NO_HEADER}" if holds_values(source.header) else problem
-            return TopicInfo(topic, "", "csv", 0, None, None, problem=problem, first_row=self._first_row(source))
-        if sheet.received is None:
-            empty = self._begin(source.file)[1] in ([], [""])
-            problem = f"{source.file.name} {'has no rows' if empty else sheet.problem}"
+        if sheet is None or sheet.received is None:
+            name, kind = source.file.name, sheet.type if sheet else ""
+            if sheet:
+                empty = self._begin(source.file)[1] in ([], [""])
+                problem = f"{name} {'has no rows' if empty else sheet.problem}"
+            elif holds_values(source.header):
+                problem = f"{name} {NO_HEADER}"
+            else:
+                problem = f"its columns match no sensor ({listed(source.header)}); {PROPOSED}"
             row = () if source.shown.by_name else self._first_row(source)
-            return TopicInfo(topic, sheet.type, "csv", 0, None, None, problem=problem, first_row=row)
+            return TopicInfo(topic, kind, "csv", 0, None, None, problem=problem, first_row=row)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, faults = self._times(source, sheet.received)
         lines = self._own_rows(source, self._table(source.file).lines)

@@ -7,7 +7,7 @@ values: CF conventions (cfconventions.org). Of the heaps of texts: HDF5 File For
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import deflated
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.file_access.optional_library import library, reading
@@ -24,10 +25,10 @@ from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.cf_times import Clock, clock_of
 from usbldr.io.tables.csv_sheets import OWN_NAMES
-from usbldr.io.tables.mat_objects import DECODE, refuse_objects, unread
 from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 from usbldr.io.units import named_unit
 
+DECODE = "MATLAB_object_decode"  # fixed by MATLAB: the attribute of an object, as a datetime or a timetable
 MAGIC = b"\x89HDF\r\n\x1a\n"
 NAME = "HDF5"
 HEAP = re.compile(rb"GCOL\x01\0\0\0(.{8})", re.DOTALL)  # the head of a heap of texts, and its size in bytes
@@ -197,3 +198,17 @@ def _named(name: str, unit: str) -> str:
     with_unit = f"{name} [{unit}]"
     own = name in OWN_NAMES or named_unit(name).unit or not named_unit(with_unit).unit
     return name if own else with_unit
+
+
+def unread(objects: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what is said of objects (name -> class), whose format is not documented, beside the names of columns."""
+    return tuple(
+        f"{name} (a {kind}: store posixtime)" if kind == "datetime" else f"{name} (a {kind}, not read)"
+        for name, kind in objects.items()
+    )
+
+
+def refuse_objects(file: Path, others: Sequence[str]) -> None:
+    """Raise LogError if a file without tables holds objects."""
+    if others:
+        raise LogError(f"holds no vectors of numbers, but {', '.join(others)}", path=file)

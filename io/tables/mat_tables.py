@@ -18,11 +18,11 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
-from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_log
-from usbldr.io.tables.mat_objects import objects_of, refuse_objects, unread
+from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_log, refuse_objects, unread
 from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 
 NAME = "MATLAB"
+OPAQUE = ("s0", "s1", "s2", "arr")  # fixed by SciPy: the fields of an object of versions 5 to 7, as of a datetime
 HEAD_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # fixed by the format
 MATRIX = 14  # fixed: the type of an element that may hold others
 MATRICES = 4000  # [matrices] that SciPy reads even if each is in the one before; its stack ends at some 15,000
@@ -106,3 +106,13 @@ def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Tab
             arrays.append((label, values.shape or (1,), np.atleast_1d(values).__getitem__))
     for table in tables_of(file, name, arrays):
         yield replace(table, unread=unread(objects_of(variables)))
+
+
+def objects_of(variables: Mapping[str, Any]) -> dict[str, str]:
+    """Return name -> class of the objects among variables that SciPy read; itself it names only those of structures."""
+    found: dict[str, str] = {}
+    for label, value in variables.items():
+        if getattr(getattr(value, "dtype", None), "names", None) == OPAQUE:
+            name, _, kind, _ = value.flat[0]
+            found[name.decode(errors="replace") or label] = kind.decode(errors="replace")
+    return found

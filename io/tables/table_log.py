@@ -235,7 +235,8 @@ class TableLog:
         if (key := (table.topic, name)) not in self._columns:
             self._budget.take_bytes(table.rows * 8)
             with reading(table.file, self.format):
-                values = self._readers(table)[name]()
+                own = dict(zip(plain_names(list(table.columns)), table.columns.values(), strict=True))
+                values = (own.get(name) or self._by_full_name[name])()
             if len(values) != table.rows:
                 count = f"{len(values)} of {table.rows} values"
                 raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
@@ -245,10 +246,10 @@ class TableLog:
             self._columns[key] = values.astype(np.float64) if long else values
         return self._columns[key]
 
-    def _readers(self, table: Table) -> Mapping[str, Callable[[], Column]]:
-        """Return the functions that read columns by their plain name, those of other tables by their full name."""
-        others = {f"/{one.topic}/{name}": read for one in self._all for name, read in one.columns.items()}
-        return others | dict(zip(plain_names(list(table.columns)), table.columns.values(), strict=True))
+    @cached_property
+    def _by_full_name(self) -> Mapping[str, Callable[[], Column]]:
+        """The functions that read the columns of all tables."""
+        return {f"/{one.topic}/{name}": read for one in self._all for name, read in one.columns.items()}
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what is not read, the rows that are left out, and what the names of columns were taken for."""

@@ -16,7 +16,8 @@ class Cells(Sequence[str]):
     """The cells of a column as text. To read them one after the other is fast; to pick one, all are read."""
 
     def __getitem__(self, index: Any) -> Any:
-        return list(self)[index]
+        cells: Any = list(self)
+        return cells[index]
 
 
 class TextColumn(Cells):
