@@ -6,7 +6,7 @@ known; around midnight it is the date that brings both within half a day.
 
 import re
 from collections.abc import Sequence
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 
 import numpy as np
 
@@ -41,12 +41,12 @@ def prefixed_ns(prefix: str) -> int:
         return NO_TIME
     iso = ISO.search(DAY_FIRST.sub(r"\3-\2-\1", prefix))
     if iso:
-        year, month, day, hour, minute, second, fraction, zone = iso.groups()
+        *parts, fraction, zone = iso.groups()
         try:
-            moment = datetime(*map(int, (year, month, day, hour, minute, second)), tzinfo=UTC)
+            moment = datetime.fromisoformat("{}-{}-{}T{}:{}:{}".format(*parts) + (zone or "Z"))
         except ValueError:
             return NO_TIME
-        return _plausible_date(int(moment.timestamp()) * SECOND + _fraction_ns(fraction) - _zone_ns(zone))
+        return _plausible_date(int(moment.timestamp()) * SECOND + _fraction_ns(fraction))
     epoch = EPOCH.search(prefix)
     if epoch is None:
         return NO_TIME
@@ -67,12 +67,6 @@ def _plausible_date(time_ns: int) -> int:
 
 def _fraction_ns(digits: str | None) -> int:
     return int((digits or "0").ljust(9, "0"))
-
-
-def _zone_ns(zone: str | None) -> int:
-    if zone is None or zone == "Z":
-        return 0
-    return (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60) * SECOND * (-1 if zone[0] == "-" else 1)
 
 
 def time_of_day_ns(text: str) -> int:

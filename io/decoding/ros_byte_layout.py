@@ -10,7 +10,7 @@ CDR, as ROS 2 writes it, aligns numbers to their size, counted from after the 4 
 formal/02-06-51, 15.3); ROS 1 aligns nothing. Both are little-endian here.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -110,18 +110,13 @@ class _LayoutTracer:
         self._definitions = definitions
         self._sample = sample
         self._aligned = aligned
-        self._at = 4 if aligned else 0
+        self.at = 4 if aligned else 0
         self.places: dict[str, Place] = {}
         self.fixed = {0: 0, 1: 1} if aligned else dict[int, int]()  # byte 0, 1: plain little-endian CDR
 
     def message(self, name: str, prefix: str = "") -> None:
         for field, description in self._definitions[name][1]:
             self._field(prefix + field, description)
-
-    def end(self) -> None:
-        """Raise UnknownLayoutError unless the message ends here; CDR may be padded."""
-        if not 0 <= len(self._sample) - self._at <= (3 if self._aligned else 0):
-            raise UnknownLayoutError
 
     def _field(self, path: str, description: tuple[Nodetype, Any]) -> None:
         node, what = description
@@ -141,9 +136,9 @@ class _LayoutTracer:
             ended = 1 if self._aligned else 0  # CDR counts the zero at a text's end
             offset = self._take(1, size)
             if ended:
-                self._fix(self._at - 1, 1)
+                self._fix(self.at - 1, 1)
             self.places[path] = Place(offset, TEXT, size - ended)
-            if size < ended or (ended and self._sample[self._at - 1]):
+            if size < ended or (ended and self._sample[self.at - 1]):
                 raise UnknownLayoutError
         else:
             kind = _number(name)
@@ -153,7 +148,7 @@ class _LayoutTracer:
         node, what = element
         if node is Nodetype.BASE and what[0] != "string":
             kind = _number(what[0])
-            offset = self._take(np.dtype(kind).itemsize, count) if count else self._at
+            offset = self._take(np.dtype(kind).itemsize, count) if count else self.at
             self.places[path] = Place(offset, kind, count, array=True)
         else:
             for index in range(count):
@@ -170,10 +165,10 @@ class _LayoutTracer:
     def _take(self, size: int, count: int) -> int:
         """Return the place of values of a size, and move past them."""
         if self._aligned:
-            self._at += (4 - self._at) % size
-        offset = self._at
-        self._at += size * count
-        if self._at > len(self._sample):
+            self.at += (4 - self.at) % size
+        offset = self.at
+        self.at += size * count
+        if self.at > len(self._sample):
             raise UnknownLayoutError
         return offset
 
@@ -194,7 +189,8 @@ def byte_layout_of(definitions: Definitions, name: str, sample: bytes, aligned: 
     """
     walk = _LayoutTracer(definitions, sample, aligned)
     walk.message(name)
-    walk.end()
+    if not 0 <= len(sample) - walk.at <= (3 if aligned else 0):  # CDR may be padded
+        raise UnknownLayoutError
     fixed = sorted(walk.fixed.items())
     at, values = [at for at, _ in fixed], [value for _, value in fixed]
     layout = ByteLayout(walk.places, np.array(at, dtype=np.intp), np.array(values, dtype=np.uint8))
@@ -212,7 +208,10 @@ def decode_by_layout(
     """
     pieces: list[DecodedRows] = []
     left: list[Rows] = [np.empty(0, dtype=np.intp)]
-    for rows in _of_one_size(payloads):
+    sizes = np.array([len(payload) for payload in payloads], dtype=np.intp)
+    by_size = np.argsort(sizes, kind="stable")
+    of_sizes = np.split(by_size, np.flatnonzero(np.diff(sizes[by_size])) + 1) if len(payloads) else []
+    for rows in of_sizes:
         of_one_size = [payloads[int(row)] for row in rows]
         block = np.frombuffer(b"".join(of_one_size), dtype=np.uint8).reshape(len(rows), -1)
         for _ in range(MAX_LAYOUTS_PER_SIZE):
@@ -231,10 +230,3 @@ def decode_by_layout(
             rows, block = rows[~same], block[~same]
         left.append(rows)
     return pieces, np.concatenate(left)
-
-
-def _of_one_size(payloads: Sequence[bytes]) -> Iterator[Rows]:
-    sizes = np.array([len(payload) for payload in payloads], dtype=np.intp)
-    order = np.argsort(sizes, kind="stable")
-    borders = np.flatnonzero(np.diff(sizes[order])) + 1
-    yield from (rows for rows in np.split(order, borders) if len(rows))

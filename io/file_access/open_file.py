@@ -127,24 +127,21 @@ def text_lines(path: Path, errors: str = "replace") -> Iterator[str]:
     head, place = begin_of(path, HEAD_BYTES)
     if compression := compression_of(head):
         raise LogError(f"is compressed with {compression}; decompress it first", path=path)
-    try:
-        with path.open("rb") as file:
-            file.seek(place)
-            lines = TextIOWrapper(file, encoding_of(head), errors=errors)
-            number, zeros = 1, 0
-            while (line := lines.readline(most + 1)) and zeros < most_zeros:
-                if not line.strip("\0"):
-                    zeros += len(line)
-                    continue
-                if len(line) > most:
-                    text = f"line {number} is longer than {most} characters, too long for a log; {RAISE}"
-                    raise LogError(text, path=path)
-                yield "\0" * bool(zeros) + line
-                number, zeros = number + 1, 0
-            if line:
-                yield "\0"
-    except OSError as err:
-        raise LogError(f"cannot be read ({err.strerror or err})", path=path) from err
+    with opened(path) as file:
+        file.seek(place)
+        lines = TextIOWrapper(file, encoding_of(head), errors=errors)
+        number, zeros = 1, 0
+        while (line := lines.readline(most + 1)) and zeros < most_zeros:
+            if not line.strip("\0"):
+                zeros += len(line)
+                continue
+            if len(line) > most:
+                text = f"line {number} is longer than {most} characters, too long for a log; {RAISE}"
+                raise LogError(text, path=path)
+            yield "\0" * bool(zeros) + line
+            number, zeros = number + 1, 0
+        if line:
+            yield "\0"
 
 
 def cut_line(file: Path, line: int) -> list[Finding]:

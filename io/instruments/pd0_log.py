@@ -1,21 +1,24 @@
-"""PD0 files of Teledyne RDI's instruments: ensembles of a header, leaders and data.
+"""PD0 files of Teledyne RDI's instruments: ensembles of a header, leaders and data, and positions beside them.
 
 Sources: the PD0 output format of Teledyne's manuals (Pathfinder DVL Guide, tables 32 to 41), and Teledyne's ADCP
-Coordinate Transformation for velocities along beams.
+Coordinate Transformation for velocities along beams; WinRiver's blocks of GGA sentences, and VmDas' block of navigation
+(VmDas User's Guide, binary navigation data format).
 """
 
+import struct
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from usbldr.io.decoding.nmea_kinds import in_hemisphere
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.ensembles import ensembles, first_ensemble
-from usbldr.io.instruments.pd0_positions import NAVIGATION, NMEA, vmdas_fixes, winriver_fixes
 from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
-from usbldr.io.reader import Nanoseconds, Records
+from usbldr.io.reader import MAX_TIME_NS, Nanoseconds, Records
 
 MARK = b"\x7f\x7f"  # fixed by the format: how each ensemble begins
 HEAD_BYTES = 6  # fixed by the format: mark, size, number of data
@@ -27,6 +30,18 @@ ANGLES_DEG = (15.0, 20.0, 30.0)  # fixed: of the beams from the axis, by their c
 ANGLE_AT = 58  # fixed: the place of any other angle in the fixed leader, degrees
 HUNDREDTH_NS = 10_000_000  # fixed
 CENTURY = 80  # [years] of two digits below it are after 2000
+NMEA, NAVIGATION = 0x2022, 0x2000  # fixed: kinds of data
+GGA = struct.Struct(
+    "<HHHd7s10sdcdcB"
+)  # kind, 104, size, age [s] at the ensemble, name, time, latitude, longitude, quality
+GGA_BLOCK = 104  # fixed by WinRiver
+PLACES = struct.Struct(
+    "<HBBHI12xIii12xH"
+)  # kind, day, month, year, first fix, last fix, its latitude and longitude, flags
+TICK_NS = 100_000  # fixed by VmDas: the unit of times of day
+TURN = 180 / 2**31  # fixed by VmDas [deg]: the unit of angles
+VALID = 0b10_0010  # fixed by VmDas: position and time are valid
+DAY_NS = 86_400_000_000_000  # fixed
 PLACED: Mapping[str, tuple[str, ...]] = {
     "/gga": ("latitude", "longitude", "quality"),
     "/navigation": ("header.stamp", "latitude", "longitude", "valid"),
@@ -160,3 +175,40 @@ def instrument_velocities(rows: NDArray[np.void]) -> tuple[NDArray[np.float64], 
     along = np.stack([x, y, (one + two + three + four) / (4 * np.cos(angle))], axis=1)
     beams = coordinates == BEAM
     return np.where(beams[:, None], along, raw[:, :3]), np.where(beams, INSTRUMENT, coordinates)
+
+
+def winriver_fixes(blocks: Sequence[bytes], number: int) -> list[tuple[int, int, float, float, int]]:
+    """Return the number of their ensemble, the time before it in ns, and latitude, longitude, quality of GGA sentences.
+
+    A block states how long before the ensemble it arrived; so fixes and velocities are timed by one clock.
+    """
+    found: list[tuple[int, int, float, float, int]] = []
+    for block in blocks:
+        if len(block) < GGA.size or int.from_bytes(block[2:4], "little") != GGA_BLOCK:
+            continue
+        _, _, _, age_s, _, _, lat, south, lon, west, quality = GGA.unpack_from(block)
+        if not abs(age_s) < 60:  # also NaN; an ensemble takes seconds at most
+            continue
+        place = in_hemisphere(lat, south.decode("latin-1")), in_hemisphere(lon, west.decode("latin-1"))
+        found.append((number, round(age_s * 1e9), *place, quality))
+    return found
+
+
+def vmdas_fixes(blocks: Sequence[bytes], number: int) -> list[tuple[int, int, int, float, float, int]]:
+    """Return the number of an ensemble, 0 ns, and UTC, latitude, longitude, validity of the last fix before it.
+
+    So its log time is that of the ensemble. A last fix before the first is of the next day.
+    """
+    found: list[tuple[int, int, int, float, float, int]] = []
+    for block in blocks:
+        if len(block) < PLACES.size:
+            continue
+        _, day, month, year, first, last, lat, lon, flags = PLACES.unpack_from(block)
+        try:
+            midnight_s = int(datetime(year, month, day, tzinfo=UTC).timestamp())
+        except ValueError:
+            continue
+        stamp_ns = midnight_s * 10**9 + (last < first) * DAY_NS + last * TICK_NS
+        if abs(stamp_ns) < MAX_TIME_NS:
+            found.append((number, 0, stamp_ns, lat * TURN, lon * TURN, int(flags & VALID == VALID)))
+    return found

@@ -74,11 +74,6 @@ def read_fields(header: bytes) -> Fields:
     return fields
 
 
-def op_of(fields: Fields) -> int:
-    """Return what a record is; raise CutError if its header does not say so."""
-    return number_of(fields, b"op", 1)
-
-
 def number_of(fields: Fields, name: bytes, size: int) -> int:
     """Return an unsigned number of a header; raise CutError if it is missing or has another size."""
     value = fields.get(name, b"")

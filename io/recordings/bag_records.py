@@ -23,7 +23,6 @@ from usbldr.io.recordings.bag_fields import (
     Record,
     message_head,
     number_of,
-    op_of,
     read_connection,
     read_fields,
 )
@@ -112,7 +111,7 @@ class BagScan:
                 continue
             fields = read_fields(self._exactly(self._length(word)))
             length = self._length(self.file.read(WORD.size))
-            op = op_of(fields)
+            op = number_of(fields, b"op", 1)
             if op == CHUNK:
                 yield from self._chunk(fields, length)
                 self._reached.add(self.good_until)
@@ -184,8 +183,9 @@ class BagScan:
             if at > end:
                 raise CutError
             fields = read_fields(bytes(data[head : body - WORD.size]))
-            if op_of(fields) in (CONNECTION, MESSAGE):
-                yield from self._record(op_of(fields), fields, data[body:at])
+            op = number_of(fields, b"op", 1)
+            if op in (CONNECTION, MESSAGE):
+                yield from self._record(op, fields, data[body:at])
 
     def _record(self, op: int, fields: Fields, data: memoryview) -> Iterator[Record]:
         number = number_of(fields, b"conn", 4)
@@ -213,7 +213,7 @@ class BagScan:
                 while word := self.file.read(WORD.size):
                     fields = read_fields(self._exactly(self._length(word)))
                     self._exactly(self._length(self.file.read(WORD.size)))
-                    if op_of(fields) == CHUNK_INFO:
+                    if number_of(fields, b"op", 1) == CHUNK_INFO:
                         places.append(number_of(fields, b"chunk_pos", 8))
             except CutError:
                 pass

@@ -52,7 +52,11 @@ class ChunkReader:
 
     def read(self, length: int, left: int) -> Chunk:
         """Read the record of a chunk, of which at most ``left`` bytes exist; raise one of DAMAGE for its head."""
-        raw = self._packed(min(length, left))
+        most = min(length, left)
+        if most > len(self._raw):
+            self._raw = bytearray(most)
+        raw = memoryview(self._raw)[:most]
+        raw = raw[: self._file.readinto(raw)]
         whole = len(raw) == length
         first_ns, last_ns, size, checksum, named = CHUNK.unpack_from(raw)
         packed_at = CHUNK.size + named + 8
@@ -69,9 +73,3 @@ class ChunkReader:
         complete = whole and len(data) == size
         altered = complete and checksum != 0 and crc32(data) != checksum
         return nothing._replace(data=data, sound=complete and not altered, altered=altered)
-
-    def _packed(self, length: int) -> memoryview:
-        if length > len(self._raw):
-            self._raw = bytearray(length)
-        into = memoryview(self._raw)[:length]
-        return into[: self._file.readinto(into)]

@@ -92,7 +92,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             left_out[path] = f"its records have {item.ndim} dimensions, not one"
         elif h5py.check_string_dtype(item.dtype) and column:
             texts.setdefault(group, []).append((name, item.shape, partial(read, path)))
-        elif item.dtype.kind in "biuf" and item.shape and b"char" not in _class_of(item):
+        elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
             unit = _text(item.attrs.get("units"))
             clock = clock_of(unit, _text(item.attrs.get("calendar")) or "standard")
             label = name if clock else _named(name, unit)
@@ -122,7 +122,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
 def _number(content: Any, reference: Any) -> float | None:
     """Return the number that a reference leads to, None if it is an empty field, a text or a structure."""
     item: Any = content[reference] if reference else None
-    if getattr(item, "size", 0) != 1 or item.dtype.kind not in "biuf" or b"char" in _class_of(item):
+    if getattr(item, "size", 0) != 1 or item.dtype.kind not in "biuf" or b"char" in item.attrs.get("MATLAB_class", b""):
         return None
     return float(np.ravel(item[()])[0])
 
@@ -159,10 +159,6 @@ def _unpacked(values: Column, attributes: Any) -> Column:
         factor, offset = (float(np.ravel(attributes.get(*one))[0]) for one in (("scale_factor", 1), ("add_offset", 0)))
         values = values.astype(np.float64) * factor + offset
     return np.ma.array(values, mask=missing) if missing.any() else values
-
-
-def _class_of(item: Any) -> bytes:
-    return item.attrs.get("MATLAB_class", b"")
 
 
 def _text(attribute: object) -> str:
