@@ -8,7 +8,7 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.file_view import BLOCK_BYTES, FileView
@@ -26,7 +26,8 @@ WORD = struct.Struct("<I")
 COMPRESSED = b"\0compressed"
 MARKS = (MCAP + MCAP_HEADER, BAG, SQLITE, HDF5)
 """How containers begin that are found behind other bytes."""
-MAT_HEAD_BYTES, MAT_VERSIONS = 128, {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # fixed: the mark ends the head
+MAT_HEAD_BYTES = 128  # fixed; the version ends the head
+MAT_VERSIONS: Mapping[bytes, Literal["little", "big"]] = {b"\x00\x01IM": "little", b"\x01\x00MI": "big"}  # fixed
 MAT_ELEMENTS = (14, 15)  # fixed: matrices, compressed elements
 MAT_HDF5_AT = 512  # fixed: where HDF5 begins in a file of MATLAB 7.3
 HDF5_END_AT = {0: 40, 1: 44, 2: 28, 3: 28}  # fixed: of the address by the version of the superblock
@@ -229,7 +230,7 @@ def _mat_end(data: FileView, start: int) -> int:
     order = MAT_VERSIONS[data[start + MAT_HEAD_BYTES - 4 : start + MAT_HEAD_BYTES]]
     at = start + MAT_HEAD_BYTES
     while at + 8 <= len(data):
-        kind, length = struct.unpack(f"{order}2I", data[at : at + 8])
+        kind, length = (int.from_bytes(data[place : place + 4], order) for place in (at, at + 4))
         if kind not in MAT_ELEMENTS:
             break
         at += 8 + length

@@ -8,7 +8,7 @@ from pathlib import Path
 from usbldr.filters import plugins
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
-from usbldr.io.file_access.container_ends import begins_container
+from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLITE, begins_container
 from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.open_file import begin_of, is_tar, opened
 from usbldr.io.reader import Reader
@@ -111,9 +111,9 @@ def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Rea
 
 
 FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
-    "MCAP files": _by_look("recordings.mcap_log", b"\x89MCAP0\r\n", "McapLog", True),
-    "ROS 1 bags": _by_look("recordings.bag_log", b"#ROSBAG V2.0\n", "BagLog"),
-    "rosbag2 (folders and .db3 files)": _by_look("recordings.db3_log", b"SQLite format 3\0", "Db3Log", True),
+    "MCAP files": _by_look("recordings.mcap_log", MCAP, "McapLog", True),
+    "ROS 1 bags": _by_look("recordings.bag_log", BAG, "BagLog"),
+    "rosbag2 (folders and .db3 files)": _by_look("recordings.db3_log", SQLITE, "Db3Log", True),
     "MAVLink telemetry logs (.tlog)": _by_look("instruments.tlog_log", "looks_like_tlog", "telemetry_log"),
     "DataFlash logs (.BIN)": _by_look("instruments.dataflash_log", "looks_like_dataflash", "dataflash_log"),
     "PD0 files": _by_look("instruments.pd0_log", "looks_like_pd0", "pd0_log"),
@@ -121,8 +121,8 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "PD6 text": _by_look("instruments.pd6_log", "looks_like_pd6", "pd6_log"),
     "MOOS logs (.alog)": _by_look("instruments.alog_log", "looks_like_alog", "alog_log"),
     "LSF logs of IMC messages": _by_look("instruments.lsf_log", "looks_like_lsf", "lsf_log"),
-    "Parquet files and folders of them": _by_look("tables.parquet_tables", b"PAR1", "parquet_log"),
-    "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", b"\x89HDF\r\n\x1a\n", "hdf5_log"),
+    "Parquet files and folders of them": _by_look("tables.parquet_tables", PARQUET, "parquet_log"),
+    "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", HDF5, "hdf5_log"),
     "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
     "JSON lines": _by_look("instruments.json_lines_log", "looks_like_json_lines", "json_lines_log"),
     "text files of NMEA sentences": _nmea,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from io import BufferedReader
 
 from usbldr.filters.errors import LogError
+from usbldr.io.file_access.container_ends import BAG
 from usbldr.io.file_access.decompression import DAMAGE, Decompressor
 from usbldr.io.file_access.file_view import FileView
 from usbldr.io.limits import TooLargeError, UnpackingBudget
@@ -27,7 +28,6 @@ from usbldr.io.recordings.bag_fields import (
     read_fields,
 )
 
-MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7  # op codes
 COMPRESSIONS: Mapping[bytes, str] = {b"none": "", b"bz2": "bz2", b"lz4": "lz4"}
 
@@ -44,7 +44,7 @@ class BagScan:
     found: Counter[int] = field(default_factory=Counter[int])  # number of messages by connection
     in_chunks: Counter[int] = field(default_factory=Counter[int])  # the same according to the index after each chunk
     in_index: Counter[int] = field(default_factory=Counter[int])  # the same according to the bag's index
-    good_until: int = len(MAGIC)  # byte after the last complete record
+    good_until: int = len(BAG)  # byte after the last complete record
     broken_at: int | None = None  # first byte of the first damaged record
     contradictions: int = 0  # connections that are defined again, as another topic or type
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks

@@ -16,7 +16,6 @@ from usbldr.io.file_access import decompression
 from usbldr.io.file_access.decompression import Decompressor
 from usbldr.io.limits import TooLargeError, UnpackingBudget
 
-HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 CHUNK = struct.Struct("<QQQII")  # first and last log time, decompressed size, checksum, length of compression's name
 COMPRESSIONS = ("", "zstd", "lz4")
 DAMAGE = (McapError, struct.error, *decompression.DAMAGE)

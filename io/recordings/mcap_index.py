@@ -5,7 +5,6 @@ message is found without reading the others. The index is used as long as it agr
 and with the messages themselves.
 """
 
-import struct
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from io import SEEK_END, BufferedReader
@@ -18,19 +17,14 @@ from mcap.records import Channel, ChunkIndex, Schema
 from mcap.summary import Summary
 from numpy.typing import NDArray
 
-from usbldr.io.file_access.container_ends import summary_ends_file
+from usbldr.io.file_access.container_ends import CHECKSUM_BYTES, MCAP, MCAP_FOOTER, MCAP_HEAD, summary_ends_file
 from usbldr.io.file_access.file_view import FileView
-from usbldr.io.recordings.mcap_chunks import DAMAGE, HEAD, ChunkReader, crc32
+from usbldr.io.recordings.mcap_chunks import DAMAGE, ChunkReader, crc32
 
 Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the decompressed chunk
 MESSAGE = np.dtype(
     [("op", "u1"), ("size", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("time_ns", "<u8"), ("publish_ns", "<u8")]
 )
-
-
-FOOTER = struct.Struct("<BQQQI")  # opcode, length, places of summary and its offsets, checksum from there to here
-CHECKSUM_BYTES = 4  # fixed by the format
-MAGIC = b"\x89MCAP0\r\n"
 
 
 class IndexMismatchError(Exception):
@@ -96,9 +90,9 @@ def _summary_is_sound(file: BufferedReader) -> bool:
     """Return whether the summary ends the file and has the checksum that the footer states, or none is stated."""
     if not summary_ends_file(FileView(file.fileno())):
         return False
-    file.seek(-FOOTER.size - len(MAGIC), SEEK_END)
-    end = file.tell() + FOOTER.size - CHECKSUM_BYTES
-    _, _, start, _, checksum = FOOTER.unpack(file.read(FOOTER.size))
+    file.seek(-MCAP_FOOTER.size - len(MCAP), SEEK_END)
+    end = file.tell() + MCAP_FOOTER.size - CHECKSUM_BYTES
+    _, _, start, _, checksum = MCAP_FOOTER.unpack(file.read(MCAP_FOOTER.size))
     if not checksum or not 0 < start < end:
         return not checksum
     file.seek(start)
@@ -126,10 +120,10 @@ def _entries(file: BufferedReader, chunk: ChunkIndex) -> Iterator[tuple[int, Ent
     data = file.read(chunk.message_index_length)
     at = 0
     while at < len(data):
-        op, length = HEAD.unpack_from(data, at)
+        op, length = MCAP_HEAD.unpack_from(data, at)
         if op != Opcode.MESSAGE_INDEX:
             raise ValueError("no message index")
-        body, at = at + HEAD.size, at + HEAD.size + length
+        body, at = at + MCAP_HEAD.size, at + MCAP_HEAD.size + length
         entries = np.frombuffer(data, "<u8", (length - 6) // 16 * 2, body + 6).reshape(-1, 2)
         if len(entries):
             yield int.from_bytes(data[body : body + 2], "little"), entries
@@ -163,7 +157,7 @@ def indexed_messages(
             in_file = np.argsort(entries[:, 1], kind="stable")
             numbers, entries = numbers[in_file], entries[in_file]
             file.seek(place)
-            op, length = HEAD.unpack(file.read(HEAD.size))
+            op, length = MCAP_HEAD.unpack(file.read(MCAP_HEAD.size))
             data = chunks.read(length, length)
         except DAMAGE as err:
             raise IndexMismatchError from err
@@ -186,7 +180,7 @@ def _places(data: memoryview, channels: NDArray[np.int64], entries: Entries) -> 
     heads = rows.view(MESSAGE)[:, 0]
     right = (heads["op"] == Opcode.MESSAGE) & (heads["channel"] == channels) & (heads["time_ns"] == entries[:, 0])
     right &= heads["size"] <= len(data)
-    ends = at + HEAD.size + heads["size"].astype(np.int64)
+    ends = at + MCAP_HEAD.size + heads["size"].astype(np.int64)
     if not right.all() or ends.max() > len(data):
         raise IndexMismatchError
     return (at + MESSAGE.itemsize).tolist(), ends.tolist()

@@ -11,10 +11,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
+from usbldr.io.file_access.container_ends import MCAP, MCAP_HEAD
 from usbldr.io.limits import UnpackingBudget
-from usbldr.io.recordings.mcap_chunks import COMPRESSIONS, DAMAGE, HEAD, ChunkReader, crc32
+from usbldr.io.recordings.mcap_chunks import COMPRESSIONS, DAMAGE, ChunkReader, crc32
 
-MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
 INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records of a chunk
@@ -51,7 +51,7 @@ class McapScan:
     found: Counter[int] = field(default_factory=Counter[int])  # number of messages by channel
     stated: Mapping[int, int] = field(default_factory=dict[int, int])  # the same according to the file's statistics
     expected_messages: int | None = None  # number of messages according to the file's statistics
-    good_until: int = len(MAGIC)  # byte after the last complete record
+    good_until: int = len(MCAP)  # byte after the last complete record
     broken_at: int | None = None  # first byte of the first damaged record
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     oversized: bool = False  # lost chunks are beyond the limit of a chunk
@@ -83,8 +83,8 @@ class McapScan:
     def _records(self) -> Iterator[Record]:
         chunks = ChunkReader(self.file)
         while not self.finished:
-            op, length = HEAD.unpack(self._exactly(HEAD.size))
-            left = self.size - self.good_until - HEAD.size
+            op, length = MCAP_HEAD.unpack(self._exactly(MCAP_HEAD.size))
+            left = self.size - self.good_until - MCAP_HEAD.size
             if op == Opcode.CHUNK:
                 yield from self._chunk(chunks, length, left)
             elif length > left:
@@ -99,8 +99,8 @@ class McapScan:
                 self._compare(checksum)
             else:
                 self.file.seek(length, 1)
-                self.finished = op == Opcode.FOOTER and self._exactly(len(MAGIC)) == MAGIC
-            self.good_until += HEAD.size + length
+                self.finished = op == Opcode.FOOTER and self._exactly(len(MCAP)) == MCAP
+            self.good_until += MCAP_HEAD.size + length
 
     def _compare(self, checksum: int) -> None:
         """Compare the checksum of all bytes before this record with the stated one; 0 states none."""
@@ -148,9 +148,9 @@ class McapScan:
     ) -> Iterator[Record]:
         at, end = 0, len(data)
         while at < end:
-            op, length = HEAD.unpack_from(data, at)
+            op, length = MCAP_HEAD.unpack_from(data, at)
             budget.take_record()
-            body, at = at + HEAD.size, at + HEAD.size + length
+            body, at = at + MCAP_HEAD.size, at + MCAP_HEAD.size + length
             if at > end or not op:
                 raise CutError
             record = self._record(op, data[body:at], times)
@@ -178,9 +178,9 @@ class McapScan:
 def _filled(data: memoryview) -> bool:
     """Return whether records of a chunk fill the bytes exactly."""
     at = 0
-    while at + HEAD.size <= len(data):
-        op, length = HEAD.unpack_from(data, at)
+    while at + MCAP_HEAD.size <= len(data):
+        op, length = MCAP_HEAD.unpack_from(data, at)
         if op not in INSIDE:
             return False
-        at += HEAD.size + length
+        at += MCAP_HEAD.size + length
     return at == len(data)

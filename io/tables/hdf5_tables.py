@@ -29,7 +29,6 @@ from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 from usbldr.io.units import named_unit
 
 DECODE = "MATLAB_object_decode"  # fixed by MATLAB: the attribute of an object, as a datetime or a timetable
-MAGIC = b"\x89HDF\r\n\x1a\n"
 NAME = "HDF5"
 HEAP = re.compile(rb"GCOL\x01\0\0\0(.{8})", re.DOTALL)  # the head of a heap of texts, and its size in bytes
 TEXT = struct.Struct("<H6xQ")  # the head of a text: whether it is used, and its size in bytes

@@ -13,36 +13,35 @@ from typing import Any, cast
 
 import numpy as np
 
+from usbldr.io.file_access.container_ends import HDF5, MAT_HDF5_AT, MAT_HEAD_BYTES, MAT_VERSIONS
 from usbldr.io.file_access.decompression import deflated
 from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
-from usbldr.io.tables.hdf5_tables import MAGIC, hdf5_log, refuse_objects, unread
+from usbldr.io.tables.hdf5_tables import hdf5_log, refuse_objects, unread
 from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 
 NAME = "MATLAB"
 OPAQUE = ("s0", "s1", "s2", "arr")  # fixed by SciPy: the fields of an object of versions 5 to 7, as of a datetime
-HEAD_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # fixed by the format
+TAG_BYTES, COMPRESSED = 8, 15  # fixed by the format
 MATRIX = 14  # fixed: the type of an element that may hold others
 MATRICES = 4000  # [matrices] that SciPy reads even if each is in the one before; its stack ends at some 15,000
-USER_BLOCK_BYTES = 512  # fixed: before the HDF5 data of version 7.3
-ENDIAN = {b"\x00\x01IM": "little", b"\x01\x00MI": "big"}  # version 1 and the order of bytes, at byte 124
 
 
 def looks_like_mat(head: bytes) -> bool:
     """Return whether a file is one of MATLAB's."""
-    return head[124:HEAD_BYTES] in ENDIAN or head[USER_BLOCK_BYTES:].startswith(MAGIC)
+    return head[MAT_HEAD_BYTES - 4 : MAT_HEAD_BYTES] in MAT_VERSIONS or head[MAT_HDF5_AT:].startswith(HDF5)
 
 
 def mat_log(file: Path) -> TableLog:
     """Return the log of a file; raise LogError if it cannot be read, UsageError without SciPy (or h5py)."""
     with opened(file) as content:
-        head = content.read(USER_BLOCK_BYTES + len(MAGIC))
-    if head[USER_BLOCK_BYTES:].startswith(MAGIC):
+        head = content.read(MAT_HDF5_AT + len(HDF5))
+    if head[MAT_HDF5_AT:].startswith(HDF5):
         return hdf5_log(file, NAME)
     scipy = library("scipy.io", "MATLAB files", "mat", file)
-    matrices = _checked(file, ENDIAN[head[124:HEAD_BYTES]])
+    matrices = _checked(file, MAT_VERSIONS[head[MAT_HEAD_BYTES - 4 : MAT_HEAD_BYTES]])
     with reading(file, NAME):
         variables = scipy.loadmat(file, simplify_cells=True) if matrices < MATRICES else _loaded_apart(file)
     tables = list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
@@ -55,7 +54,7 @@ def _checked(file: Path, order: Any) -> int:
     """Return how many matrices a file may hold, those in others included; raise LogError if it is too large, or cut."""
     budget, found = UnpackingBudget(file, file.stat().st_size), 0
     with opened(file) as content, reading(file, NAME):
-        content.seek(HEAD_BYTES)
+        content.seek(MAT_HEAD_BYTES)
         while tag := content.read(TAG_BYTES):
             kind, length = (int.from_bytes(part, order) for part in (tag[:4], tag[4:]))
             data = content.read(length)

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from usbldr.io.file_access.container_ends import PARQUET
 from usbldr.io.file_access.open_file import filled_files, opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Reader
 from usbldr.io.tables.table_log import Table, TableLog
 
-MAGIC = b"PAR1"
 NAME = "Parquet"
 ENDING = ".parquet"
 
@@ -25,9 +25,9 @@ def parquet_files(folder: Path) -> Iterator[Path]:
     """Yield the Parquet files of a folder by name: those that begin and end as such, whatever they are called."""
     for file in filled_files(folder):
         with opened(file) as content:
-            begin = content.read(len(MAGIC))
-            content.seek(-min(len(MAGIC), file.stat().st_size), SEEK_END)
-            if begin == content.read() == MAGIC:
+            begin = content.read(len(PARQUET))
+            content.seek(-min(len(PARQUET), file.stat().st_size), SEEK_END)
+            if begin == content.read() == PARQUET:
                 yield file
 
 
