@@ -180,8 +180,8 @@ class Identification:
             f"either stamps of the fixes are {abs(late.value):.2f} ± {late.sd:.2f} s {clock} (latency_s under [usbl]), "
             f"or the DVL is {abs(ahead.value):.2f} ± {ahead.sd:.2f} m further {place} of the transponder than stated "
             f"(lever_arm_m), or a part of each{'' if usual else ', which are more than is usual'}: at one speed the "
-            "log shows only their sum; the track takes all of it as latency, and its sigma covers the lever arm; another "
-            "speed or a measured lever arm decides"
+            "log shows only their sum; the track takes all of it as latency, and its sigma covers the lever arm; "
+            "another speed or a measured lever arm decides"
         )
 
     @property

@@ -107,7 +107,10 @@ def decoder_without_definition(type_name: str, known: Definitions, samples: Sequ
     Of several known layouts of this type, the one that matches the samples is used.
     """
     absent = f"the file holds no definition of its type {type_name}"
-    decoders = [RosDecoder(type_name, types) for types in known.layouts(type_name)]
+    try:
+        decoders = [RosDecoder(type_name, types) for types in known.layouts(type_name)]
+    except DefinitionError as err:
+        return f"{absent}, and the one that --msg-path names is not valid ({err})"
     if not decoders:
         return f"{absent}; name a folder that holds {type_name}.msg with --msg-path DIR"
     fitting = [decoder for decoder in decoders if decoder.fits(samples)]

@@ -196,6 +196,17 @@ def test_a_folder_of_definitions_makes_messages_readable(own: Path, folder: str)
     np.testing.assert_array_equal(read.columns["heading.degrees"], np.arange(5.0))
 
 
+def test_a_definition_of_a_type_that_nobody_defines_is_named(own: Path, tmp_path: Path) -> None:
+    (tmp_path / "our_msgs").mkdir()
+    (tmp_path / "our_msgs" / "Compass.msg").write_text("other_msgs/Heading heading")
+
+    (topic,) = Db3Log(own / "own" / "own.db3", with_folders([str(tmp_path)])).topics()
+
+    assert topic.problem is not None
+    assert topic.problem.startswith("the file holds no definition of its type our_msgs/msg/Compass, and the one that")
+    assert "--msg-path names is not valid (" in topic.problem
+
+
 def test_every_command_that_reads_a_log_has_the_option_for_it(own: Path) -> None:
     log = str(own / "own")
 
