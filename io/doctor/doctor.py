@@ -230,9 +230,8 @@ def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:
         lost = role == "dvl" and not log.tables["dvl"]["valid"].all()
         code, what = ("LOST-LOCK", "no bottom lock") if lost else ("OUTAGE", "no records")
         topic = log.provenance[role].topic
-        text = (
-            f"{topic}: {what} in {len(mine)} stretches, {total_s:.0f} s in total, the longest {length_s:.1f} s from "
-            f"{longest.start_s:.1f} s on"
-        )
-        found.append(Finding(code, text, topic, longest.start_s, length_s, "s"))
+        span = f"{length_s:.1f} s from {longest.start_s:.1f} s on"
+        several = f"in {len(mine)} stretches, {total_s:.0f} s in total, the longest {span}"
+        where = several if len(mine) > 1 else f"for {span}"
+        found.append(Finding(code, f"{topic}: {what} {where}", topic, longest.start_s, length_s, "s"))
     return found

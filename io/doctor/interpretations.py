@@ -129,7 +129,10 @@ def compare_interpretations(
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
         interpretations += [_mirror_image_of(log, timeline, r, group) for r in interpretations]
     least = min(r.residual_m for r in interpretations)
-    plausible = [r for r in interpretations if r.residual_m * THRESHOLDS.clearly_better_ratio <= least]
+    sigma_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2)) / 2))
+    fits = least <= THRESHOLDS.fitting_sigmas * sigma_m
+    ratio = THRESHOLDS.clearly_better_ratio if fits else THRESHOLDS.gross_residual_ratio
+    plausible = [r for r in interpretations if r.residual_m * ratio <= least]
     by_fit = min(plausible, key=lambda r: (r.residual_m * (1 - 1e-6 * (r == read)), sum(r.flips)))
 
     evidence = [
