@@ -1,7 +1,6 @@
 """Which topics of a log a layout file defines: their columns, as if the configuration named them."""
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import NamedTuple
 
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, field_of
@@ -9,12 +8,6 @@ from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import candidates, find_topic
 from usbldr.io.reader import TopicInfo
 from usbldr.io.settings.layout_files import LayoutEntry, LayoutFile
-
-
-class _Use(NamedTuple):
-    file: LayoutFile
-    entry: LayoutEntry
-    topic: TopicInfo
 
 
 def columns_of_layouts(
@@ -25,11 +18,12 @@ def columns_of_layouts(
     ``named``: sensor -> topic by option or configuration; ``taken``: sensors whose columns the configuration states. A
     file of the user comes before the types that usbldr knows, one of usbldr's own after them.
     """
-    found: dict[str, _Use] = {}
+    stated: dict[str, ConfiguredColumns] = {}
+    findings: list[Finding] = []
     for file in files:
         for entry in file.entries:
             sensor, name = entry.sensor, named.get(entry.sensor)
-            if sensor in found or sensor in taken or name == "none":
+            if sensor in stated or sensor in taken or name == "none":
                 continue
             among = [topic for topic in (find_topic(topics, name),) if topic] if name else topics
             fitting = [topic for topic in among if topic.count and not topic.problem and _defines(entry, topic)]
@@ -37,12 +31,11 @@ def columns_of_layouts(
             if file.origin == "usbldr" and (known or (not name and candidates(sensor, topics).best)):
                 continue
             if fitting:
-                found[sensor] = _Use(file, entry, max(fitting, key=lambda topic: topic.count))
-    stated: list[ConfiguredColumns] = []
-    for use in found.values():
-        entry = use.entry
-        stated.append(ConfiguredColumns(entry.sensor, use.topic.name, entry.columns, entry.unit, entry.conventions))
-    return tuple(stated), tuple(map(_finding, found.values()))
+                topic = max(fitting, key=lambda topic: topic.count).name
+                stated[sensor] = ConfiguredColumns(sensor, topic, entry.columns, entry.unit, entry.conventions)
+                text = f"by the layout file {file.path.name} ({file.origin}, sha256 {file.sha256[:16]})"
+                findings.append(Finding("LAYOUT-FILE", f"{topic}: read as {sensor} {text}", topic))
+    return tuple(stated.values()), tuple(findings)
 
 
 def _defines(entry: LayoutEntry, topic: TopicInfo) -> bool:
@@ -51,9 +44,3 @@ def _defines(entry: LayoutEntry, topic: TopicInfo) -> bool:
     kind = topic.type.replace("/msg/", "/").replace(".", "/")
     same = kind.lower() == stated.lower() or (entry.type is not None and kind.lower().endswith(f"/{stated.lower()}"))
     return same and all(field_of(name, topic.fields, topic.arrays) for name in entry.columns.values())
-
-
-def _finding(use: _Use) -> Finding:
-    file = use.file
-    text = f"read as {use.entry.sensor} by the layout file {file.path.name} ({file.origin}, sha256 {file.sha256[:16]})"
-    return Finding("LAYOUT-FILE", f"{use.topic.name}: {text}", use.topic.name)

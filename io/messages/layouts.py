@@ -45,9 +45,7 @@ class MessageLayout:
     stamp_at_1970: int = 0  # the value of that field at 1970-01-01
     frame: str = "header.frame_id"  # the field that names the frame of the values
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, if not 1
-    no_data_values: Mapping[str, tuple[float, ...]] = field(
-        default_factory=dict[str, tuple[float, ...]]
-    )  # mean: no data
+    no_data_values: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
     unsupported: str = ""  # why this known type cannot be used: the end of "it ..."
     by_columns: bool = False  # the configuration names its fields
     preference: int | None = None  # rank in its sensor's order of preference, 0 first; None: not compared
@@ -158,11 +156,6 @@ def _number_of(word: str) -> float:
 def blocks(count: int) -> Iterator[slice]:
     """Yield the rows of so many records, a block after the other."""
     return (slice(first, min(first + BLOCK_RECORDS, count)) for first in range(0, count, BLOCK_RECORDS))
-
-
-def only_when_named(layouts: tuple[MessageLayout, ...]) -> tuple[MessageLayout, ...]:
-    """Return the layouts as used only if the user names the topic."""
-    return tuple(replace(layout, recognised="only when named") for layout in layouts)
 
 
 def wanted_paths(topic: TopicInfo, layout: MessageLayout) -> dict[str, str]:

@@ -2,12 +2,13 @@
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files
 
 import msgspec
 
 from usbldr.filters import plugins
-from usbldr.io.messages.layouts import MessageLayout, only_when_named
+from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.reader import TopicInfo
 
 
@@ -20,9 +21,10 @@ def _of_plugins(sensor: str) -> tuple[MessageLayout, ...]:
     return tuple(layout for part in plugins.offered(plugins.LAYOUTS) for layout in part.value.get(sensor, ()))
 
 
+_NAMED_RECEIVERS = tuple(replace(layout, recognised="only when named") for layout in _types("gps"))
 LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
     **{sensor: _types(sensor) + _of_plugins(sensor) for sensor in ("dvl", "compass", "usbl", "gps", "depth")},
-    "truth": (*_types("truth"), *only_when_named(_types("gps")), *_of_plugins("truth")),
+    "truth": (*_types("truth"), *_NAMED_RECEIVERS, *_of_plugins("truth")),
 }
 """The first layout that matches a topic is used; those of other packages come last.
 

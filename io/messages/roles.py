@@ -1,7 +1,7 @@
 """Which topic is which sensor: by option, by configuration, else recognised by message type and topic name."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,30 +38,11 @@ class Candidates(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """The roles of a log, and the errors of those that could not be filled."""
+    """The roles of a log, the errors of those that could not be filled, and what is to be said of the topics."""
 
     chosen: Mapping[str, TopicChoice]
-    unresolved: Mapping[str, UsbldrError] = field(default_factory=dict[str, UsbldrError])
-    of_ship: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
-    unread: Mapping[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
-    of_other_type: Mapping[str, Sequence[TopicInfo]] = field(default_factory=dict[str, Sequence[TopicInfo]])
-    by_layout: tuple[Finding, ...] = ()  # the topics that layout files define
-    unread_tables: tuple[Finding, ...] = ()
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Report the topics that rank behind those chosen, those of a ship, and those that cannot be read."""
-        changed = [_changed(self.chosen[role].topic, topics) for role, topics in self.of_other_type.items() if topics]
-        preferred = [_preferred(role, choice) for role, choice in self.chosen.items() if choice.lower_ranked]
-        left = (_left_to_ship(role, topics) for role, topics in self.of_ship.items())
-        return (
-            *self.by_layout,
-            *preferred,
-            *left,
-            *changed,
-            *(_unread(role, topic) for role, topic in self.unread.items()),
-            *self.unread_tables,
-        )
+    unresolved: Mapping[str, UsbldrError]
+    findings: tuple[Finding, ...]  # topics that rank behind those chosen, those of a ship, and unreadable ones
 
 
 def choose_roles(
@@ -78,8 +59,8 @@ def choose_roles(
     by_columns = {stated.sensor: stated for stated in columns}
     chosen: dict[str, TopicChoice] = {}
     errors: dict[str, UsbldrError] = {}
-    of_ship: dict[str, Sequence[TopicInfo]] = {}
-    unread: dict[str, TopicInfo] = {}
+    left_to_ship: list[Finding] = []
+    unread: dict[str, Finding] = {}
     for role in ROLES:
         name = options.get(role) or configured.get(role)
         stated = by_columns.get(role)
@@ -99,7 +80,7 @@ def choose_roles(
         if role not in options and role not in configured and role not in by_columns:
             taken = {choice.topic.name for choice in chosen.values()}
             found, lower_ranked, ships = candidates(role, topics, taken)
-            of_ship |= {role: ships} if ships else {}
+            left_to_ship += [_left_to_ship(role, ships)] if ships else []
             if len(found) > 1:
                 errors[role] = UsageError(_choice_text(role, found), path=log)
             elif found:
@@ -111,14 +92,15 @@ def choose_roles(
             elif unusable := [topic for topic in topics if topic.count and _unusable(role, topic)]:
                 errors[role] = _refused(log, role, unusable[0])
             elif missed := [one for one in topics if (one.problem or not one.count) and _named_for(role, one)]:
-                unread[role] = missed[0]
-    of_other_type = {role: _of_other_type(choice.topic, topics) for role, choice in chosen.items()}
+                unread[role] = _unread(role, missed[0])
+    changed = [_changed(one.topic, others) for one in chosen.values() if (others := _of_other_type(one.topic, topics))]
     filled = {role: chosen[role] for role in ROLES if role in chosen}
+    preferred = [_preferred(role, choice) for role, choice in filled.items() if choice.lower_ranked]
     left = {role for role in ROLES if "none" in (options.get(role), configured.get(role))}
     unnamed = [role for role, choice in filled.items() if choice.chosen_by == "type and name"]
     used = {role: choice.topic.name for role, choice in filled.items()}
     tables = unread_tables(topics, used, unnamed, left | errors.keys() | unread.keys())
-    return Roles(filled, errors, of_ship, unread, of_other_type, unread_tables=tables)
+    return Roles(filled, errors, (*preferred, *left_to_ship, *changed, *unread.values(), *tables))
 
 
 def topic_named(

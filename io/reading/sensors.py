@@ -44,7 +44,7 @@ def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -
     taken = [one.sensor for one in columns]
     more, found = columns_of_layouts(opened.layouts, others, {**stated, **request.topics}, taken)
     roles = choose_roles(path, others, request.topics, stated, (*columns, *more))
-    return replace(roles, by_layout=found)
+    return replace(roles, findings=(*found, *roles.findings))
 
 
 def plane_origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:
