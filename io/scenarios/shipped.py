@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from usbldr.filters.errors import UsageError, did_you_mean
 from usbldr.filters.models.noise import Gaussian
-from usbldr.filters.models.parameters import ProcessNoise
+from usbldr.filters.models.parameters import UNKNOWN_START, ProcessNoise
 from usbldr.filters.models.quantities import SENSOR_UNITS
 from usbldr.filters.simulation.scenario import (
     Accuracy,
@@ -29,7 +29,7 @@ from usbldr.filters.simulation.scenario import (
     Usbl,
 )
 from usbldr.io.scenarios.sections import AccuracySection, LegSection, ScenarioFile, SensorSection
-from usbldr.io.settings.noise_sections import Section, noise_family_of, start_of, stated_model
+from usbldr.io.settings.noise_sections import Section, noise_family_of, stated_model
 from usbldr.io.settings.validation import checked, read_document
 
 Made = TypeVar("Made")
@@ -103,7 +103,7 @@ def read_scenario(file: Path) -> Scenario:
         current_mps=(stated.current.east_mps, stated.current.north_mps),
         drawn=drawn and made(RandomWalkMotion, drawn, dvl_misalignment_sd_rad=math.radians(drawn.dvl_mount_sd_deg)),
         process=stated_model(ProcessNoise(), stated.process),
-        start=stated.start and start_of(stated.start),
+        start=stated.start and stated_model(UNKNOWN_START, stated.start),
     )
 
 

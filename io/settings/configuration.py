@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.parameters import Parameters
-from usbldr.io.settings.noise_sections import calibrated_keys, noise_family_of, start_of, stated_model
+from usbldr.filters.models.parameters import UNKNOWN_START, Parameters
+from usbldr.io.settings.noise_sections import calibrated_keys, noise_family_of, stated_model
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.validation import checked
 
@@ -57,7 +57,7 @@ def parameters(configuration: Configuration) -> Parameters:
         water_track=configuration.dvl.track == "water",
         usbl_lever_m=configuration.usbl.lever_arm_m,
         gps_lever_m=configuration.gps.lever_arm_m,
-        start=start_of(start) if start else None,
+        start=stated_model(UNKNOWN_START, start) if start else None,
         calibrate=calibrated_keys(configuration.calibrate),
         errors=stated_model(default.errors, configuration.calibrate),
         dvl_sd_scale=configuration.dvl.sd_scale,

@@ -12,7 +12,7 @@ from msgspec import Struct, defstruct
 
 from usbldr.filters.models.calibration import AUTO, STATES
 from usbldr.filters.models.noise import FAMILIES, NoiseFamily
-from usbldr.filters.models.parameters import UNKNOWN_START, ProcessNoise, SensorErrors, Start
+from usbldr.filters.models.parameters import ProcessNoise, SensorErrors, Start
 from usbldr.filters.models.quantities import SENSOR_UNITS, quantities
 from usbldr.io.settings.limits import meta
 
@@ -51,11 +51,6 @@ def noise_family_of(noise: Section | None, default: NoiseFamily, sensor: str) ->
     chosen = stated_model(FAMILIES[str(noise.__struct_config__.tag)](), noise, sensor)
     per = getattr(noise, "per")  # noqa: B009
     return chosen if per is None else replace(chosen, per_scalar=per == "scalar")
-
-
-def start_of(stated: Section) -> Start:
-    """Return the start that a section states."""
-    return stated_model(UNKNOWN_START, stated)
 
 
 def calibrated_keys(stated: Section) -> tuple[str, ...]:

@@ -47,13 +47,7 @@ Place: TypeAlias = Literal[FixFlag, "x", "y", "lat_deg", "lon_deg", "lat_side", 
 CompassColumn: TypeAlias = Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
 Stamp: TypeAlias = Literal[
-    "time_ns",
-    "time_unix_us",
-    "time_unix_ms",
-    "time_unix_s",
-    "time_s",
-    "time_datenum",
-    "time_excel",
+    "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "time_datenum", "time_excel"
 ]
 Time: TypeAlias = Literal[Stamp, "received_ns", "received_unix_s", "time_format"]
 TruthColumn: TypeAlias = Literal[Stamp, "x", "y", "lat_deg", "lon_deg", "sd_m"]
@@ -103,9 +97,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     """The heading sensor."""
 
     topic: str | None = None
-    columns: (
-        dict[Time | Flag | Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"], str] | None
-    ) = None
+    columns: dict[Time | Flag | CompassColumn, str] | None = None
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: Degrees = 0.0
@@ -120,14 +112,25 @@ class CompassSection(Section, frozen=True, kw_only=True):
     noise: CompassNoise | None = None
 
 
-class Head(Section, frozen=True, kw_only=True):
-    """The USBL head: fixed, or on a ship whose position and heading are topics of the log."""
+class KnownEnd(Section, frozen=True, kw_only=True):
+    """What a USBL's line of sight begins or ends at: by latitude and longitude, or by east and north."""
 
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     east_m: Metres | None = None
     north_m: Metres | None = None
     depth_m: Depth = 0.0
+
+    def require_place(self) -> None:
+        """Raise ValueError unless a position is stated in exactly one way."""
+        stated = [getattr(self, key) is not None for key in ("lat_deg", "lon_deg", "east_m", "north_m")]
+        if stated not in ([True, True, False, False], [False, False, True, True]):
+            raise ValueError("state either lat_deg and lon_deg or east_m and north_m")
+
+
+class Head(KnownEnd, frozen=True, kw_only=True):
+    """The USBL head: fixed, or on a ship whose position and heading are topics of the log."""
+
     topic: str | None = None
     sd_m: SpreadMetres | None = None
     heading_deg: Degrees | None = None
@@ -145,35 +148,21 @@ class Head(Section, frozen=True, kw_only=True):
         if self.topic is not None and any(v is not None for v in place):
             raise ValueError("state either the head's position or its topic")
         if self.topic is None:
-            refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
+            self.require_place()
         if self.heading_deg is not None and self.heading_topic is not None:
             raise ValueError("state either heading_deg or heading_topic")
         if any(self.lever_arm_m) and self.heading_deg is None and self.heading_topic is None:
             raise ValueError("lever_arm_m needs the ship's heading; state heading_topic or heading_deg")
 
 
-class Beacon(Section, frozen=True, kw_only=True):
+class Beacon(KnownEnd, frozen=True, kw_only=True):
     """A fixed beacon, if the vehicle carries the USBL head."""
 
-    lat_deg: Latitude | None = None
-    lon_deg: Longitude | None = None
-    east_m: Metres | None = None
-    north_m: Metres | None = None
-    depth_m: Depth = 0.0
     sd_m: SpreadMetres = 0.0
     max_gap_s: Gap = 3.0
 
     def __post_init__(self) -> None:
-        refuse_nowhere(self.lat_deg, self.lon_deg, self.east_m, self.north_m)
-
-
-def refuse_nowhere(lat_deg: float | None, lon_deg: float | None, east_m: float | None, north_m: float | None) -> None:
-    """Raise ValueError unless a position is stated in exactly one way."""
-    geodetic = lat_deg is not None and lon_deg is not None
-    local = east_m is not None and north_m is not None
-    given = [v for v in (lat_deg, lon_deg, east_m, north_m) if v is not None]
-    if geodetic == local or len(given) != 2:
-        raise ValueError("state either lat_deg and lon_deg or east_m and north_m")
+        self.require_place()
 
 
 class UsblSection(Section, frozen=True, kw_only=True):
