@@ -2,10 +2,8 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
-import pandas as pd
 
 from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Array, Mask, Vector
@@ -241,22 +239,3 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
     made = converted_table(raw, times, columns, chosen, [*findings, *invalid, *on_grid])
     return replace(made.only(good), geodetic=frame == "latlon")
-
-
-def depths_of(gps: pd.DataFrame, depth: pd.DataFrame, time: str) -> Vector:
-    """Return the depth of each GPS fix below the surface, metres (n,), by two tables with a column of that time.
-
-    NaN before the first depth and after the last.
-    """
-    return cast(Vector, np.interp(gps[time], depth[time], depth["depth_m"], left=np.nan, right=np.nan))
-
-
-def underwater_text(topic: str, depth_m: Vector) -> str:
-    """Return a sentence if GPS fixes at these depths must be something else; empty if none is too deep."""
-    wet = depth_m > UNDERWATER_M
-    if not wet.any():
-        return ""
-    return (
-        f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {np.nanmax(depth_m):.1f} m: "
-        "they may be acoustic positions or repeats; do not use them as truth"
-    )

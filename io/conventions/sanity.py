@@ -21,10 +21,10 @@ UNKNOWN_VARIANCE = -1.0  # fixed: by the conventions of ROS
 MAX_SEPARATION_M = 50_000.0  # no dive goes so far, and the plane is not accurate beyond
 
 
-def truth_overlap_findings(truth: Truth | None, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
+def truth_overlap_findings(truth: Truth, tables: Mapping[str, pd.DataFrame], start_ns: int) -> list[Finding]:
     """Report a truth that does not overlap the sensors in time."""
     times = [tables[role]["time_ns"] for role in ("dvl", "compass", "usbl") if role in tables]
-    if truth is None or not times:
+    if not times:
         return []
     first_s, last_s = (min(t.min() for t in times) - start_ns) / 1e9, (max(t.max() for t in times) - start_ns) / 1e9
     if truth.time_s[-1] >= first_s and truth.time_s[0] <= last_s:
@@ -94,15 +94,21 @@ def position_findings(
     return [Finding("PLACES-APART", f"{text}: state the [map] of this dive", topics)]
 
 
-def truth_underwater_findings(
-    truth: Truth, provenance: Mapping[str, Provenance], tables: Mapping[str, pd.DataFrame]
-) -> list[Finding]:
-    """Report GPS fixes below the surface."""
-    if not {"gps", "depth"} <= tables.keys() or truth.source != provenance["gps"].topic:
+def underwater_findings(tables: Mapping[str, pd.DataFrame], topic: str) -> list[Finding]:
+    """Report GPS fixes of a topic below the surface: acoustic positions, or an old fix repeated."""
+    if not {"gps", "depth"} <= tables.keys():
         return []
-    depth_m = positions.depths_of(tables["gps"], tables["depth"], "time_ns")
-    text = positions.underwater_text(truth.source, depth_m)
-    return [Finding("GPS-UNDERWATER", text, truth.source)] if text else []
+    gps_s, depth = tables["gps"]["time_s"].to_numpy(dtype=float), tables["depth"]
+    depth_m: Vector = np.interp(gps_s, depth["time_s"], depth["depth_m"], left=np.nan, right=np.nan)
+    wet = depth_m > positions.UNDERWATER_M
+    if not wet.any():
+        return []
+    worst = int(np.nanargmax(depth_m))
+    text = (
+        f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {depth_m[worst]:.1f} m: "
+        "they may be acoustic positions or repeats; do not use them as truth"
+    )
+    return [Finding("GPS-UNDERWATER", text, topic, float(gps_s[worst]), float(depth_m[worst]), "m")]
 
 
 def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) -> list[Finding]:

@@ -5,7 +5,7 @@ either. Angles are degrees clockwise.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,6 @@ from usbldr.io.doctor.gross_errors import (
 )
 from usbldr.io.doctor.interpretations import (
     HandednessEvidence,
-    Interpretation,
     InterpretationResult,
     compare_interpretations,
     flipped,
@@ -62,10 +61,11 @@ REPLAY_WARNING_CODES = (
     "USBL-MOTION",
 )
 """What replay reports, too: it would compute with a wrong axis, frame, unit or clock."""
+CONVENTION_CODES = {"dvl": "DVL-AXES", "compass": "HEADING-CONVENTION", "usbl": "MAP-FRAME"}
+"""By the sensor whose convention it is."""
 
 
-@dataclass(frozen=True, slots=True)
-class CrossCheck:
+class CrossCheck(NamedTuple):
     """How the sensors fit each other, in words and in numbers."""
 
     findings: tuple[Finding, ...]
@@ -220,29 +220,32 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
     """Report which other interpretation of axes, yaw or map fits clearly better, and what is not observable."""
     read, best = result.as_read, result.best
     found: list[Finding] = []
-    for code, role, key, old, new in (
-        ("DVL-AXES", "dvl", "axes", read.axes, best.axes),
-        ("HEADING-CONVENTION", "compass", "convention", read.convention, best.convention),
-        ("MAP-FRAME", "usbl", "frame", read.frame, best.frame),
-    ):
+    by = result.decided_by
+    mirrored = f"mirror image excluded by: {by.name}" if by else "its mirror image fits equally well, not excluded"
+    for (role, key, old), (*_, new) in zip(read.conventions, best.conventions, strict=True):
         if old != new:
             by_columns = log.convention(role, key).chosen_by == "column names"
             advice = FIXED_ADVICE if by_columns else f'state {key} = "{new}" under [{role}]'
-            topic, text = topic_of(log, role), f"{_interpretation_text(read, best, key, old, new, result)}; {advice}"
-            found.append(Finding(code, f"{topic}: {text}", topic, None, read.residual_m, "m"))
+            topic = topic_of(log, role)
+            text = (
+                f"{topic}: read as {key} {old}, but {new} fits better; dead-reckoning-to-fix residual: "
+                f"{read.residual_m:.2f} m RMS as read, {best.residual_m:.2f} m with {best.description}; {mirrored}; "
+                f"{advice}"
+            )
+            found.append(Finding(CONVENTION_CODES[role], text, topic, None, read.residual_m, "m"))
     usbl = topic_of(log, "usbl")
-    if result.contradicting and result.decided_by is not None:
+    if result.contradicting and by is not None:
         others = "; ".join(source.name for source in result.contradicting)
-        text = f"sources disagree on the mirror image; followed: {result.decided_by.name}; contradicting: {others}"
+        text = f"sources disagree on the mirror image; followed: {by.name}; contradicting: {others}"
         found.append(Finding("CONVENTION-CONTRADICTED", text, usbl))
-    if result.decided_by is None and result.mirror_image is not None:
+    if by is None and result.mirror_image is not None:
         text = (
             f"{best.description} and its mirror image ({result.mirror_image.description}) fit the fixes equally well "
             f"({best.residual_m:.2f} m RMS), and nothing in the log decides; "
             "state frame under [usbl] and convention under [compass]"
         )
         found.append(Finding("CONVENTION-UNDECIDED", text, usbl, None, best.residual_m, "m"))
-    for role, key in (("dvl", "axes"), ("compass", "convention"), ("usbl", "frame")):
+    for role, key, _ in best.conventions:
         fitting = sorted({str(getattr(one, key)) for one in result.plausible})
         read_as = log.convention(role, key)
         if len(fitting) > 1 and read_as.value and read_as.chosen_by == "default":
@@ -255,25 +258,14 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         fits = "; ".join(f"{r.description}: RMS residual {r.residual_m:.2f} m" for r in result.plausible)
         text = f"the log does not distinguish these interpretations: {fits}"
         found.append(Finding("CONVENTION-UNOBSERVABLE", text, usbl, None, read.residual_m, "m"))
-    if best == read and result.decided_by is not None and result.observable:
+    if best == read and by is not None and result.observable:
         worse = next(r for r in result.interpretations if r.mirror_class != best.mirror_class)
         text = (
             f"dead-reckoning-to-fix residual: {best.residual_m:.2f} m RMS with {best.description}, "
-            f"{worse.residual_m:.2f} m with the next best; mirror image excluded by: {result.decided_by.name}"
+            f"{worse.residual_m:.2f} m with the next best; mirror image excluded by: {by.name}"
         )
         found.append(Finding("CONVENTION-CHECKED", text, usbl, None, best.residual_m, "m"))
     return found
-
-
-def _interpretation_text(
-    read: Interpretation, best: Interpretation, key: str, old: str, new: str, result: InterpretationResult
-) -> str:
-    by = result.decided_by
-    mirrored = f"mirror image excluded by: {by.name}" if by else "its mirror image fits equally well, not excluded"
-    return (
-        f"read as {key} {old}, but {new} fits better; dead-reckoning-to-fix residual: {read.residual_m:.2f} m RMS as "
-        f"read, {best.residual_m:.2f} m with {best.description}; {mirrored}"
-    )
 
 
 def _heading_offset_findings(

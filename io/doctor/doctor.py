@@ -13,10 +13,10 @@ import numpy as np
 from usbldr.filters.errors import UsageError, UsbldrError
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.conventions.dvl_depth import dvl
-from usbldr.io.conventions.positions import depths_of, underwater_text
+from usbldr.io.conventions.sanity import underwater_findings
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check, moves_alike
 from usbldr.io.doctor.fix_vertical import vertical_findings
-from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
+from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value, topic_of
 from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -43,7 +43,7 @@ class Examination:
     log: Log | None  # None: it cannot be read with any choice
     timeline: Timeline | None
     alternatives: Mapping[str, Sequence[str]]  # role -> the topics that could be the sensor instead
-    sensor_check: CrossCheck | None = None  # None: nothing to compare
+    sensor_check: CrossCheck = CrossCheck(())
 
     @property
     def healthy(self) -> bool:
@@ -90,13 +90,13 @@ def examine_log(log: Log) -> Examination:
 def _examine_tables(
     log: Log, found: list[Finding], sources: Sequence[HandednessEvidence], alternatives: Mapping[str, Sequence[str]]
 ) -> Examination:
-    found = [*found, *_under_water(log), *vertical_findings(log)]
+    found = [*found, *underwater_findings(log.tables, topic_of(log, "gps")), *vertical_findings(log)]
     said = {(one.code, one.topic) for one in found}
     found += [one for one in log.findings if (one.code, one.topic) not in said]
     for role in SENSORS:
         if role not in log.tables:
             found.append(Finding("SENSOR-MISSING", missing_sensor_text(log, role)))
-    dive_timeline = None
+    dive_timeline, check = None, CrossCheck(())
     try:
         dive_timeline = timeline(log)
     except UsbldrError as err:
@@ -105,10 +105,8 @@ def _examine_tables(
     found += _delays(log)
     if dive_timeline is not None:
         found += _outages(log, dive_timeline)
-    reckoned = dive_timeline is not None and {*SENSORS} <= log.tables.keys()
-    check = cross_check(log, dive_timeline, sources) if dive_timeline is not None and reckoned else None
-    found += check.findings if check else ()
-    ordered = _errors_first(found)
+        check = cross_check(log, dive_timeline, sources) if {*SENSORS} <= log.tables.keys() else check
+    ordered = _errors_first([*found, *check.findings])
     return Examination(log.path, log.format, log.configuration, ordered, log, dive_timeline, alternatives, check)
 
 
@@ -136,35 +134,28 @@ def _resolve_topics(opened: OpenedLog, request: Request) -> tuple[dict[str, str]
 
 def _clock_findings(log: Log) -> list[Finding]:
     """Compare the delay from stamp to log of DVL and heading: usually one computer logs both."""
-    found: list[Finding] = []
-    settings, raws = log.settings, log.raws
-    by_log = {"dvl": settings.dvl.time == "log", "compass": settings.compass.time == "log"}
-    lag_s: dict[str, float] = {}
-    for role in ("dvl", "compass"):
+    raws, lag_s, after_s = log.raws, dict[str, float](), dict[str, float]()
+    for role, section in (("dvl", log.settings.dvl), ("compass", log.settings.compass)):
         if role not in raws:
-            continue
-        stamp = None if by_log[role] else raws[role].stamp_ns
+            return []
+        stamp = None if section.time == "log" else raws[role].stamp_ns
         lags: Vector = np.zeros(1) if stamp is None else (raws[role].received_ns - stamp)[stamp > 0] / 1e9
         if not len(lags):
-            continue
+            return []
         lag_s[role] = float(np.median(lags))
-    if {"dvl", "compass"} <= lag_s.keys() and max(map(abs, lag_s.values())) < THRESHOLDS.max_epoch_difference_s:
-        stated_s = {"dvl": settings.dvl.latency_s, "compass": settings.compass.latency_s}
-        after_s = {role: lag_s[role] + stated_s[role] for role in lag_s}
-        wrong, right = (
-            ("dvl", "compass") if _implausible_delay(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
-        )
-        apart_s = after_s[wrong] - after_s[right]
-        if abs(apart_s) > THRESHOLDS.max_clock_difference_s:
-            topic = raws[wrong].topic.name
-            headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
-            text = (
-                f"{topic}: logged {after_s[wrong]:.2f} s after its time of validity{headless}, "
-                f"{raws[right].topic.name} {after_s[right]:.2f} s after its own; if both have the same delay, state "
-                f"latency_s = {stated_s[wrong] - apart_s:.2f} under [{wrong}]"
-            )
-            found.append(Finding("CLOCK-OFFSET", text, topic, None, apart_s, "s"))
-    return found
+        after_s[role] = lag_s[role] + section.latency_s
+    wrong, right = ("dvl", "compass") if _implausible_delay(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
+    apart_s, topic = after_s[wrong] - after_s[right], raws[wrong].topic.name
+    far = max(map(abs, lag_s.values())) >= THRESHOLDS.max_epoch_difference_s
+    if far or abs(apart_s) <= THRESHOLDS.max_clock_difference_s:
+        return []
+    headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
+    text = (
+        f"{topic}: logged {after_s[wrong]:.2f} s after its time of validity{headless}, {raws[right].topic.name} "
+        f"{after_s[right]:.2f} s after its own; if both have the same delay, state latency_s = "
+        f"{after_s[right] - lag_s[wrong]:.2f} under [{wrong}]"
+    )
+    return [Finding("CLOCK-OFFSET", text, topic, None, apart_s, "s")]
 
 
 def _implausible_delay(lag_s: float, other_s: float) -> bool:
@@ -203,19 +194,6 @@ def _delays(log: Log) -> list[Finding]:
     topic = log.provenance["usbl"].topic
     text = f"{topic}: fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
     return [Finding("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
-
-
-def _under_water(log: Log) -> list[Finding]:
-    """Report GPS fixes under water: acoustic positions, or an old fix repeated."""
-    if "gps" not in log.tables or "depth" not in log.tables:
-        return []
-    gps, topic = log.tables["gps"], log.provenance["gps"].topic
-    depth_m = depths_of(gps, log.tables["depth"], "time_s")
-    text = underwater_text(topic, depth_m)
-    if not text:
-        return []
-    worst = int(np.nanargmax(depth_m))
-    return [Finding("GPS-UNDERWATER", text, topic, float(gps["time_s"].iloc[worst]), float(depth_m[worst]), "m")]
 
 
 def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:

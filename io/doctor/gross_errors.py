@@ -113,9 +113,8 @@ def correct_clock_offset(
     far = min((fit_rotation(line, group, _clock_offsets_s()) for line in lines), key=lambda turn: turn.rms_m)
     late_s, most_m = far.latency_s, THRESHOLDS.gross_residual_ratio * result.best.residual_m
     if not (far.rms_m < result.best.residual_m and abs(late_s) < THRESHOLDS.max_clock_offset_s):
-        late_s, most_m = (
-            _far_clock_offset(lines) if result.best.residual_m > THRESHOLDS.min_far_residual_m else (0.0, 0.0)
-        )
+        far_off = result.best.residual_m > THRESHOLDS.min_far_residual_m
+        late_s, most_m = _far_clock_offset(lines) if far_off else (0.0, 0.0)
     shifted = replace(timeline, fix_time_s=timeline.fix_time_s - late_s)
     corrected = compare_interpretations(log, shifted, sources) if late_s else None
     if corrected is None or corrected.best.residual_m > most_m:
@@ -165,15 +164,10 @@ def clock_offset_findings(log: Log, late_s: float, truth_agrees: bool = False) -
     if truth_agrees:
         advice = f"the truth has the fixes' clock: state latency_s = {-late_s:.2f} under [dvl] and [compass]"
     text = (
-        f"{usbl}: stamps are {delay_text(late_s)} the time of validity that fits dead reckoning far better, by the "
-        f"DVL's clock{leap}; {advice}"
+        f"{usbl}: stamps are {abs(late_s):.2f} s {'after' if late_s > 0 else 'before'} the time of validity that fits "
+        f"dead reckoning far better, by the DVL's clock{leap}; {advice}"
     )
     return [Finding("CLOCK-OFFSET", text, usbl, None, late_s, "s")]
-
-
-def delay_text(delay_s: float) -> str:
-    """Return a delay in words."""
-    return f"{abs(delay_s):.2f} s {'after' if delay_s > 0 else 'before'}"
 
 
 def heading_unit_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:

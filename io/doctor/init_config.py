@@ -15,7 +15,6 @@ from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, 
 from usbldr.io.doctor.map_origin import propose_origin
 from usbldr.io.doctor.proposed_columns import WHY_HEAD, Draft
 from usbldr.io.doctor.sensor_errors import explanation_text
-from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES, SENSORS
 from usbldr.io.reader import TopicInfo
@@ -150,7 +149,7 @@ def _row(entry: str, why: str) -> str:
 
 
 def _convention_comments(examination: Examination) -> list[str]:
-    result = examination.sensor_check.result if examination.sensor_check else None
+    result = examination.sensor_check.result
     if result is None:
         why = "too few fixes, or they move unlike dead reckoning"
         return [f"# CHECK: axes, convention and frame could not be checked against the fixes: {why}."]
@@ -171,30 +170,23 @@ def _convention_comments(examination: Examination) -> list[str]:
 
 
 def _rival_comments(examination: Examination) -> list[str]:
-    found = examination.sensor_check.identification if examination.sensor_check else None
+    found = examination.sensor_check.identification
     if found is None or len(found.explanations) < 2:
         return []
-    return ["# CHECK: the log does not decide between explanations of its fixes:"] + [
-        f"#   {explanation_text(one)}" for one in found.explanations
-    ]
+    explanations = (f"#   {explanation_text(one)}" for one in found.explanations)
+    return ["# CHECK: the log does not decide between explanations of its fixes:", *explanations]
 
 
 def _map(examination: Examination, log: Log) -> list[ConfigLine]:
     if log.origin is None:
         return [("# origin_lat_deg = 0.0", "unknown: no latitude in the log"), ("# origin_lon_deg = 0.0", "")]
-    who = log.origin.kind
-    mark = ""
-    lat_deg, lon_deg, check = log.origin.lat_deg, log.origin.lon_deg, examination.sensor_check
+    lat_deg, lon_deg, who, mark = log.origin.lat_deg, log.origin.lon_deg, log.origin.kind, ""
     if log.map_unknown:
         mark, who = "# ", f"CHECK: a guess ({who}); state the origin of the fixes' map, or head under [usbl]"
-        guess = propose_origin(log, examination.timeline, check.result if check else None)
+        guess = propose_origin(log, examination.timeline, examination.sensor_check.result)
         if guess is not None:
-            lat_deg, lon_deg = guess.lat_deg, guess.lon_deg
-            gap_s = THRESHOLDS.max_pair_gap_s
-            who = (
-                f"CHECK: proposed from GPS ({guess.pairs} pairs within {gap_s:g} s, ±{guess.sd_m:.1f} m); "
-                "do not use it in a run whose truth is GPS"
-            )
+            lat_deg, lon_deg, pairs = guess
+            who = f"CHECK: proposed from GPS ({pairs}); do not use it in a run whose truth is GPS"
     return [
         (f"{mark}origin_lat_deg = {lat_deg:.9f}", who),
         (f"{mark}origin_lon_deg = {lon_deg:.9f}", "" if mark else who),
@@ -218,9 +210,9 @@ def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
 
 
 def _truth(log: Log) -> list[ConfigLine]:
-    if log.truth is None or "truth" in log.provenance:
-        return (
-            [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")] if log.truth is None else []
-        )
+    if log.truth is None:
+        return [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")]
+    if "truth" in log.provenance:
+        return []
     mark = "# " if log.truth.kind == "gps" else ""  # by the source, so that it stays right with another truth
     return [(f'{mark}kind = "{log.truth.kind}"', f"errors are measured against {log.truth.source}")]

@@ -27,8 +27,7 @@ MEASURE_IT = "starboard, forward, up: measure it on the vehicle"
 
 def dvl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     """Return the lines of [dvl] after its topic."""
-    check = examination.sensor_check
-    result, found = (check.result, check.identification) if check else (None, None)
+    _, result, found = examination.sensor_check
     velocity_ratio = next((d.worst for d in examination.findings if d.code == "DVL-UNIT"), None)
     key, key_value = unit_or_scale_key(log, velocity_ratio) if velocity_ratio is not None else ("", "")
     unit = recorded_line(log, "dvl", "unit")
@@ -45,14 +44,12 @@ def dvl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
         lines.append(("scale_error = 0.0", _no_evidence(found, "scale")))
     timeline = examination.timeline
     lines.append(_sd("dvl", "sd_mps", log, 0.0 if timeline is None else float(np.median(timeline.dvl_sd_mps))))
-    lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", f"{MEASURE_IT}; {_no_evidence(found, LEVER)}"))
     if found and (ahead := found.estimates.get("dvl_lever_forward_m")):
         starboard = found.estimates["dvl_lever_starboard_m"]
-        sigmas = f"±{starboard.sd:.2f}, ±{ahead.sd:.2f} against the transponder"
-        lines[-1] = (
-            f"# lever_arm_m = {stated_lever_m(found)}",
-            f"{sigmas} ({log_odds_text(found, LEVER)}); {MEASURE_IT}",
-        )
+        sigmas = f"±{starboard.sd:.2f}, ±{ahead.sd:.2f} against the transponder ({log_odds_text(found, LEVER)})"
+        lines.append((f"# lever_arm_m = {stated_lever_m(found)}", f"{sigmas}; {MEASURE_IT}"))
+    else:
+        lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", f"{MEASURE_IT}; {_no_evidence(found, LEVER)}"))
     lines += _clock(found, DVL_CLOCK, "dvl_clock_s", log.settings.dvl.latency_s)
     return [line for line in lines if line[0]]
 
@@ -85,13 +82,12 @@ def _no_evidence(found: Identification | None, key: str) -> str:
 
 def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     """Return the lines of [compass] after its topic."""
-    result = examination.sensor_check.result if examination.sensor_check else None
+    _, result, found = examination.sensor_check
     unit = recorded_line(log, "compass", "unit")
     if any(one.code == "HEADING-RADIANS" for one in examination.findings):
         unit = ('unit = "rad"', "by the fixes, instead of deg")
     lines = [_convention(log, result, "compass", "convention"), unit]
     lines.append(("bias_deg = 0.0", "the log does not distinguish it from mount_deg"))
-    found = examination.sensor_check.identification if examination.sensor_check else None
     lines += _deviation(found) + _clock(found, COMPASS_CLOCK, "compass_clock_s", log.settings.compass.latency_s)
     declination = log.convention("compass", "declination_deg")
     if declination.value:
@@ -112,20 +108,13 @@ def _deviation(found: Identification | None) -> list[ConfigLine]:
     names = ("deviation_sin_deg", "deviation_cos_deg")
     if found is None or not set(names) <= set(found.estimates):
         return []
-    odds = log_odds_text(found, "deviation")
-    return [
-        (
-            f"# {name} = {found.estimates[name].value:z.2f}",
-            f"fitted to the fixes, ±{found.estimates[name].sd:.2f} ({odds})",
-        )
-        for name in names
-    ]
+    odds, estimates = log_odds_text(found, "deviation"), [found.estimates[name] for name in names]
+    return [(f"# {one.name} = {one.value:z.2f}", f"fitted to the fixes, ±{one.sd:.2f} ({odds})") for one in estimates]
 
 
 def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     """Return the lines of [usbl] after its topic."""
-    check = examination.sensor_check
-    result, found = (check.result, check.identification) if check else (None, None)
+    _, result, found = examination.sensor_check
     lines = [recorded_line(log, "usbl", "kind")]
     lines += grid_lines(log, "usbl")
     if recorded_value(log, "usbl", "frame"):
@@ -162,23 +151,17 @@ def _convention(log: Log, result: InterpretationResult | None, role: str, key: s
     if result is None or not value:
         line, why = recorded_line(log, role, key)
         return (f"# {line}", f"{why}, not checked") if why == "default" else (line, why)
-    best = _fitting(result)[role, key]
+    best = getattr(result.best, key)
     if best != value and _names_differ(log, result):
         return f'# {key} = "{value}"', f"CHECK: {who}, but {best} fits the fixes better; {FIXED_ADVICE}"
     return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
-
-
-def _fitting(result: InterpretationResult) -> dict[tuple[str, str], str]:
-    """Return the conventions that fit the fixes best."""
-    best = result.best
-    return {("dvl", "axes"): best.axes, ("compass", "convention"): best.convention, ("usbl", "frame"): best.frame}
 
 
 def _names_differ(log: Log, result: InterpretationResult) -> bool:
     """Return whether names of columns fix a convention that fits worse: then the best ones can only be comments."""
     return any(
         log.convention(role, key).chosen_by == "column names" and recorded_value(log, role, key) != best
-        for (role, key), best in _fitting(result).items()
+        for role, key, best in result.best.conventions
     )
 
 

@@ -20,12 +20,11 @@ from usbldr.filters.identification.dr_usbl_fit import (
     jackknife_rotation_sd_rad,
     segment_numbers,
 )
-from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.filters.types import Indices, Timeline, Vector
 from usbldr.io.conventions.sanity import MAX_SEPARATION_M
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
 from usbldr.io.provenance import chosen_by_text
-from usbldr.io.settings.sensor_sections import Configuration
 
 FLIP_CLASSES = tuple((dvl, yaw, False) for dvl in (False, True) for yaw in (False, True))  # Interpretation.flips
 OPPOSITE_AXES = str.maketrans("SRPLUD", "PLSRDU")
@@ -56,6 +55,11 @@ class Interpretation:
         """What only this interpretation and its mirror image have in common."""
         dvl, yaw, world = self.flips
         return dvl != world, yaw != world
+
+    @property
+    def conventions(self) -> tuple[tuple[str, str, str], ...]:
+        """Sensor, key and value of each convention."""
+        return ("dvl", "axes", self.axes), ("compass", "convention", self.convention), ("usbl", "frame", self.frame)
 
     @property
     def description(self) -> str:
@@ -121,7 +125,6 @@ def compare_interpretations(
     latlon = recorded_value(log, "usbl", "kind") == "latlon"
     if latlon and np.median(np.abs(as_points(timeline.fix_m))) > MAX_SEPARATION_M:
         return None
-    settings = log.settings
     interpretations = [
         _interpretation(log, flips, fit_rotation(reinterpret(log, timeline, flips), group)) for flips in FLIP_CLASSES
     ]
@@ -139,8 +142,7 @@ def compare_interpretations(
         *_geodetic_evidence(log),
         *_gps_evidence(log, timeline, by_fit, group),
         *sources,
-        *_name_evidence(log),
-        *_configuration_evidence(settings),
+        *_stated_evidence(log),
     ]
     decided_by = None
     for source in evidence:
@@ -163,8 +165,15 @@ def compare_interpretations(
 def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
     """Return the timeline of the reference point by another interpretation of the records (fixes up to a shift)."""
     line = flipped(log, timeline, flips)
-    velocity, fixes = _at_reference_point(log, timeline, line.dr_mps, line.dr_yaw_rad, line.fix_m)
-    return replace(line, dr_mps=velocity, fix_m=fixes)
+    dvl, transponder = (np.asarray(arm[:2]) for arm in (log.parameters.dvl_lever_m, log.parameters.usbl_lever_m))
+    if dvl.any() and len(line.time_s) > 1:
+        rate: Vector = np.gradient(line.dr_yaw_rad, line.time_s)
+        line = replace(line, dr_mps=line.dr_mps - rate[:, None] * np.array([-dvl[1], dvl[0]]))
+    if transponder.any():
+        yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
+        ahead = np.exp(1j * yaw) * complex(*transponder)
+        line = replace(line, fix_m=line.fix_m - np.column_stack([ahead.real, ahead.imag]))
+    return line
 
 
 def flipped(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:
@@ -182,21 +191,6 @@ def flipped(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Tim
         psi = -psi - np.radians(90.0 + 2 * (float(added or 0.0) - float(subtracted or 0.0)))
     line = replace(timeline, dr_mps=np.column_stack([u, v]), dr_yaw_rad=psi)
     return replace(line, fix_m=line.fix_m[:, ::-1], fix_cov_m2=line.fix_cov_m2[:, ::-1, ::-1]) if world else line
-
-
-def _at_reference_point(
-    log: Log, timeline: Timeline, velocity: Array, psi: Vector, fixes: Array
-) -> tuple[Array, Array]:
-    """Return velocity and fixes of the vehicle's reference point, if the configuration states lever arms."""
-    dvl, transponder = (np.asarray(arm[:2]) for arm in (log.parameters.dvl_lever_m, log.parameters.usbl_lever_m))
-    if dvl.any() and len(psi) > 1:
-        rate: Vector = np.gradient(psi, timeline.time_s)
-        velocity = velocity - rate[:, None] * np.array([-dvl[1], dvl[0]])
-    if transponder.any():
-        yaw = np.interp(timeline.fix_time_s, timeline.time_s, psi)
-        ahead = np.exp(1j * yaw) * complex(*transponder)
-        fixes = fixes - np.column_stack([ahead.real, ahead.imag])
-    return velocity, fixes
 
 
 def topic_of(log: Log, role: str) -> str:
@@ -233,12 +227,9 @@ def _interpretation(log: Log, flips: tuple[bool, bool, bool], rotation: Rotation
 
 
 def _geodetic_evidence(log: Log) -> list[HandednessEvidence]:
+    what = {"latlon": "latitudes and longitudes", "range_bearing": "bearings clockwise from north"}
     kind = recorded_value(log, "usbl", "kind")
-    if kind == "latlon":
-        return [HandednessEvidence("the fixes are latitudes and longitudes", 2, False)]
-    if kind == "range_bearing":
-        return [HandednessEvidence("the fixes are bearings clockwise from north", 2, False)]
-    return []
+    return [HandednessEvidence(f"the fixes are {what[kind]}", 2, False)] if kind in what else []
 
 
 def _gps_evidence(log: Log, timeline: Timeline, best: Interpretation, group: Indices) -> list[HandednessEvidence]:
@@ -278,7 +269,8 @@ def _groups_of_gps(timeline: Timeline, group: Indices) -> Indices:
     return np.array([names.get(int(b), -1) for b in of_gps], dtype=np.intp)
 
 
-def _name_evidence(log: Log) -> list[HandednessEvidence]:
+def _stated_evidence(log: Log) -> list[HandednessEvidence]:
+    """Return what names, types, a scenario and the configuration state."""
     found: list[HandednessEvidence] = []
     heading, frame = log.convention("compass", "convention"), log.convention("usbl", "frame")
     for role, chosen, part in (("compass", heading, 1), ("usbl", frame, 2)):
@@ -290,17 +282,10 @@ def _name_evidence(log: Log) -> list[HandednessEvidence]:
         found.append(HandednessEvidence(name, 1, False))
     if log.format == "simulated":
         found.append(HandednessEvidence("the scenario's own east and north", 2, False))
-    return found
-
-
-def _configuration_evidence(settings: Configuration) -> list[HandednessEvidence]:
-    found: list[HandednessEvidence] = []
-    if settings.usbl.frame is not None:
-        found.append(HandednessEvidence(f'the configuration states frame = "{settings.usbl.frame}"', 2, False))
-    if settings.compass.convention is not None:
-        found.append(
-            HandednessEvidence(f'the configuration states convention = "{settings.compass.convention}"', 1, False)
-        )
+    settings = log.settings
+    for key, value, part in (("frame", settings.usbl.frame, 2), ("convention", settings.compass.convention, 1)):
+        if value is not None:
+            found.append(HandednessEvidence(f'the configuration states {key} = "{value}"', part, False))
     return found
 
 

@@ -194,8 +194,7 @@ def _of_ship(
 
 def _unlike_fixes_m(found: Examination) -> float:
     """Return the residual of the fixes against dead reckoning."""
-    check = found.sensor_check
-    return check.result.best.residual_m if check and check.result else math.inf
+    return found.sensor_check.result.best.residual_m if found.sensor_check.result else math.inf
 
 
 def _with_proposals(

@@ -15,10 +15,7 @@ from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.examined import examined
 from usbldr.io.conventions.positions import EXCHANGED
-from usbldr.io.conventions.sanity import (
-    position_findings,
-    truth_underwater_findings,
-)
+from usbldr.io.conventions.sanity import position_findings, underwater_findings
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.usbl import OF_HEAD_COLUMNS
 from usbldr.io.conventions.usbl_head import ship_choices
@@ -89,27 +86,30 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     _refuse_unit(path, sensors.tables)
     _refuse_apart(path, sensors.tables)
     start_ns = _start_ns(sensors.tables, topics)
-    truth = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
+    kind = truth_kind(source, request, configuration)
+    truth, own, truth_findings = read_truth(source, kind, configuration, sensors, start_ns)
     exchanged = [f.text for f in sensors.findings if f.code == "GPS-INVALID" and f.text.endswith(EXCHANGED)]
-    tables, provenance = sensors.tables, sensors.provenance | truth.provenance
+    tables, provenance = sensors.tables, sensors.provenance | own
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
     stated = [Finding("SET", f"{text}, by --set") for text in request.set_keys]
-    findings = [*stated, *roles.findings, *sensors.findings, *truth.findings]
+    findings = [*stated, *roles.findings, *sensors.findings, *truth_findings]
     findings += _future_findings(path, start_ns)
     findings += position_findings(tables, provenance, sensors.origin)
-    if truth.truth is not None and truth.truth.kind == "gps":
-        findings += truth_underwater_findings(truth.truth, provenance, tables)
+    tables = {role: _in_seconds(role, tables.pop(role), start_ns) for role in list(tables)}
+    gps = provenance.get("gps")
+    if gps and truth is not None and truth.kind == "gps" and truth.source == gps.topic:
+        findings += underwater_findings(tables, gps.topic)
     log = Log(
         path=path,
         sha256=digest_paths(opened.paths),
         format=reader.format,
         start_ns=start_ns,
-        tables={role: _in_seconds(role, tables.pop(role), start_ns) for role in list(tables)},
+        tables=tables,
         provenance=provenance,
         parameters=parameters(configuration),
         origin=sensors.origin,
-        truth=truth.truth,
-        truth_fault="".join(exchanged) if truth.truth is None and not source.off else "",
+        truth=truth,
+        truth_fault="".join(exchanged) if truth is None and not source.off else "",
         configuration=opened.file,
         settings=configuration,
         findings=tuple(dict.fromkeys([*reader.findings(), *findings])),  # sensors of one topic say the same of it
@@ -118,14 +118,9 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         unread={topic.name: topic.problem for topic in topics if topic.problem},
         raws=sensors.raws,
     )
-    say(*_choices(log))
+    say(*(line for role, one in log.provenance.items() for line in provenance_lines(role, one)))
+    say(f"truth: {f'{log.truth.source}, kind {log.truth.kind}' if log.truth else 'none'}")
     return examined(log)
-
-
-def _choices(log: Log) -> list[str]:
-    """Return how each sensor and the truth are read, and who chose it."""
-    lines = [line for role, one in log.provenance.items() for line in provenance_lines(role, one)]
-    return [*lines, f"truth: {f'{log.truth.source}, kind {log.truth.kind}' if log.truth else 'none'}"]
 
 
 def _without_messages(reader: Reader) -> LogError:
