@@ -39,27 +39,22 @@ def without_direction(raw: RawRecords) -> dict[str, Mask]:
 
 
 def attitudes(raw: RawRecords) -> RawRecords | None:
-    """Return the records that state a quaternion, or roll and pitch, with VERTICAL_PARTS in its place; else None."""
+    """Return the records that state a quaternion, or roll and pitch, with VERTICAL_PARTS in its place; else None.
+
+    Roll is positive if starboard is down, pitch if the bow is up.
+    """
     if raw.values.keys() >= set(ROLL_PITCH):
-        return _by_roll_and_pitch(raw)
-    if not raw.values.keys() >= set(QUATERNION):
+        stated, (roll, pitch) = ROLL_PITCH, (np.radians(raw.number(name)) for name in ROLL_PITCH)
+        parts = (-np.sin(roll) * np.cos(pitch), -np.sin(pitch), np.cos(roll) * np.cos(pitch))
+        known = np.isfinite(roll + pitch)
+    elif raw.values.keys() >= set(QUATERNION):
+        stated, (x, y, z, w) = QUATERNION, (raw.number(name) for name in QUATERNION)
+        parts = (-2 * (y * z + w * x), 2 * (x * z - w * y), w * w + z * z - x * x - y * y)
+        known = ~np.any(list(without_direction(with_yaw(raw)).values()), axis=0)
+    else:
         return None
-    x, y, z, w = (raw.number(name) for name in QUATERNION)
-    parts = (-2 * (y * z + w * x), 2 * (x * z - w * y), w * w + z * z - x * x - y * y)
-    values = {name: column for name, column in raw.values.items() if name not in QUATERNION}
-    values |= dict(zip(VERTICAL_PARTS, parts, strict=True))
-    known = ~np.any(list(without_direction(with_yaw(raw)).values()), axis=0)
-    return replace(raw, values=values).part(known)
-
-
-def _by_roll_and_pitch(raw: RawRecords) -> RawRecords:
-    """Return the records with VERTICAL_PARTS by roll (positive: starboard down) and pitch (positive: bow up)."""
-    roll, pitch = (np.radians(raw.number(name)) for name in ROLL_PITCH)
-    level = np.cos(pitch)
-    values = {name: column for name, column in raw.values.items() if name not in ROLL_PITCH}
-    parts = (-np.sin(roll) * level, -np.sin(pitch), np.cos(roll) * level)
-    values |= dict(zip(VERTICAL_PARTS, parts, strict=True))
-    return replace(raw, values=values).part(np.isfinite(roll + pitch))
+    values = {name: column for name, column in raw.values.items() if name not in stated}
+    return replace(raw, values=values | dict(zip(VERTICAL_PARTS, parts, strict=True))).part(known)
 
 
 def vertical(raw: RawRecords, convention: str, bias_deg: float) -> Array:

@@ -187,14 +187,14 @@ def _numbers(one: _Sensor, steps: Sequence[ClockStep], last_ns: int) -> Indices 
     ``last_ns`` is the last time of those that do.
     """
     times = _clock(one)
+    numbers, k = np.zeros(len(times), dtype=np.intp), 0
     if one.steps:
-        numbers, k = np.zeros(len(times), dtype=np.intp), 0
         for at, own in enumerate(one.steps):
             left = range(k, len(steps) - (len(one.steps) - at - 1))
-            k = 1 + min(left, key=lambda i: _apart_ns(steps[i], own))
+            apart_ns = [abs(steps[i].before_ns - own.before_ns) + abs(steps[i].after_ns - own.after_ns) for i in left]
+            k = 1 + left[int(np.argmin(apart_ns))]
             numbers[own.row :] = k
         return numbers
-    numbers = np.zeros(len(times), dtype=np.intp)
     for step in steps:
         if (behind := _behind(times, step, last_ns)) is None:
             return None
@@ -215,10 +215,6 @@ def _behind(times_ns: Nanoseconds, step: ClockStep, last_ns: int) -> Mask | None
     if gaps_ns[last] <= LASTING * np.median(gaps_ns) or times_ns[-1] - last_ns > step.size_ns // 2:
         return None
     return np.arange(len(times_ns)) > last
-
-
-def _apart_ns(a: ClockStep, b: ClockStep) -> int:
-    return abs(a.before_ns - b.before_ns) + abs(a.after_ns - b.after_ns)
 
 
 def _by_span(one: _Sensor, parts: Sequence[_Part]) -> Indices:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from usbldr.filters.errors import listed
 from usbldr.filters.types import Mask, Vector
-from usbldr.io.conventions.timestamps import Times
+from usbldr.io.conventions.timestamps import TIMES, Times
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import BAD, FLAG_WORDS, GOOD, RawRecords
 from usbldr.io.provenance import Convention
@@ -69,7 +69,7 @@ def converted_table(
     findings: Sequence[Finding],
 ) -> ConvertedTable:
     """Put times and columns into one table, times' conventions last."""
-    table = pd.DataFrame(times.columns() | dict(columns), copy=False)
+    table = pd.DataFrame({name: getattr(times, name) for name in TIMES} | dict(columns), copy=False)
     return ConvertedTable(table, (*chosen, *times.conventions), (*findings, *times.findings))
 
 

@@ -139,9 +139,11 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
             return raw.finding("DEPTH-UNIT", f"not used as depth: {fault} under [depth]")
         value = (pressure - surface) / WATER_PA_PER_M
-        _refuse(section.positive, "positive", "pressures", raw)
+        if section.positive is not None:
+            raise SettingError(f"[depth] positive: {raw.topic.name} holds pressures, to which it does not apply")
     else:
-        _refuse(None if section.surface_pa is None else "", "surface_pa", "depths", raw)
+        if section.surface_pa is not None:
+            raise SettingError(f"[depth] surface_pa: {raw.topic.name} holds depths, to which it does not apply")
         height = "height" in raw.values
         usual = "up" if height and not named_frd(raw.frame_id) else "down"
         if unit != "m":
@@ -172,8 +174,3 @@ def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
     if low < MIN_AIR_PRESSURE_PA:
         return f"{low:g} Pa is below air pressure: gauge pressures need surface_pa = 0"
     return ""
-
-
-def _refuse(value: str | None, key: str, what: str, raw: RawRecords) -> None:
-    if value is not None:
-        raise SettingError(f"[depth] {key}: {raw.topic.name} holds {what}, to which it does not apply")

@@ -15,7 +15,7 @@ import pandas as pd
 
 from usbldr.filters.frames import rotated
 from usbldr.filters.types import Array, Indices, Mask, Truth, Vector
-from usbldr.io.conventions.repeats import copied_fixes, runs, stuck, sudden_zeros
+from usbldr.io.conventions.repeats import copied_fixes, runs, some_runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import (
     displaced_velocities,
     heading_jumps,
@@ -198,10 +198,7 @@ def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
     count = np.maximum(stop - begin, 1)
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(dvl.values, axis=0)])
     speed = np.linalg.norm((sums[stop] - sums[begin]) / count[:, None], axis=1)
-    at_rest = (stop > begin) & (speed < REST_MPS)
-    moving = repeats.copy()
-    moving[repeats] = np.repeat(~at_rest, end - first)
-    return moving
+    return some_runs(repeats, (stop == begin) | ~(speed < REST_MPS))
 
 
 def _stretch_finding(code: str, records: Records, which: Mask, text: str) -> list[Finding]:

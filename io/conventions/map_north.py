@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from usbldr.filters.evaluation.fix_statistics import columns_at
 from usbldr.filters.frames import convergence_rad, rotated
 from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.implausible import Records
@@ -47,7 +48,7 @@ def headings_on_plane(log: Log) -> Log:
     for rows in blocks(len(table)):
         good, turned = headings.good[rows], heading_deg[rows]
         t = time_s[rows][good]
-        place_m = _interpolated(t, known_s, moved_m) + offset_m[np.searchsorted(since_s, t, side="right")]
+        place_m = columns_at(t, known_s, moved_m) + offset_m[np.searchsorted(since_s, t, side="right")]
         turned[good] = (turned[good] - np.degrees(convergence_rad(log.origin.lat_deg, place_m))) % 360.0
     provenance = dict(log.provenance) | {source: replace(log.provenance[source], geodetic=False)}
     tables = dict(log.tables) | {"compass": table.assign(heading_deg=heading_deg)}
@@ -62,7 +63,7 @@ def _offsets_m(log: Log, source: str, headings: Records, known_s: Vector, moved_
     if not len(fixes.values):
         return np.empty(0), np.zeros((1, 2))
     near_s = headings.time_s[bracketing(headings.time_s, fixes.time_s)]
-    offset_m = fixes.values - _interpolated(fixes.time_s, near_s, _interpolated(near_s, known_s, moved_m))
+    offset_m = fixes.values - columns_at(fixes.time_s, near_s, columns_at(near_s, known_s, moved_m))
     count = min(FEW_FIXES, len(offset_m))
     medians_m: Array = np.median(np.lib.stride_tricks.sliding_window_view(offset_m, count, axis=0), axis=-1)
     if source == "gps":  # the truth may only give the start
@@ -79,9 +80,3 @@ def _displacement_m(log: Log, headings: Records) -> tuple[Vector, Array]:
     V = rotated(-np.interp(dvl.time_s, headings.time_s, clockwise), dvl.values)
     moved = np.cumsum((V[1:] + V[:-1]) / 2 * np.diff(dvl.time_s)[:, None], axis=0)
     return dvl.time_s[1:], moved
-
-
-def _interpolated(time_s: Vector, known_s: Vector, values: Array) -> Array:
-    """Return values (n, k) of known times at other times, (m, k)."""
-    columns: list[Vector] = list(values.T)
-    return np.column_stack([np.interp(time_s, known_s, column) for column in columns])

@@ -34,6 +34,14 @@ def runs(mask: Mask) -> tuple[Indices, Indices]:
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
+def some_runs(mask: Mask, chosen: Mask) -> Mask:
+    """Return the records (n,) of those runs in a mask that are chosen, (r,)."""
+    first, end = runs(mask)
+    found = mask.copy()
+    found[mask] = np.repeat(chosen, end - first)
+    return found
+
+
 def noisy(values: Array) -> bool:
     """Tell whether noise exceeds motion in the changes from record to record, (n, k).
 
@@ -72,7 +80,7 @@ def stuck(time_s: Vector, values: Array) -> Mask:
     first, end = runs(same)
     least = MIN_REPEATS if share <= FINE_SHARE else np.log(MAX_CHANCE / len(same)) / np.log(share)
     long = (end - first >= least) & (time_s[end - 1] - time_s[first - 1] > LONGEST_STILL_S)
-    return _joined(len(same), first, end, long)
+    return some_runs(same, long)
 
 
 def copied_fixes(fixes_m: Array) -> Mask:
@@ -99,9 +107,8 @@ def sudden_zeros(time_s: Vector, velocity_mps: Array) -> Mask:
     zero = np.all(velocity_mps == 0, axis=1)
     others = velocity_mps[~zero]
     same = repeated(others)
-    none = np.zeros(len(zero), dtype=np.bool_)
     if not zero.any() or not noisy(others[~same]):
-        return none
+        return np.zeros(len(zero), dtype=np.bool_)
     first, end = runs(zero)
     braking = 0.0 if repeat_share(same) <= FINE_SHARE else MAX_ACCELERATION_MPS2
     speed, last = np.linalg.norm(velocity_mps, axis=1), len(zero) - 1
@@ -110,12 +117,4 @@ def sudden_zeros(time_s: Vector, velocity_mps: Array) -> Mask:
         ~inside | (speed[beside] > np.maximum(MIN_MOVING_MPS, braking * np.abs(time_s[beside] - time_s[edge])))
         for beside, edge, inside in sides
     ]
-    return _joined(len(zero), first, end, fast[0] & fast[1])
-
-
-def _joined(count: int, first: Indices, end: Indices, chosen: Mask) -> Mask:
-    """Return the records of the chosen runs, (count,)."""
-    steps = np.zeros(count + 1, dtype=np.intp)
-    steps[first[chosen]] += 1  # runs do not touch each other
-    steps[end[chosen]] -= 1
-    return np.cumsum(steps[:-1]) > 0
+    return some_runs(zero, fast[0] & fast[1])

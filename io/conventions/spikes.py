@@ -14,7 +14,7 @@ import pandas as pd
 
 from usbldr.filters.frames import wrapped
 from usbldr.filters.types import Array, Indices, Mask, Vector
-from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs
+from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs, some_runs
 from usbldr.io.messages.layouts import blocks
 
 HALF_WINDOW_RECORDS = 6  # the median of 13 records endures bursts of 6
@@ -147,9 +147,7 @@ def _impossible(deviation: Vector, window: int, least: float, excess: Callable[[
     too_fast = np.zeros(len(first), dtype=np.bool_)
     known = (first > 0) & (end < len(deviation))  # the ends show no way back
     too_fast[known] = (excess(first[known]) > NOISE_RATIO * usual) & (excess(end[known]) > NOISE_RATIO * usual)
-    spikes = np.zeros(len(deviation), dtype=np.bool_)
-    spikes[far] = np.repeat(too_fast, end - first)
-    return np.multiply(deviation, spikes, out=deviation)
+    return np.multiply(deviation, some_runs(far, too_fast), out=deviation)
 
 
 def _window(time_s: Vector) -> int:

@@ -29,10 +29,6 @@ class Times:
     conventions: tuple[Convention, ...]
     findings: tuple[Finding, ...]
 
-    def columns(self) -> dict[str, Nanoseconds]:
-        """Return the columns TIMES."""
-        return {"time_ns": self.time_ns, "received_ns": self.received_ns, "stamp_ns": self.stamp_ns}
-
 
 def times_of(raw: RawRecords, clock: str | None, latency_s: float, clock_step_s: float = 0.0) -> Times:
     """Time the records: by header, or by log time if there is none or so configured; subtract latency and clock step.

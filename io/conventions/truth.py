@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
+from usbldr.filters.evaluation.fix_statistics import columns_at
 from usbldr.filters.types import Array, Mask, Truth, Vector
+from usbldr.io.conventions.attitude import QUATERNION
 from usbldr.io.conventions.grids import grid_to_geodetic
 from usbldr.io.conventions.positions import heading_of_quaternion
 from usbldr.io.findings import Finding
@@ -27,15 +29,7 @@ from usbldr.io.tables.text_table import line_findings
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
 CLEARLY_BETTER = 2.0  # times: a frame whose points fit so much better is not chance
-MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", "qx", "qy", "qz", "qw")
-
-
-class PlaceColumns(NamedTuple):
-    """Names of two columns that hold a position, and their frame; None: east and north, unless stated otherwise."""
-
-    x: str
-    y: str
-    frame: str | None
+MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", *QUATERNION)
 
 
 TIMES = {
@@ -47,15 +41,16 @@ TIMES = {
     **dict.fromkeys(("timestamp", "stamp", "time", "datetime", "utc"), "time_unix_s"),
 }
 """Names of time columns, and the key of [truth] columns that each is."""
-PLACES = (
-    PlaceColumns("east_m", "north_m", "ENU"),
-    PlaceColumns("lat_deg", "lon_deg", "latlon"),
-    PlaceColumns("latitude", "longitude", "latlon"),
-    PlaceColumns("lat", "lon", "latlon"),
-    PlaceColumns("tx", "ty", None),
-    PlaceColumns("x_m", "y_m", None),
-    PlaceColumns("x", "y", None),
-)
+PLACES: Mapping[tuple[str, str], str | None] = {
+    ("east_m", "north_m"): "ENU",
+    ("lat_deg", "lon_deg"): "latlon",
+    ("latitude", "longitude"): "latlon",
+    ("lat", "lon"): "latlon",
+    ("tx", "ty"): None,
+    ("x_m", "y_m"): None,
+    ("x", "y"): None,
+}
+"""Names of two columns that hold a position, and their frame; None: east and north, unless stated otherwise."""
 VELOCITY = ("starboard_mps", "forward_mps")
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
@@ -111,8 +106,9 @@ def by_fixes(
     """
     frame = provenance.convention("frame")
     time_s: Vector = (fixes["time_ns"].to_numpy(dtype=np.int64) - start_ns) / 1e9
-    apart_m = distances_m(time_s, fixes[["east_m", "north_m"]].to_numpy(dtype=float), truth.time_s, truth.position_m)
-    if frame.chosen_by != "default" or not clearly_exchanged(apart_m):
+    fix_m = fixes[["east_m", "north_m"]].to_numpy(dtype=float)
+    apart_m = distances_if_exchanged(time_s, fix_m, truth.time_s, truth.position_m)
+    if frame.chosen_by != "default" or apart_m is None:
         return truth, provenance, []
     as_read_m, exchanged_m = apart_m
     other = "NED" if frame.value == "ENU" else "ENU"
@@ -130,26 +126,21 @@ def by_fixes(
     return turned, replace(provenance, conventions=conventions), [Finding("TRUTH-FRAME", text, truth.source)]
 
 
-def distances_m(time_s: Vector, point_m: Array, track_time_s: Vector, track_m: Array) -> tuple[float, float]:
+def distances_if_exchanged(
+    time_s: Vector, point_m: Array, track_time_s: Vector, track_m: Array
+) -> tuple[float, float] | None:
     """Return the median distance of points from a track, as it is and with its east and north exchanged.
 
-    Only shapes count: a constant shift between both is taken off. Both are 0 if too few points lie within the track.
+    None unless they fit clearly better then, or if too few points lie within the track. Only shapes count: a constant
+    shift between both is taken off.
     """
     among: Mask = (time_s >= track_time_s[0]) & (time_s <= track_time_s[-1])
     if among.sum() < LEAST_POINTS:
-        return 0.0, 0.0
-    there_m: Array = np.column_stack([np.interp(time_s[among], track_time_s, track_m[:, k]) for k in (0, 1)])
-    return _median_distance_m(point_m[among] - there_m), _median_distance_m(point_m[among] - there_m[:, ::-1])
-
-
-def clearly_exchanged(apart_m: tuple[float, float]) -> bool:
-    """Return whether points fit clearly better to a track whose east and north are exchanged."""
-    as_read_m, exchanged_m = apart_m
-    return exchanged_m * CLEARLY_BETTER < as_read_m
-
-
-def _median_distance_m(apart_m: Array) -> float:
-    return float(np.median(np.hypot(*(apart_m - np.median(apart_m, axis=0)).T)))
+        return None
+    there_m = columns_at(time_s[among], track_time_s, track_m)
+    apart_m = (point_m[among] - one for one in (there_m, there_m[:, ::-1]))
+    as_read_m, exchanged_m = (float(np.median(np.hypot(*(one - np.median(one, axis=0)).T))) for one in apart_m)
+    return (as_read_m, exchanged_m) if exchanged_m * CLEARLY_BETTER < as_read_m else None
 
 
 class TruthFile(NamedTuple):
@@ -190,7 +181,7 @@ def read_truth_file(
         frame = "latlon"
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
-    by_name = section.columns is None and any(p.frame for p in PLACES if (columns["x"], columns["y"]) == (p.x, p.y))
+    by_name = section.columns is None and PLACES[columns["x"], columns["y"]] is not None
     frame_by: ChosenBy = columns_by if by_name else "default" if section.frame is None else "configuration"
     named = ", ".join(f"{key} = {name}" for key, name in columns.items())
     chosen = [Convention("frame", frame, frame_by), *on_grid, Convention("columns", named, columns_by)]
@@ -227,9 +218,9 @@ def _heading(more: Mapping[str, Column], frame: str) -> dict[str, Vector]:
     """Return headings in degrees: stated ones, or those of quaternions, unless all are the same."""
     if "heading_deg" in more:
         return {"heading_deg": np.asarray(more["heading_deg"], float)}
-    if not {"qx", "qy", "qz", "qw"} <= set(more):
+    if not set(QUATERNION) <= set(more):
         return {}
-    quaternion = np.column_stack([np.asarray(more[name], float) for name in ("qx", "qy", "qz", "qw")])
+    quaternion = np.column_stack([np.asarray(more[name], float) for name in QUATERNION])
     heading = heading_of_quaternion(quaternion, frame)
     return {} if np.ptp(heading) == 0 else {"heading_deg": heading}
 
@@ -247,11 +238,11 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
             return {**columns, "x": columns["lat_deg"], "y": columns["lon_deg"]}, "latlon"
         return columns, section.frame or "ENU"
     clocks = [(key, name) for name, key in TIMES.items() if name in texts] or _times_by_unit(texts)
-    places = [place for place in PLACES if {place.x, place.y} <= set(texts)]
+    places = [names for names in PLACES if {*names} <= {*texts}]
     if clocks and places:
-        (key, name), place = clocks[0], places[0]
+        (key, name), (x, y) = clocks[0], places[0]
         more = {"sd_m": "sd_m"} if "sd_m" in texts else {}
-        return {key: name, "x": place.x, "y": place.y} | more, place.frame or section.frame or "ENU"
+        return {key: name, "x": x, "y": y} | more, PLACES[x, y] or section.frame or "ENU"
     example = '{ time_unix_s = "...", x = "...", y = "..." }'
     raise UsageError(
         f"which columns hold time and position (it has {', '.join(texts)})? Call them time_unix_s, lat_deg and lon_deg "

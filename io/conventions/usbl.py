@@ -7,7 +7,7 @@ compass; the filter treats both as independent, and `reference_covariance` adds 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +16,11 @@ from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.axes import axis_signs, named_frd, named_ned
+from usbldr.io.conventions import positions
 from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
 from usbldr.io.conventions.map_north import on_plane_north
-from usbldr.io.conventions.positions import exchanged_advice, grid_findings, notation_of, off_plane_causes, on_plane
-from usbldr.io.conventions.time_series import TimeSeries
+from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl_covariance import (
     reference_covariance,
@@ -47,15 +47,6 @@ HEADING_KEY = "heading_topic in head of [usbl]"
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
 
-@dataclass(frozen=True, slots=True)
-class FixContext:
-    """Other data of the log that a fix may need."""
-
-    raws: Mapping[str, RawRecords]  # the ship's topics, by the roles of heads
-    compass: ConvertedTable | None  # the vehicle's
-    depths: TimeSeries | None  # the vehicle's, metres below the surface
-
-
 class PlacedFixes(NamedTuple):
     """The positions of n fixes, before the check for validity."""
 
@@ -71,28 +62,32 @@ class PlacedFixes(NamedTuple):
     levelled_by_m: Vector | None = None  # depth that made a slant range a horizontal one; 0: it was not needed
 
 
-def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: FixContext) -> ConvertedTable:
+def usbl(
+    section: UsblSection, raws: Mapping[str, RawRecords], others: Mapping[str, ConvertedTable], origin: Origin | None
+) -> ConvertedTable:
     """Turn fixes to east and north with their covariance; invalid ones are left out.
 
-    Raises LogError if none is left or latitudes have no plane, UsageError if the section does not fit.
+    ``raws`` are those of the USBL and of its head's ship, ``others`` the vehicle's compass and depths, by role. Raises
+    LogError if none is left or latitudes have no plane, UsageError if the section does not fit.
     """
-    raw, target, findings = records_of_target(raw, section.target)
+    raw, target, findings = records_of_target(raws["usbl"], section.target)
     kind, kind_chosen, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
     when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s))
     times = when.times
-    end = usbl_reference(section, beside.raws, beside.compass, origin, when.at_head_ns)
-    unknown = np.full(len(times.time_ns), np.nan)
-    depth = unknown if beside.depths is None else beside.depths.at(times.time_ns, held_s=DEPTH_HELD_S)[:, 0]
+    compass, depth = others.get("compass"), np.full(len(times.time_ns), np.nan)
+    if "depth" in others:
+        depth = time_series(others["depth"], "depth", ["depth_m"]).at(times.time_ns, held_s=DEPTH_HELD_S)[:, 0]
+    end = usbl_reference(section, raws, compass, origin, when.at_head_ns)
     drop = depth - (end.depth_m if end else 0.0)
     if kind == "latlon":
-        fixes = _by_latitude(raw, origin, drop)
+        fixes = _on_map(raw, "latlon", origin, drop)._replace(conventions=positions.notation_of(raw))
     elif kind == "range_bearing":
         fixes = _by_range(raw, section, end, drop)
     else:
         fixes = _by_position(raw, section, origin, end, drop)
     if end is not None and when.asked_ns is not None and when.slant_m is not None:
-        asked = usbl_reference(section, beside.raws, beside.compass, origin, when.asked_ns)
+        asked = usbl_reference(section, raws, compass, origin, when.asked_ns)
         gone_m = end.place_m - asked.place_m if asked is not None else np.zeros_like(end.place_m)
         excess_m = moved_by_head_m(fixes.position_m - end.place_m, when.slant_m, gone_m)
         fixes = fixes._replace(position_m=fixes.position_m - excess_m)
@@ -107,9 +102,9 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
         findings.append(raw.finding("MAP-UNKNOWN", text))
 
     if kind == "position" and not fixes.relative_to_reference:
-        findings += grid_findings(raw, *fixes.position_m.T)
-    causes = {**fixes.causes, **off_plane_causes(*fixes.position_m.T)}
-    good, invalid = valid_mask(raw, causes, "usbl", "left out", exchanged_advice(raw, causes))
+        findings += positions.grid_findings(raw, *fixes.position_m.T)
+    causes = {**fixes.causes, **positions.off_plane_causes(*fixes.position_m.T)}
+    good, invalid = valid_mask(raw, causes, "usbl", "left out", positions.exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)
     levelled = fixes.levelled_by_m is not None
     cov_m2, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m, levelled)
@@ -134,10 +129,10 @@ def usbl(raw: RawRecords, section: UsblSection, origin: Origin | None, beside: F
     return replace(made.only(good), geodetic=kind == "latlon" or from_geodetic_end)
 
 
-def _by_latitude(raw: RawRecords, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
-    position = np.column_stack(on_plane(raw, "latlon", origin))
-    R = stated_covariance(raw, "latlon", np.eye(2), np.zeros(len(position)))
-    return PlacedFixes(position, np.zeros_like(position), drop_m, R, fix_causes(raw, "latlon"), notation_of(raw), [])
+def _on_map(raw: RawRecords, frame: str, origin: Origin | None, drop_m: Vector) -> PlacedFixes:
+    """Place positions on the map, and latitudes."""
+    position, R = np.column_stack(positions.on_plane(raw, frame, origin)), positions.message_covariance(raw, frame)
+    return PlacedFixes(position, np.zeros_like(position), drop_m, R, fix_causes(raw, frame), [], [])
 
 
 def _by_position(
@@ -153,9 +148,7 @@ def _by_position(
     if relative == "head" and end is None:
         raise raw.fault(f"{raw.topic.name} holds positions relative to the head; {STATE_HEAD}")
     if relative == "map" or end is None:
-        position = np.column_stack(on_plane(raw, frame, origin))
-        own = stated_covariance(raw, frame, np.eye(2), np.zeros(len(position)))
-        return PlacedFixes(position, np.zeros_like(position), drop_m, own, fix_causes(raw), chosen, findings)
+        return _on_map(raw, frame, origin, drop_m)._replace(conventions=chosen, findings=findings)
     axes = np.eye(2)
     if frame == "body":
         along, axes, axes_chosen, more = along_axes(raw, section)
@@ -164,7 +157,7 @@ def _by_position(
             along[:, 2] = np.where(np.isfinite(along[:, 2]), along[:, 2], -drop_m)
         offset = _in_level_axes(section, end, along)[:, :2]
     else:
-        offset = np.column_stack(on_plane(raw, frame, origin))
+        offset = np.column_stack(positions.on_plane(raw, frame, origin))
     turn, turn_chosen = _turn_deg(raw, section, end, frame)
     chosen += [*turn_chosen, *_scaled(section)]
     R = stated_covariance(raw, frame, axes, turn)
@@ -264,7 +257,7 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     turn, turn_chosen = _turn_deg(raw, section, end, frame)
     chosen += [*turn_chosen, *_scaled(section)]
     offset = rotated_clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
-    R = stated_covariance(raw, "ENU", np.eye(2), np.zeros(len(offset)))
+    R = positions.message_covariance(raw, "ENU")
     made = PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings, levelled_by_m=np.nan_to_num(drop))
     return _from_end(end, frame, made)
 

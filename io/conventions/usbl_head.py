@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.filters.frames import rotated
+from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.conventions import positions
 from usbldr.io.conventions.attitude import along_level_axes
@@ -29,6 +30,7 @@ from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSectio
 
 SHIP, SHIP_HEADING = "ship", "ship's heading"  # roles of topics that the configuration names for the head
 SHIP_SD_M = 3.0  # of a ship's receiver that states none
+NO_ARM: LeverArm = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,7 @@ def usbl_reference(
     ``compass`` is the vehicle's. Raises LogError if a ship's topic has no valid record.
     """
     if section.beacon is not None:
-        return _beacon(section.beacon, _turning(compass, section, section.beacon.max_gap_s, time_ns), origin)
+        return _fixed(section.beacon, _turning(compass, section, section.beacon.max_gap_s, time_ns), origin)
     if section.head is None:
         return None
     head = section.head
@@ -111,35 +113,22 @@ def usbl_reference(
     return _ship(head, turning, raws[SHIP], origin, time_ns) if SHIP in raws else _fixed(head, turning, origin)
 
 
-def _beacon(beacon: Beacon, turning: CarrierHeading, origin: Origin | None) -> UsblReference:
-    east, north = _place(beacon, origin)
-    count = len(turning.heading_deg)
+def _fixed(end: Head | Beacon, turning: CarrierHeading, origin: Origin | None) -> UsblReference:
+    """Return a head, or the beacon of the vehicle's own head, whose place the configuration states."""
+    antenna = np.array(_place(end, origin))
+    of, sign, lever_m = ("head", 1.0, end.lever_arm_m) if isinstance(end, Head) else ("beacon", -1.0, NO_ARM)
+    plane_lat_deg = _plane_lat_deg(end.lat_deg is not None, origin)
+    arm = _arm(lever_m, turning, antenna, plane_lat_deg)
+    at = zip(("east_m", "north_m"), antenna.tolist(), strict=True)
     return UsblReference(
-        place_m=np.tile([east, north], (count, 1)),
-        sd_m=np.full(count, beacon.sd_m),
-        depth_m=beacon.depth_m,
-        carrier_heading=turning,
-        arm_m=np.zeros((count, 2)),
-        sign=-1.0,
-        plane_lat_deg=_plane_lat_deg(beacon.lat_deg is not None, origin),
-        conventions=_place_conventions("beacon", east, north),
-    )
-
-
-def _fixed(head: Head, turning: CarrierHeading, origin: Origin | None) -> UsblReference:
-    east, north = antenna = np.array(_place(head, origin))
-    plane_lat_deg = _plane_lat_deg(head.lat_deg is not None, origin)
-    arm = _arm(head, turning, antenna, plane_lat_deg)
-    place = antenna + arm
-    return UsblReference(
-        place_m=place,
-        sd_m=np.full(len(place), head.sd_m or 0.0),
-        depth_m=head.depth_m,
+        place_m=antenna + arm,
+        sd_m=np.full(len(arm), end.sd_m or 0.0),
+        depth_m=end.depth_m,
         carrier_heading=turning,
         arm_m=arm,
-        sign=1.0,
+        sign=sign,
         plane_lat_deg=plane_lat_deg,
-        conventions=(*_place_conventions("head", east, north), *turning.conventions),
+        conventions=(*(Convention(key, m, "configuration", "m", of=of) for key, m in at), *turning.conventions),
         findings=turning.findings,
     )
 
@@ -150,7 +139,7 @@ def _ship(
     made = positions.gps(ship, GpsSection(latency_s=head.latency_s), origin)
     there = time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s)
     plane_lat_deg = _plane_lat_deg("lat_deg" in ship.layout.required, origin)
-    arm = _arm(head, turning, there[:, :2], plane_lat_deg)
+    arm = _arm(head.lever_arm_m, turning, there[:, :2], plane_lat_deg)
     place = there[:, :2] + arm
     recorded = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
     sd = recorded if head.sd_m is None else np.full(len(place), head.sd_m)
@@ -187,12 +176,12 @@ def _plane_lat_deg(geodetic: bool, origin: Origin | None) -> float | None:
     return origin.lat_deg if geodetic and origin is not None else None
 
 
-def _arm(head: Head, turning: CarrierHeading, antenna_m: Array, plane_lat_deg: float | None) -> Array:
+def _arm(lever_m: LeverArm, turning: CarrierHeading, antenna_m: Array, plane_lat_deg: float | None) -> Array:
     """Return the lever arm from the antenna (n, 2) or (2,) to the head, east and north, (n, 2)."""
     count = len(turning.heading_deg)
-    if not any(head.lever_arm_m[:2] if turning.vertical is None else head.lever_arm_m):
+    if not any(lever_m[:2] if turning.vertical is None else lever_m):
         return np.zeros((count, 2))
-    arm_m = np.tile(head.lever_arm_m, (count, 1))
+    arm_m = np.tile(lever_m, (count, 1))
     if turning.vertical is not None:  # the system may have levelled its fixes, but not the arm
         tilted_m = along_level_axes(arm_m, turning.vertical)
         arm_m = np.where(np.isfinite(tilted_m), tilted_m, arm_m)
@@ -221,12 +210,6 @@ def gyro_section(head: Head) -> CompassSection:
         declination_deg=head.heading_declination_deg,
         latency_s=head.heading_latency_s,
     )
-
-
-def _place_conventions(of: str, east_m: float, north_m: float) -> tuple[Convention, Convention]:
-    places = (("east_m", east_m), ("north_m", north_m))
-    east, north = (Convention(key, value, "configuration", "m", of=of) for key, value in places)
-    return east, north
 
 
 def _place(end: Head | Beacon, origin: Origin | None) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from usbldr.io.axes import named_ned
 from usbldr.io.conventions.converted import chosen_convention
 from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.conventions.truth import clearly_exchanged, distances_m, find_truth_file, read_truth_file
+from usbldr.io.conventions.truth import distances_if_exchanged, find_truth_file, read_truth_file
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import OriginKind
@@ -43,8 +43,8 @@ def read_estimate(log: Log, request: Request, name: str, frame: str | None = Non
     truth = log.truth
     if truth is None or not by_default:
         return placed, track
-    apart_m = distances_m(truth.time_s, truth.position_m, track.time_s, track.position_m)
-    if not clearly_exchanged(apart_m):
+    apart_m = distances_if_exchanged(truth.time_s, truth.position_m, track.time_s, track.position_m)
+    if apart_m is None:
         return placed, track
     other = {"ENU": "NED", "NED": "ENU"}[used]
     text = (

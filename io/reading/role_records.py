@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,20 +19,13 @@ MAX_ATTITUDES = 1_000_000  # [records] of which roll and pitch are kept, 40 MB: 
 REPORTED_ATTITUDES = 200_000  # [records] kept if they are only reported: 5 per second in 10 hours
 
 
-class RoleRecords(NamedTuple):
-    """The records of each sensor by role."""
-
-    raws: dict[str, RawRecords]
-    evidence: dict[str, RawRecords]  # of roles with fields that were asked for: some records with these fields
-
-
 def read_roles(
     reader: Reader, choices: Mapping[str, TopicChoice], more_fields: Mapping[str, Sequence[str]], tilted: bool
-) -> RoleRecords:
-    """Read the topics chosen, each once; ``more_fields`` (role -> fields) become quantities of the evidence.
+) -> tuple[dict[str, RawRecords], dict[str, RawRecords]]:
+    """Read the topics chosen, each once; return the records of each sensor, and the evidence: some of its records.
 
-    ``tilted``: roll and pitch of the compass are used, not only reported. Raises LogError if no message of a topic can
-    be read.
+    ``more_fields`` (role -> fields) become quantities of the evidence, which only their roles have. ``tilted``: roll
+    and pitch of the compass are used, not only reported. Raises LogError if no message of a topic can be read.
     """
     while True:
         kept = {
@@ -57,7 +49,7 @@ def read_roles(
             why = "; ".join(finding.text for finding in reader.findings()) or "none fits its definition"
             raise LogError(f"no message of {one.topic.name} ({role}) could be read: {why}", path=reader.path)
     evidence = {role: one.evidence() for role, one in kept.items() if role in more_fields}
-    return RoleRecords({role: kept.pop(role).raws() for role in list(kept)}, evidence)
+    return {role: kept.pop(role).raws() for role in list(kept)}, evidence
 
 
 class _Collected:

@@ -14,9 +14,8 @@ from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.grids import off_grids
 from usbldr.io.conventions.sanity import covariance_findings
-from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.timestamps import sorted_by_time
-from usbldr.io.conventions.usbl import FixContext, usbl
+from usbldr.io.conventions.usbl import usbl
 from usbldr.io.conventions.usbl_head import SHIP
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
@@ -156,8 +155,7 @@ def _converted(
             made["dvl"], made.get("compass"), made.get("depth"), configuration.dvl.level
         )
     if "usbl" in raws:
-        depths = time_series(made["depth"], "depth", ["depth_m"]) if "depth" in made else None
-        fixes = usbl(raws["usbl"], configuration.usbl, origin, FixContext(raws, made.get("compass"), depths))
+        fixes = usbl(configuration.usbl, raws, made, origin)
         made["usbl"] = tilt.level_lever_arm(fixes, made.get("compass"), configuration.usbl.lever_arm_m)
     if "gps" in raws:
         try:

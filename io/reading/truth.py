@@ -1,7 +1,6 @@
 """The truth of a log, from its source: a file, a topic, or the GPS."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 from usbldr.filters.types import Truth
 from usbldr.io.conventions.sanity import repeated_fix_findings, truth_jump_findings, truth_overlap_findings
@@ -13,20 +12,13 @@ from usbldr.io.reading.truth_source import TruthSource, place_unknown
 from usbldr.io.settings.sensor_sections import Configuration
 
 
-class ReadTruth(NamedTuple):
-    """The truth, or None, how it was read (role -> provenance, of a truth of its own), and what was found."""
-
-    truth: Truth | None
-    provenance: dict[str, Provenance]
-    findings: list[Finding]
-
-
 def read_truth(
     source: TruthSource, kind: str, configuration: Configuration, sensors: SensorTables, start_ns: int
-) -> ReadTruth:
-    """Read the truth; a topic of its own is taken out of the tables of ``sensors``.
+) -> tuple[Truth | None, dict[str, Provenance], list[Finding]]:
+    """Return the truth, or None, how one of its own was read (role -> provenance), and what was found.
 
-    Raises LogError if its file cannot be read, or none of its rows is left.
+    A topic of its own is taken out of the tables of ``sensors``. Raises LogError if its file cannot be read, or none of
+    its rows is left.
     """
     own: dict[str, Provenance] = {}
     findings: list[Finding] = []
@@ -43,7 +35,7 @@ def read_truth(
         text = "frame of [truth] is not used: the truth is the log's GPS, which is read by the frame of [gps]"
         findings.append(Finding("KEY-UNUSED", text))
     if table is None or (used := own.get("truth", gps)) is None:
-        return ReadTruth(None, own, [*findings, *truth_overlap_findings(None, tables, start_ns)])
+        return None, own, findings
     truth, more = truth_from_table(table, used.topic, start_ns, section, kind)
     findings += more
     truth = replace(truth, place_unknown=place_unknown(sensors.provenance | own, sensors.origin))
@@ -52,4 +44,4 @@ def read_truth(
         findings += more
     findings += [*truth_overlap_findings(truth, tables, start_ns), *truth_jump_findings(truth)]
     findings += repeated_fix_findings(table, own.get("truth", used), start_ns)
-    return ReadTruth(truth, own, findings)
+    return truth, own, findings

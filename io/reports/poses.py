@@ -21,14 +21,13 @@ def pose_table(log: Log, trajectory: Trajectory) -> pd.DataFrame | None:
         return None
     x, y = trajectory.names.index("x"), trajectory.names.index("y")
     time_s = trajectory.time_s
-    tilt = None if log.attitude is None else log.attitude
     return pd.DataFrame(
         {
             "time_s": time_s,
             "depth_m": column_at(time_s, log.tables.get("depth"), "depth_m"),
             "altitude_m": column_at(time_s, log.altitude, "altitude_m") - log.parameters.dvl_lever_m[2],
-            "roll_deg": column_at(time_s, tilt, "roll_deg"),
-            "pitch_deg": column_at(time_s, tilt, "pitch_deg"),
+            "roll_deg": column_at(time_s, log.attitude, "roll_deg"),
+            "pitch_deg": column_at(time_s, log.attitude, "pitch_deg"),
             "sd_heading_deg": np.degrees(np.sqrt(trajectory.cov[:, psi, psi])),
             "cov_east_heading_mdeg": -np.degrees(trajectory.cov[:, x, psi]),
             "cov_north_heading_mdeg": -np.degrees(trajectory.cov[:, y, psi]),

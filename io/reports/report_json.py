@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import consistency_text
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.influence import Influence, most_influential
@@ -26,6 +25,8 @@ from usbldr.io.reports.run import Run
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import made_by, provenance_content
 from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum
+
+BOUNDS = {"filter": False, "smoother": True}  # whether it is of smoothed tracks
 
 
 def fixes_table(timeline: Timeline, trajectory: Trajectory) -> pd.DataFrame:
@@ -175,7 +176,7 @@ def report_content(run: Run) -> dict[str, Any]:
         "truth": _truth(run.truth),
         **_scores(report),
         "reference_tracks": {other.trajectory.label: _scores(other.report) for other in run.reference_tracks},
-        **({} if run.bound is None else {"bound": _bound(run.bound)}),
+        **({} if (bound := run.bound) is None else {"bound": {name: bound.metrics(k) for name, k in BOUNDS.items()}}),
         "warnings": run.warnings,
         "verdict": run.verdict,
         "provenance": provenance_content(run.made),
@@ -188,10 +189,6 @@ def _named(value: Any) -> Any:
     if hasattr(value, "_asdict"):
         return {name: _named(part) for name, part in value._asdict().items()}
     return [_named(part) for part in value] if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownVariableType]
-
-
-def _bound(bound: PositionBound) -> dict[str, dict[str, float]]:
-    return {"filter": bound.metrics(smooth=False), "smoother": bound.metrics(smooth=True)}
 
 
 def _influence(fix: Influence) -> dict[str, Any]:

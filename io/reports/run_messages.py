@@ -5,7 +5,7 @@ All are stamped with their time of validity. Positions are east and north in the
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,12 +26,8 @@ KNOWN_COVARIANCE, NO_COVARIANCE = 3, 0  # of NavSatFix
 LEVELS: Mapping[str, int] = {"used": 0, "down-weighted": 1, "rejected": 2, "not used": 1}  # OK, WARN, ERROR
 
 
-class RunTopic(NamedTuple):
-    """A topic of a run: its messages, made one by one, with their stamps in nanoseconds since 1970."""
-
-    topic: str
-    type: str
-    stamped: Iterator[tuple[int, RosMessage]]
+Stamped: TypeAlias = Iterator[tuple[int, RosMessage]]  # messages, made one by one, with their stamps since 1970 in ns
+RunTopic: TypeAlias = tuple[str, str, Stamped]  # name, type
 
 
 def run_topics(m: Makers, run: Run) -> list[RunTopic]:
@@ -41,7 +37,7 @@ def run_topics(m: Makers, run: Run) -> list[RunTopic]:
     """
     track, report = run.scored
     time_s, position_m, cov_m2 = track.time_s, track.position_m, track.position_cov_m2
-    topics = [RunTopic("/usbldr/estimate", ODOMETRY, _odometry(m, run))]
+    topics: list[RunTopic] = [("/usbldr/estimate", ODOMETRY, _odometry(m, run))]
     topics += _places(m, run, "/usbldr/estimate", time_s, position_m, cov_m2)
     if run.truth is not None:
         sd_m = run.truth.sd_m
@@ -54,33 +50,33 @@ def run_topics(m: Makers, run: Run) -> list[RunTopic]:
         line = run.timeline
         topics += _positions(m, run, name, line.fix_time_s[at], line.fix_m[at], line.fix_cov_m2[at])
     if len(fixes):
-        topics.append(RunTopic("/usbldr/fixes/outcome", DIAGNOSTICS, _outcomes(m, run)))
+        topics.append(("/usbldr/fixes/outcome", DIAGNOSTICS, _outcomes(m, run)))
     if report is not None:
         error_m = np.column_stack([report.error_m, report.horizontal_m])
-        topics.append(RunTopic("/usbldr/error", VECTOR, _vectors(m, run, report.time_s, error_m)))
+        topics.append(("/usbldr/error", VECTOR, _vectors(m, run, report.time_s, error_m)))
     if cov_m2 is not None:
         sd_m = np.column_stack([sigmas(cov_m2), np.zeros(len(time_s))])
-        topics.append(RunTopic("/usbldr/sigma", VECTOR, _vectors(m, run, time_s, sd_m)))
+        topics.append(("/usbldr/sigma", VECTOR, _vectors(m, run, time_s, sd_m)))
     if estimated_errors(track):
-        topics.append(RunTopic("/usbldr/sensor_errors", DIAGNOSTICS, _sensor_errors(m, run)))
+        topics.append(("/usbldr/sensor_errors", DIAGNOSTICS, _sensor_errors(m, run)))
     return topics
 
 
 def _positions(
     m: Makers, run: Run, topic: str, time_s: Vector, position_m: Array, cov_m2: Array | None
 ) -> list[RunTopic]:
-    pose = RunTopic(topic, POSE, _poses(m, run, time_s, position_m, cov_m2))
-    return [pose, *_places(m, run, topic, time_s, position_m, cov_m2)]
+    poses = _poses(m, run, time_s, position_m, cov_m2)
+    return [(topic, POSE, poses), *_places(m, run, topic, time_s, position_m, cov_m2)]
 
 
 def _places(m: Makers, run: Run, topic: str, time_s: Vector, position_m: Array, cov_m2: Array | None) -> list[RunTopic]:
     """Return the topic of the latitudes of a track; none if they are unknown."""
     if run.log.origin is None or run.log.map_unknown:
         return []
-    return [RunTopic(f"{topic}/place", NAVSAT, _navsats(m, run, time_s, position_m, cov_m2))]
+    return [(f"{topic}/place", NAVSAT, _navsats(m, run, time_s, position_m, cov_m2))]
 
 
-def _odometry(m: Makers, run: Run) -> Iterator[tuple[int, RosMessage]]:
+def _odometry(m: Makers, run: Run) -> Stamped:
     """The pose in the map, the velocity in the axes of the vehicle: x forward, y port."""
     track = run.scored.trajectory
     zero, unknown = np.zeros(len(track.time_s)), np.full(len(track.time_s), np.nan)
@@ -115,17 +111,13 @@ def _pose(m: Makers, east_m: float, north_m: float, cov_m2: Array | None, psi: f
     return m.make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
 
 
-def _poses(
-    m: Makers, run: Run, time_s: Vector, position_m: Array, cov_m2: Array | None
-) -> Iterator[tuple[int, RosMessage]]:
+def _poses(m: Makers, run: Run, time_s: Vector, position_m: Array, cov_m2: Array | None) -> Stamped:
     for k, (east, north) in enumerate(position_m.tolist()):
         stamp_ns, header = _header(m, run, float(time_s[k]))
         yield stamp_ns, m.make(POSE, header, _pose(m, east, north, None if cov_m2 is None else cov_m2[k]))
 
 
-def _navsats(
-    m: Makers, run: Run, time_s: Vector, position_m: Array, cov_m2: Array | None
-) -> Iterator[tuple[int, RosMessage]]:
+def _navsats(m: Makers, run: Run, time_s: Vector, position_m: Array, cov_m2: Array | None) -> Stamped:
     """Places at most once a second, as a map shows them."""
     assert run.log.origin is not None
     lat, lon = to_geodetic(run.log.origin, *position_m.T)
@@ -140,13 +132,13 @@ def _navsats(
         yield stamp_ns, m.make(NAVSAT, header, status, float(lat[k]), float(lon[k]), 0.0, covariance, kind)
 
 
-def _vectors(m: Makers, run: Run, time_s: Vector, values: Array) -> Iterator[tuple[int, RosMessage]]:
+def _vectors(m: Makers, run: Run, time_s: Vector, values: Array) -> Stamped:
     for t, row in zip(time_s.tolist(), values.tolist(), strict=True):
         stamp_ns, header = _header(m, run, t)
         yield stamp_ns, m.make(VECTOR, header, m.vector(*row))
 
 
-def _outcomes(m: Makers, run: Run) -> Iterator[tuple[int, RosMessage]]:
+def _outcomes(m: Makers, run: Run) -> Stamped:
     """What became of each fix, with the numbers of fixes.csv."""
     for row in fixes_table(run.timeline, run.scored.trajectory).to_dict("records"):
         outcome = str(row["outcome"])
@@ -156,7 +148,7 @@ def _outcomes(m: Makers, run: Run) -> Iterator[tuple[int, RosMessage]]:
         )
 
 
-def _sensor_errors(m: Makers, run: Run) -> Iterator[tuple[int, RosMessage]]:
+def _sensor_errors(m: Makers, run: Run) -> Stamped:
     """The estimated sensor errors once a second."""
     track = run.scored.trajectory
     errors = [(error, *in_unit(error.unit)) for error in estimated_errors(track)]

@@ -118,14 +118,6 @@ def value_text(one: Parameter) -> tuple[str, str]:
     return shown, f"{one.sd:.{digits}f}"
 
 
-def state_text(one: Parameter) -> str:
-    """Return what a survey leaves open of a parameter, and what would settle it."""
-    if not one.open:
-        return ""
-    rival = f"cannot be separated from {name_of(one.rival)}; " if one.rival else ""
-    return f"open: {rival}{one.leg}"
-
-
 def tables(found: Calibration) -> tuple[Table, Table]:
     """Return the errors of the installation, and the scatter of the fixes before and after."""
     verdict = found.verdict
@@ -164,8 +156,9 @@ def states(parameters: Sequence[Parameter]) -> list[str]:
     """Return which parameters are open, and what would settle them."""
     names: dict[str, list[str]] = {}
     for one in parameters:
-        if text := state_text(one):
-            names.setdefault(text, []).append(name_of(one.name))
+        if one.open:
+            rival = f"cannot be separated from {name_of(one.rival)}; " if one.rival else ""
+            names.setdefault(f"open: {rival}{one.leg}", []).append(name_of(one.name))
     return [f"{', '.join(named)}: {text}" for text, named in names.items()]
 
 
