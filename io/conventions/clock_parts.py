@@ -52,10 +52,10 @@ def in_time_order(
     sensors, findings = _examined(raws, by_log)
     if wraps := [wrap for one in sensors.values() for wrap in one.wraps]:
         sensors, findings = _examined(raws, by_log, wraps)
-    pauses, longest_ns = shared_pauses({role: one.raw.received_ns for role, one in sensors.items()})
+    paused, longest_ns = shared_pauses({role: one.raw.received_ns for role, one in sensors.items()})
     if longest_ns < LONGEST_LOG_NS:
         sensors, findings = _examined(raws, by_log, wraps, longest_ns)
-    findings += [pause.finding() for pause in pauses if pause.length_ns <= longest_ns]
+    findings += paused
     first = max(sensors.values(), key=lambda one: (len(one.steps), len(one.raw.received_ns)), default=None)
     if first is None or not first.steps:
         if part is not None:

@@ -4,7 +4,6 @@ Integer nanoseconds.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,26 +17,8 @@ from usbldr.io.reader import Nanoseconds, utc
 MIN_PAUSE_NS = 1800 * SECOND  # [ns] a clock that is set to another time zone moves by half an hour or more
 
 
-class Pause(NamedTuple):
-    """A time without a record of any sensor."""
-
-    before_ns: int
-    after_ns: int
-
-    @property
-    def length_ns(self) -> int:
-        """From the last record before it to the first one behind it."""
-        return self.after_ns - self.before_ns
-
-    def finding(self) -> Finding:
-        """Return what is said of a pause within a part."""
-        text = f"all sensors pause for {self.length_ns / SECOND:.0f} s together after {utc(self.before_ns)}"
-        text += ": two recordings, or a clock that was set forward"
-        return Finding("PAUSE", f"{text}; score one side with --start or --end, or undo a step with clock_step_s")
-
-
-def shared_pauses(times_ns: Mapping[str, Nanoseconds]) -> tuple[list[Pause], int]:
-    """Return where no sensor has a record for MIN_PAUSE_NS, and which of it divides the log: what is longer.
+def shared_pauses(times_ns: Mapping[str, Nanoseconds]) -> tuple[list[Finding], int]:
+    """Report where no sensor has a record for MIN_PAUSE_NS, and return which of it divides the log: what is longer.
 
     That is the length of the log without the longest pauses, if each is longer than that; else LONGEST_LOG_NS.
     DVL, compass and USBL have records before and behind a pause. ``times_ns``: by role, in the order of the file.
@@ -48,12 +29,19 @@ def shared_pauses(times_ns: Mapping[str, Nanoseconds]) -> tuple[list[Pause], int
     every = np.concatenate(list(stretches.values()))
     first, last = every[np.argsort(every[:, 0])].T
     last = np.maximum.accumulate(last)
-    found = [Pause(int(last[k]), int(first[k + 1])) for k in np.flatnonzero(first[1:] - last[:-1] > MIN_PAUSE_NS)]
+    pauses = [(int(last[k]), int(first[k + 1])) for k in np.flatnonzero(first[1:] - last[:-1] > MIN_PAUSE_NS)]
     both = [part for role, part in stretches.items() if role in SENSORS]
-    found = [one for one in found if all(s.min() <= one.before_ns and s.max() >= one.after_ns for s in both)]
-    lengths = np.sort([one.length_ns for one in found])[::-1]
+    shared = [(before, after) for before, after in pauses if all(s.min() <= before and s.max() >= after for s in both)]
+    lengths = np.sort([after - before for before, after in shared])[::-1]
     recorded = last[-1] - first[0] - np.cumsum(lengths)
-    return found, int(min(recorded[lengths > recorded], default=LONGEST_LOG_NS))
+    longest_ns = int(min(recorded[lengths > recorded], default=LONGEST_LOG_NS))
+    return [_finding(before, after - before) for before, after in shared if after - before <= longest_ns], longest_ns
+
+
+def _finding(before_ns: int, length_ns: int) -> Finding:
+    text = f"all sensors pause for {length_ns / SECOND:.0f} s together after {utc(before_ns)}"
+    text += ": two recordings, or a clock that was set forward"
+    return Finding("PAUSE", f"{text}; score one side with --start or --end, or undo a step with clock_step_s")
 
 
 def _stretches(times_ns: Nanoseconds) -> Indices:

@@ -70,7 +70,7 @@ def compass(
     chosen += corrections("deg", bias_deg=section.bias_deg, deviation_sin_deg=A, deviation_cos_deg=B)
     sd, sd_chosen = _sd_deg(raw, section)
     columns = {"heading_deg": np.mod(heading, 360.0, out=heading), "sd_deg": sd}
-    made = converted_table(raw, times, columns, [*chosen, sd_chosen], findings).only(good)
+    made = converted_table(times, columns, [*chosen, sd_chosen], findings).only(good)
     if raw.attitude is None:
         return made
     return replace(made, attitude=_attitude(raw.attitude, section, str(chosen[0].value)))
@@ -81,7 +81,7 @@ def _attitude(raw: RawRecords, section: CompassSection, convention: str) -> Conv
     enu = convention == "ENU" and "qx" in raw.layout.required  # roll and pitch are the same for every heading
     along = vertical(raw, "ENU" if enu else "NED", section.bias_deg)
     times = times_of(raw, section.time, section.latency_s, section.clock_step_s)
-    return converted_table(raw, times, dict(zip(VERTICAL, along.T, strict=True)), (), ())
+    return converted_table(times, dict(zip(VERTICAL, along.T, strict=True)), (), ())
 
 
 def without_deviation(read_deg: Vector, A: float, B: float) -> Vector:
@@ -241,9 +241,8 @@ def _sd_deg(raw: RawRecords, section: CompassSection) -> tuple[Vector, Conventio
             sd = np.where(np.isfinite(sd), sd, np.sqrt(np.where(variance > 0, variance, np.nan)))
     known = np.isfinite(sd)
     if not known.any():
-        return np.broadcast_to(np.array([COMPASS_SD_DEG]), len(sd)), Convention(
-            "sd_deg", COMPASS_SD_DEG, "default", "deg"
-        )
+        chosen = Convention("sd_deg", COMPASS_SD_DEG, "default", "deg")
+        return np.broadcast_to(np.array([COMPASS_SD_DEG]), len(sd)), chosen
     chosen_by: ChosenBy = "configuration" if section.sd_deg else "column names"
     chosen = Convention("sd_deg", float(np.nanmedian(sd)), chosen_by, "deg", "median of the records")
     return np.where(known, sd, COMPASS_SD_DEG), chosen

@@ -62,11 +62,7 @@ def corrections(unit: str = "", **stated: float) -> list[Convention]:
 
 
 def converted_table(
-    raw: RawRecords,
-    times: Times,
-    columns: Mapping[str, Vector | Mask],
-    chosen: Sequence[Convention],
-    findings: Sequence[Finding],
+    times: Times, columns: Mapping[str, Vector | Mask], chosen: Sequence[Convention], findings: Sequence[Finding]
 ) -> ConvertedTable:
     """Put times and columns into one table, times' conventions last."""
     table = pd.DataFrame({name: getattr(times, name) for name in TIMES} | dict(columns), copy=False)

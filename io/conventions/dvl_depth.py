@@ -85,7 +85,7 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
         altitude_m = raw.number("altitude")
         columns["altitude_m"] = np.where(valid & (altitude_m > 0) & (altitude_m < MAX_DEPTH_M), altitude_m, np.nan)
     times = times_of(raw, section.time, section.latency_s, section.clock_step_s)
-    return converted_table(raw, times, columns, [*chosen, sd_chosen], [*findings, *more, *invalid])
+    return converted_table(times, columns, [*chosen, sd_chosen], [*findings, *more, *invalid])
 
 
 def _sound_speed_ratio(raw: RawRecords, section: DvlSection) -> tuple[Vector, list[Convention]]:
@@ -160,7 +160,7 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
     causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}
     good, invalid = valid_mask(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
-    return converted_table(raw, times, {"depth_m": value}, chosen, [*findings, *invalid]).only(good)
+    return converted_table(times, {"depth_m": value}, chosen, [*findings, *invalid]).only(good)
 
 
 def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.frames import rotated
-from usbldr.filters.types import Array, Indices, Mask, Truth, Vector
+from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.conventions.repeats import copied_fixes, runs, some_runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import (
     displaced_velocities,
@@ -50,11 +50,6 @@ class Records(NamedTuple):
         if "valid" in table:
             good = good & table["valid"].to_numpy(dtype=np.bool_)
         return cls(topic, good, time_s, values) if good.all() else cls(topic, good, time_s[good], values[good])
-
-    @property
-    def rows(self) -> Indices:
-        """The rows of the table, (n,)."""
-        return np.flatnonzero(self.good)
 
     def without(self, some: Mask) -> "Records":
         """Leave out some of the records."""

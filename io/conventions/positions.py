@@ -237,5 +237,5 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     times = times_of(raw, section.time, section.latency_s)
     chosen = [frame_chosen, *(notation_of(raw) if latlon else ()), sd_chosen]
     on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
-    made = converted_table(raw, times, columns, chosen, [*findings, *invalid, *on_grid])
+    made = converted_table(times, columns, chosen, [*findings, *invalid, *on_grid])
     return replace(made.only(good), geodetic=frame == "latlon")

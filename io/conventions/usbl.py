@@ -124,7 +124,7 @@ def usbl(
         columns[LEVELLED_COLUMN] = fixes.levelled_by_m
     chosen = [*target, kind_chosen, *when.conventions, *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
-    made = converted_table(raw, times, columns, chosen, [*findings, *invalid])
+    made = converted_table(times, columns, chosen, [*findings, *invalid])
     from_geodetic_end = end is not None and end.plane_lat_deg is not None and fixes.relative_to_reference
     return replace(made.only(good), geodetic=kind == "latlon" or from_geodetic_end)
 
@@ -158,8 +158,8 @@ def _by_position(
         offset = _in_level_axes(section, end, along)[:, :2]
     else:
         offset = np.column_stack(positions.on_plane(raw, frame, origin))
-    turn, turn_chosen = _turn_deg(raw, section, end, frame)
-    chosen += [*turn_chosen, *_scaled(section)]
+    turn, more_chosen = _turn_deg(raw, section, end, frame)
+    chosen += more_chosen
     R = stated_covariance(raw, frame, axes, turn)
     drop = np.where(np.isfinite(raw.number("z")), raw.number("z"), drop_m)
     offset = rotated_clockwise(offset, turn) * section.sound_speed_scale
@@ -199,21 +199,24 @@ def _in_level_axes(section: UsblSection, end: UsblReference, along: Array) -> Ar
 
 
 def _turn_deg(raw: RawRecords, section: UsblSection, end: UsblReference, frame: str) -> tuple[Vector, list[Convention]]:
-    """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow."""
+    """Return how far the instrument is turned clockwise from north, (n,): by its mount, in a body frame by the bow.
+
+    With it come the conventions of the mount and of the scale.
+    """
     keys = ("mount_deg", "mount_roll_deg", "mount_pitch_deg")
     chosen = corrections("deg", **{key: float(getattr(section, key)) for key in keys})
     if section.level:
         chosen.append(Convention("level", "roll and pitch of the ship", "configuration"))
+    if section.sound_speed_scale != 1:
+        chosen.append(Convention("sound_speed_scale", section.sound_speed_scale, "configuration"))
     if frame != "body":
         return np.full(len(raw.received_ns), section.mount_deg), chosen
     if not np.isfinite(end.carrier_heading.heading_deg).any():
         why = "the vehicle has no compass" if section.beacon else "state heading_topic or heading_deg in head = {...}"
         raise raw.fault(f"{raw.topic.name} counts from the bow of the head's carrier: {why}")
     mount_deg = 0.0 if _tilted(section) else section.mount_deg  # a tilted mount is turned with its tilt
-    return end.carrier_heading.heading_deg + mount_deg, [
-        Convention("bearing_from", "bow", "configuration" if section.frame else "type"),
-        *chosen,
-    ]
+    from_bow = Convention("bearing_from", "bow", "configuration" if section.frame else "type")
+    return end.carrier_heading.heading_deg + mount_deg, [from_bow, *chosen]
 
 
 def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, drop_m: Vector) -> PlacedFixes:
@@ -254,17 +257,12 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
         for what, mask in counts.items()
         if np.any(mask)
     ]
-    turn, turn_chosen = _turn_deg(raw, section, end, frame)
-    chosen += [*turn_chosen, *_scaled(section)]
+    turn, more_chosen = _turn_deg(raw, section, end, frame)
+    chosen += more_chosen
     offset = rotated_clockwise(np.column_stack([np.zeros(len(slant)), horizontal]), bearing + turn)
     R = positions.message_covariance(raw, "ENU")
     made = PlacedFixes(offset, offset, drop, R, fix_causes(raw), chosen, findings, levelled_by_m=np.nan_to_num(drop))
     return _from_end(end, frame, made)
-
-
-def _scaled(section: UsblSection) -> list[Convention]:
-    scale = section.sound_speed_scale
-    return [Convention("sound_speed_scale", scale, "configuration")] if scale != 1 else []
 
 
 def _from_end(end: UsblReference, frame: str, fixes: PlacedFixes) -> PlacedFixes:

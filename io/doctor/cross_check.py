@@ -73,14 +73,6 @@ class CrossCheck(NamedTuple):
     identification: Identification | None = None  # by the best interpretation
 
 
-class HeadingOffset(NamedTuple):
-    """How far dead reckoning is to be rotated to fit the fixes, in degrees clockwise."""
-
-    offset_deg: float
-    sd_deg: float
-    significant: bool
-
-
 def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = ()) -> CrossCheck:
     """Compare DVL, heading and fixes; ``sources`` as of `compare_interpretations`."""
     result = compare_interpretations(log, timeline, sources)
@@ -108,9 +100,8 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     as_fixes = by_fixes is not None and not by_fixes.notable
     findings += clock_offset_findings(log, clock_offset_s + delay_s, as_fixes) if clock_offset_s else ()
     findings += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
-    findings += (
-        () if as_fixes else _truth_clock_findings(log, _truth_offset(log, timeline, result, valid_s))
-    ) or moving
+    truth_late = [] if as_fixes else _truth_clock_findings(log, _truth_offset(log, timeline, result, valid_s))
+    findings += truth_late or moving
     if identification is not None:
         findings += sensor_error_findings(log, identification, clock_known=not clock_offset_s)
         findings += change_findings(log, line, identification)
@@ -155,7 +146,7 @@ def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
 def _by_best_interpretation(log: Log, timeline: Timeline, result: InterpretationResult) -> Timeline:
     """Return the timeline as it should be read, and without a rotation too large for the identification."""
     line = flipped(log, timeline, result.best.flips)
-    significant = heading_offset(result, None).significant
+    *_, significant = heading_offset(result, None)
     if not (significant and abs(result.best.offset_deg) > THRESHOLDS.max_identified_turn_deg):
         return line
     rotation_rad = result.best.fit.rotation_rad
@@ -298,23 +289,19 @@ def _offset_is_stated(log: Log) -> bool:
     return log.settings.dvl.mount_deg != 0 or log.settings.compass.bias_deg != 0
 
 
-def heading_offset(result: InterpretationResult, identification: Identification | None) -> HeadingOffset:
-    """Return the rotation of DVL and heading against the fixes, and whether it is significant.
+def heading_offset(result: InterpretationResult, identification: Identification | None) -> tuple[float, float, bool]:
+    """Return how far dead reckoning is to be rotated to fit the fixes, its sigma, and whether it is significant.
 
-    A small one is significant if the log has evidence for it beside other sensor errors; without an identification, by
-    its sigma.
+    Both in degrees, clockwise. A small one is significant if the log has evidence for it beside other sensor errors;
+    without an identification, by its sigma.
     """
     offset, sd = result.best.offset_deg, result.offset_sd_deg
     observable = result.heading_sense_known and sd < THRESHOLDS.max_offset_sd_deg
     significant = observable and abs(offset) > max(THRESHOLDS.min_offset_deg, THRESHOLDS.offset_sigmas * sd)
-    if identification is None:
-        return HeadingOffset(offset, sd, significant)
+    if identification is None or "heading" in identification.contested:
+        return offset, sd, significant
     gross = significant and abs(offset) > THRESHOLDS.max_identified_turn_deg
-    bias = identification.estimates.get("heading_bias_deg")
-    if "heading" in identification.contested:
-        return HeadingOffset(offset, sd, significant)
-    if bias is None:
-        return HeadingOffset(offset, sd, gross)
+    if (bias := identification.estimates.get("heading_bias_deg")) is None:
+        return offset, sd, gross
     offset = (offset if gross else 0.0) - bias.value
-    significant = result.heading_sense_known and abs(offset) > THRESHOLDS.min_bias_deg
-    return HeadingOffset(offset, bias.sd, significant)
+    return offset, bias.sd, result.heading_sense_known and abs(offset) > THRESHOLDS.min_bias_deg

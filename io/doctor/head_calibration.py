@@ -29,6 +29,7 @@ from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 
 METHOD = "adf"  # robust against false fixes, and without random numbers
+SMOOTHED = FilterSettings(smooth=True)
 (HEADING,), (SCALE,) = KEYS[HEAD], KEYS[RANGE]  # fixed: the states
 ANGLE_SD_DEG = float(PRIOR_SD[0])  # of heading, roll and pitch before the dive, as in a survey
 RANGE_SD = float(PRIOR_SD[3])  # before the dive, as in a survey
@@ -66,7 +67,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     if line.fix_away_m is None:
         raise LogError("the position of the USBL's head is unknown; state head under [usbl]", path=log.path)
     whole = _identified(log, line)
-    track = _tracked(log, line, whole)
+    track = run(METHOD, line, whole.parameters, SMOOTHED)
     fixes = UpdateTable.of(track.updates).of_sensor("usbl")
     good = np.zeros(len(line.fix_time_s), dtype=np.bool_)
     good[fixes.row] = fixes.outcome == "used"
@@ -76,7 +77,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     apart = _value(found[0]) - _value(found[1])
     disagreement = float(np.sum(apart**2 / (_sd(found[0]) ** 2 + _sd(found[1]) ** 2)))
     slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(depth_below_head_m(log, line.fix_time_s)))
-    off_m = _judged(log, line, sides, [_with_head_of(whole, one) for one in found])
+    off_m = _judged(line, sides, [_with_head_of(whole, one) for one in found])
     before, after = (scatter(each, slant_m, good) for each in off_m)
     median_m = float(np.median(slant_m))
     parameters = _parameters(log, whole, vertical_of(log), median_m, after.drms_m)
@@ -99,11 +100,6 @@ def _with_head_of(found: Identification, other: Identification) -> Identificatio
     return replace(found, parameters=replace(found.parameters, settled=settled, false_fixes=()))
 
 
-def _tracked(log: Log, line: Timeline, found: Identification) -> Trajectory:
-    """Return the smoothed track of the fixes of a timeline."""
-    return run(METHOD, line, found.parameters, FilterSettings(smooth=True))
-
-
 def _value(found: Identification) -> Vector:
     return np.array([found.parameters.settled[name] for name in (HEADING, SCALE)])
 
@@ -112,11 +108,12 @@ def _sd(found: Identification) -> Vector:
     return np.array([found.parameters.settled_sd[name] for name in (HEADING, SCALE)])
 
 
-def _judged(log: Log, line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> tuple[Array, Array]:
+def _judged(line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> tuple[Array, Array]:
     """Return fixes less the track of their other half: by the head as stated, and by that which it found, (F, 2)."""
     before_m, after_m = np.empty(line.fix_m.shape), np.empty(line.fix_m.shape)
     for side, other, one in zip(sides, sides[::-1], found[::-1], strict=True):
-        track, settled = _tracked(log, line.with_fixes(other), one), one.parameters.settled
+        track = run(METHOD, line.with_fixes(other), one.parameters, SMOOTHED)
+        settled = one.parameters.settled
         as_stated = {name: value for name, value in settled.items() if name not in (HEADING, SCALE)}
         for off_m, errors in ((before_m, as_stated), (after_m, settled)):
             free = freed(line, errors)

@@ -118,9 +118,8 @@ def _keep_stated(
                 moved = _moved(value, stated, target) if (name, key) == ("truth", "file") else value
                 _keep(rows, f"{key} = {inline(moved)}", key, who)
         elif name == "file":
-            files = [
-                {**one, "path": _moved(one["path"], stated, target)} for one in cast("list[dict[str, object]]", content)
-            ]
+            others = cast("list[dict[str, object]]", content)
+            files = [{**one, "path": _moved(one["path"], stated, target)} for one in others]
         elif name == "layouts":
             moved = [_moved(one, stated, target) for one in cast("list[str]", content)]
             outside.append(_row(f"layouts = {inline(moved)}", who))
@@ -163,9 +162,8 @@ def _convention_comments(examination: Examination) -> list[str]:
     if result.decided_by is not None:
         lines.append(f"# Mirror image excluded by: {result.decided_by.name}.")
     elif result.mirror_image is not None:
-        lines.append(
-            f"# CHECK: their mirror image ({result.mirror_image.description}) fits as well; nothing in the log decides."
-        )
+        mirrored = result.mirror_image.description
+        lines.append(f"# CHECK: their mirror image ({mirrored}) fits as well; nothing in the log decides.")
     return lines
 
 
@@ -202,10 +200,8 @@ def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     p = log.provenance[role]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"
     if role in examination.alternatives:
-        others = " or ".join(examination.alternatives[role])
-        why = (
-            f"CHECK: of those that move with the other sensors, the topic with the most messages; it could be {others}"
-        )
+        why = "CHECK: of those that move with the other sensors, the topic with the most messages; it could be "
+        why += " or ".join(examination.alternatives[role])
     return [(f"topic = {quoted(p.topic)}", why)]
 
 

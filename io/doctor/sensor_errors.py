@@ -6,6 +6,7 @@ clockwise. All errors are relative: the log cannot show which of two sensors is 
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -191,12 +192,8 @@ def _lever(_: Log, found: Identification, starboard_m: float, forward_m: float) 
     )
 
 
-def _dvl_clock(log: Log, _: Identification, late_s: float) -> WorstAndAdvice:
-    return late_s, f"state latency_s = {log.settings.dvl.latency_s + late_s:.2f} under [dvl]"
-
-
-def _compass_clock(log: Log, _: Identification, late_s: float) -> WorstAndAdvice:
-    return late_s, f"state latency_s = {log.settings.compass.latency_s + late_s:.2f} under [compass]"
+def _clock(log: Log, _: Identification, late_s: float, sensor: str) -> WorstAndAdvice:
+    return late_s, f"state latency_s = {log.settings.section(sensor).latency_s + late_s:.2f} under [{sensor}]"
 
 
 class _ErrorFinding(NamedTuple):
@@ -211,8 +208,8 @@ class _ErrorFinding(NamedTuple):
 ERROR_FINDINGS: Mapping[str, _ErrorFinding] = {
     "scale": _ErrorFinding("DVL-SCALE", "dvl", "%", _scale),
     "deviation": _ErrorFinding("COMPASS-DEVIATION", "compass", "deg", _deviation),
-    DVL_CLOCK: _ErrorFinding("DVL-CLOCK", "dvl", "s", _dvl_clock),
-    COMPASS_CLOCK: _ErrorFinding("COMPASS-CLOCK", "compass", "s", _compass_clock),
+    DVL_CLOCK: _ErrorFinding("DVL-CLOCK", "dvl", "s", partial(_clock, sensor="dvl")),
+    COMPASS_CLOCK: _ErrorFinding("COMPASS-CLOCK", "compass", "s", partial(_clock, sensor="compass")),
     LEVER: _ErrorFinding("DVL-LEVER", "dvl", "m", _lever),
     HEAD: _ErrorFinding("USBL-HEADING", "usbl", "deg", _head),
     RANGE: _ErrorFinding("USBL-RANGE", "usbl", "%", _range),

@@ -146,10 +146,9 @@ def _future_findings(path: Path, start_ns: int) -> list[Finding]:
     """Report a log that begins after today: its times count from another moment than they were taken to."""
     if start_ns <= time.time_ns() + DAY_NS:
         return []
-    text = f"{path.name}: its records begin at {utc(start_ns)}, after today by the clock of this computer"
-    return [
-        Finding("CLOCK-FUTURE", f"{text}; do their times count from another moment than 1970, as from 1904 (LabVIEW)?")
-    ]
+    text = f"{path.name}: its records begin at {utc(start_ns)}, after today by the clock of this computer; "
+    text += "do their times count from another moment than 1970, as from 1904 (LabVIEW)?"
+    return [Finding("CLOCK-FUTURE", text)]
 
 
 def _refuse_unit(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
@@ -197,10 +196,9 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
 
 def _attitude_table(made: ConvertedTable, start_ns: int) -> pd.DataFrame:
     series = time_series(made, "compass", compass.VERTICAL)
-    roll_deg, pitch_deg = roll_and_pitch_deg(series.values).T
-    return pd.DataFrame(
-        {"time_s": (series.time_ns - start_ns) / 1e9, "roll_deg": roll_deg, "pitch_deg": pitch_deg}, copy=False
-    )
+    roll, pitch = roll_and_pitch_deg(series.values).T
+    time_s = (series.time_ns - start_ns) / 1e9
+    return pd.DataFrame({"time_s": time_s, "roll_deg": roll, "pitch_deg": pitch}, copy=False)
 
 
 def _altitude_table(dvl: pd.DataFrame, start_ns: int) -> pd.DataFrame | None:

@@ -1,7 +1,7 @@
 """The times at which something was taken: rows of a table, records of a topic, photos of a folder."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -109,11 +109,8 @@ def _taken_ns(file: Path) -> int | None:
     try:
         with Image.open(file) as image:
             tags = image.getexif().get_ifd(EXIF)
-        moment = datetime.strptime(str(tags[TAKEN]).strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
-        zone = str(tags.get(ZONE, "")).strip("\0 ")
-        if zone:
-            sign, hours, minutes = -1 if zone[0] == "-" else 1, int(zone[1:3]), int(zone[4:6])
-            moment -= sign * timedelta(hours=hours, minutes=minutes)
+        taken, zone = (str(text).strip("\0 ") for text in (tags[TAKEN], tags.get(ZONE, "")))
+        moment = datetime.strptime(f"{taken} {zone or 'Z'}", "%Y:%m:%d %H:%M:%S %z")
         fraction = str(tags.get(SUBSECOND, "")).strip("\0 ")
     except (OSError, ValueError, KeyError, SyntaxError):
         return None

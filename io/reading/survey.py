@@ -26,12 +26,7 @@ class Survey:
     findings: tuple[Finding, ...]
     log: Log | None  # without the undecided roles; None: see fault
     fault: str  # why it cannot be replayed as is; a log without any sensor needs no reason
-    unreadable: bool = False  # whether the messages of a sensor's topic cannot be read
-
-    @property
-    def complete(self) -> bool:
-        """Return whether all topics of sensors could be read, and nothing of the file was lost."""
-        return not self.unreadable and not any(finding.lost_data for finding in self.findings)
+    complete: bool = True  # whether all topics of sensors could be read, and nothing of the file was lost
 
 
 def survey(path: Path, request: Request) -> Survey:
@@ -50,16 +45,18 @@ def survey(path: Path, request: Request) -> Survey:
     except UsbldrError as err:
         fault = fault or err.text_beside(path)
         more = (err.finding,) if isinstance(err, PartsError) else ()
+    findings = log.findings if log else (*reader.findings(), *more)
+    unreadable = any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values())
     return Survey(
         path=path,
         format=reader.format,
         configuration=opened.file,
         topics=topics,
         roles={role: choice.topic.name for role, choice in roles.items()},
-        findings=log.findings if log else (*reader.findings(), *more),
+        findings=findings,
         log=log,
         fault=fault,
-        unreadable=any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values()),
+        complete=not unreadable and not any(finding.lost_data for finding in findings),
     )
 
 

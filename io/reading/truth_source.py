@@ -66,11 +66,9 @@ def truth_source(
         return TruthSource()
     files = text_files(path) if own[0].problem and path.is_dir() else ()  # its columns are not usbldr's own
     file = next((file for file in files if file.stem == "truth"), None)
-    return (
-        TruthSource(file, chosen_by="name")
-        if file
-        else TruthSource(topic=topic_named(path, topics, "truth", own[0].name, "type and name"))
-    )
+    if file is not None:
+        return TruthSource(file, chosen_by="name")
+    return TruthSource(topic=topic_named(path, topics, "truth", own[0].name, "type and name"))
 
 
 def refuse_as_sensor(path: Path, choices: Mapping[str, TopicChoice], truth_role: str | None) -> None:

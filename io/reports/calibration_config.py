@@ -34,9 +34,8 @@ def calibrated_configuration(log: Log, found: Identification, trajectory: Trajec
     if not errors:
         raise UsageError(f"{trajectory.label} estimated no sensor errors, so there is nothing to write")
     document: Any = tomlkit.parse("schema = 1\n" if log.configuration is None else read_text(log.configuration))
-    title = [
-        comment(f"Errors of sensors that {trajectory.label} found on {log.path.name} are added to what was stated.")
-    ]
+    found_on = f"{trajectory.label} found on {log.path.name}"
+    title = [comment(f"Errors of sensors that {found_on} are added to what was stated.")]
     assumed = assumed_sd(found.parameters.errors)
     for error in errors:
         value, sd, place = float(error.value[-1]), float(error.sd[-1]), KEYS.get(error.name)

@@ -105,7 +105,6 @@ def located(
     arm = np.einsum("nij,j->ni", tilted, np.array(lever_m))
     cov = _covariance(between, arm)
     east, north = (position + arm[:, :2]).T
-    unknown = ~inside
     lat, lon = (np.full(len(time_s), np.nan),) * 2 if run.origin is None else to_geodetic(run.origin, east, north)
     columns = {
         "lat_deg": lat,
@@ -122,7 +121,7 @@ def located(
         "cov_en_m2": cov[:, 0, 1],
         "radius95_m": radius(cov),
     }
-    made = pd.DataFrame({name: np.where(unknown, np.nan, values) for name, values in columns.items()})
+    made = pd.DataFrame({name: np.where(inside, values, np.nan) for name, values in columns.items()})
     made.insert(0, "time_ns", np.asarray(time_ns, dtype=np.int64))
     if opening_deg is not None:
         made = made.assign(**_footprints(run.origin, made, tilted, opening_deg))

@@ -208,24 +208,17 @@ def leave_one_out_table(run: Run) -> Table:
     return Table("without fix", heads, tuple(rows))
 
 
-def _unshifted_nees(report: ErrorReport) -> str:
-    shift = report.shift
-    return f"; {shift.nees:.2f} without the constant shift" if report.mostly_shift and shift.nees is not None else ""
-
-
 def health_lines(run: Run) -> list[tuple[str, str]]:
     """Return sentences on consistency, sensors, particles, surfacings, drift, outages and run time."""
     report = run.scored.report
     lines: list[tuple[str, str]] = []
     if report is not None:
         if (nees := report.nees) is not None:
-            lines.append(
-                (
-                    "NEES",
-                    f"{nees.mean:.2f}: {consistency_text(nees, report.alignment.name == 'shift')} (expected 2, "
-                    f"95 % bounds {nees.low:.2f} to {nees.high:.2f}){_unshifted_nees(report)}",
-                )
-            )
+            text = f"{nees.mean:.2f}: {consistency_text(nees, report.alignment.name == 'shift')}"
+            text += f" (expected 2, 95 % bounds {nees.low:.2f} to {nees.high:.2f})"
+            if report.mostly_shift and report.shift.nees is not None:
+                text += f"; {report.shift.nees:.2f} without the constant shift"
+            lines.append(("NEES", text))
         if report.sigma_shares is not None:
             inside = ", ".join(f"{100 * share:.0f}" for share in report.sigma_shares)
             expected = ", ".join(f"{100 * share:.0f}" for share in EXPECTED_COVERAGE)

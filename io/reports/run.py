@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.evaluation.fix_statistics import FixStatistics, fix_statistics, left_out_residuals
+from usbldr.filters.evaluation.fix_statistics import FixStatistics, columns_at, fix_statistics, left_out_residuals
 from usbldr.filters.evaluation.influence import LeaveOneOut
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.frames import rotated
@@ -116,10 +116,8 @@ class Run:
     @property
     def _most_fixes_within_m(self) -> float:
         """The distance from the track within which MOST of the fixes are; NaN without fixes."""
-        time_s, fix_m = self._fixes
-        track = self.scored.trajectory
-        east_m, north_m = (np.interp(time_s, track.time_s, track.position_m[:, axis]) for axis in (0, 1))
-        away_m = np.hypot(fix_m[:, 0] - east_m, fix_m[:, 1] - north_m)
+        (time_s, fix_m), track = self._fixes, self.scored.trajectory
+        away_m = np.hypot(*(fix_m - columns_at(time_s, track.time_s, track.position_m)).T)
         return float(np.quantile(away_m, MOST)) if len(time_s) else np.nan
 
     @property
@@ -127,9 +125,8 @@ class Run:
         """Return the last line of the report."""
         if self.scored.report is None:
             return f"{self.label}: {self.log.path.name} has no truth, so there are no errors"
-        return summary_sentence(
-            self.scored.report, [other.report for other in self.reference_tracks if other.report is not None]
-        )
+        others = [other.report for other in self.reference_tracks if other.report is not None]
+        return summary_sentence(self.scored.report, others)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -54,10 +54,8 @@ def _copy(log: Path, writer: Writer) -> None:
         if schema is not None and schema.id not in schemas:
             schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
         if channel.id not in channels:
-            own = schemas[channel.schema_id]
-            channels[channel.id] = writer.register_channel(
-                channel.topic, channel.message_encoding, own, channel.metadata
-            )
+            own, encoding = schemas[channel.schema_id], channel.message_encoding
+            channels[channel.id] = writer.register_channel(channel.topic, encoding, own, channel.metadata)
         copied = channels[channel.id]
         writer.add_message(copied, message.log_time, message.data, message.publish_time, message.sequence)
 

@@ -83,10 +83,8 @@ def _odometry(m: Makers, run: Run) -> Stamped:
     psi = unknown if (known := track.state("psi")) is None else known
     u, v = (zero if (known := track.state(name)) is None else known for name in ("u", "v"))
     covs = [None] * len(zero) if track.position_cov_m2 is None else track.position_cov_m2
-    rows = zip(
-        track.time_s.tolist(), track.position_m.tolist(), covs, psi.tolist(), u.tolist(), v.tolist(), strict=True
-    )
-    for time_s, (east, north), cov, yaw, starboard, forward in rows:
+    columns = (each.tolist() for each in (track.time_s, track.position_m, psi, u, v))
+    for time_s, (east, north), yaw, starboard, forward, cov in zip(*columns, covs, strict=True):
         if not (math.isfinite(east) and math.isfinite(north)):
             continue
         stamp_ns, header = _header(m, run, time_s)
@@ -143,9 +141,8 @@ def _outcomes(m: Makers, run: Run) -> Stamped:
     for row in fixes_table(run.timeline, run.scored.trajectory).to_dict("records"):
         outcome = str(row["outcome"])
         numbers = {str(name): f"{value:.6g}" for name, value in row.items() if isinstance(value, int | float)}
-        yield _diagnostics(
-            m, run, row["time_s"], [("USBL fix", LEVELS.get(outcome, 0), outcome, str(row["why"]), numbers)]
-        )
+        found = ("USBL fix", LEVELS.get(outcome, 0), outcome, str(row["why"]), numbers)
+        yield _diagnostics(m, run, row["time_s"], [found])
 
 
 def _sensor_errors(m: Makers, run: Run) -> Stamped:

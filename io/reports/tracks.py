@@ -5,7 +5,7 @@ East and north metres in, with seconds since the log's start; absolute Unix time
 
 import hashlib
 import json
-from datetime import UTC, datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -148,10 +148,9 @@ def write_fnv(path: Path, trajectory: Trajectory, origin: Origin, start_ns: int)
             if not np.isfinite(lon):
                 continue
             micros = (start_ns + round(time_s * 1e9)) // 1000
-            moment = datetime.fromtimestamp(micros // 1_000_000, UTC)
-            seconds = moment.second + micros % 1_000_000 / 1e6
+            moment = datetime(1970, 1, 1) + timedelta(microseconds=micros)
             out.write(
-                f"{moment:%Y %m %d %H %M} {seconds:09.6f}\t{micros // 1_000_000}.{micros % 1_000_000:06d}\t"
+                f"{moment:%Y %m %d %H %M %S.%f}\t{micros // 1_000_000}.{micros % 1_000_000:06d}\t"
                 f"{lon:.10f}\t{lat:.10f}\t{degrees:.3f}\t{kmph:.3f}\t0.0000\t0.000\t0.000\t0.0000"
                 + f"\t{lon:.10f}\t{lat:.10f}" * 2
                 + "\n"
@@ -187,9 +186,8 @@ def write_kml(
 ) -> None:
     """Write the track and the truth as lines on the water, KML 2.2; the track at its depth (K,), if it is known."""
     deep = depth_m is not None and bool(np.isfinite(depth_m).any())
-    lines = [
-        (trajectory.label, "ffb27200", [_track_line(trajectory, origin, depth_m if deep else None)])
-    ]  # colours are alpha, blue, green, red
+    track = [_track_line(trajectory, origin, depth_m if deep else None)]
+    lines = [(trajectory.label, "ffb27200", track)]  # colours are alpha, blue, green, red
     if truth is not None:
         lines.append((f"truth ({truth.kind})", "ff000000", _truth_lines(truth, origin)))
     placemarks = "".join(

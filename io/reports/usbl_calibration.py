@@ -12,7 +12,6 @@ from tomlkit.items import InlineTable
 from usbldr.filters.usbl_survey.calibration import Known
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
 from usbldr.filters.usbl_survey.verdict import Parameter, SurveyVerdict, Verdict
-from usbldr.io.findings import Finding
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 from usbldr.io.reading.usbl_survey import SurveyLog
@@ -50,11 +49,8 @@ DEPTHS_APART = 3.0  # sigmas between the depth of the transponder as found and a
 class Calibration(NamedTuple):
     """What a survey or a dive says of the installation."""
 
-    path: Path
-    sha256: str
+    log: SurveyLog | Log
     topics: Mapping[str, str]  # what was read -> topic
-    configuration: Path | None
-    findings: tuple[Finding, ...]
     level: bool  # the fixes are turned by the ship's roll and pitch
     verdict: Verdict
     numbers: Mapping[str, float]  # of the noise, for JSON
@@ -91,19 +87,17 @@ def of_survey(
         east, north = (np.array([v]) for v in noise.values[PLACE][:2])
         lat, lon = to_geodetic(log.origin, east, north)
         remarks.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
-    made_of = (log.path, log.sha256, log.topics, log.configuration, log.findings, level, found)
     numbers = {"range_sd_m": noise.range_sd_m, "angle_sd_deg": float(np.degrees(noise.angle_sd_rad))}
     slant_m = float(np.median(survey.range_m))
-    return Calibration(*made_of, numbers, slant_m, len(survey), measured, tuple(remarks), made)
+    fitted = (log, log.topics, level, found, numbers)
+    return Calibration(*fitted, slant_m, len(survey), measured, tuple(remarks), made)
 
 
 def of_dive(log: Log, found: Verdict, slant_m: float, fixes: int, measured: str, made: RunProvenance) -> Calibration:
     """Return the calibration by a dive."""
-    usbl = log.settings.usbl
     remark = "lever arm and latencies of the head are taken as stated: a survey of a transponder finds them, too"
     topics = {role: one.topic for role, one in log.provenance.items()}
-    made_of = (log.path, log.sha256, topics, log.configuration, log.findings, usbl.level, found)
-    return Calibration(*made_of, {}, slant_m, fixes, measured, (remark,), made)
+    return Calibration(log, topics, log.settings.usbl.level, found, {}, slant_m, fixes, measured, (remark,), made)
 
 
 def name_of(parameter: str) -> str:
@@ -149,7 +143,7 @@ def summary(found: Calibration) -> str:
 def notes(found: Calibration) -> list[str]:
     """Return what is left open, and what else there is to say."""
     lines = [*states(found.verdict.parameters), *found.remarks]
-    return [*lines, *(f"{finding.code}: {finding.text}" for finding in found.findings)]
+    return [*lines, *(f"{finding.code}: {finding.text}" for finding in found.log.findings)]
 
 
 def states(parameters: Sequence[Parameter]) -> list[str]:
@@ -167,7 +161,7 @@ def page(found: Calibration, figures: Sequence[Block]) -> Page:
     installation, scatter = tables(found)
     judged = "Half of the fixes were fitted and the other half judged, both ways round; false fixes are left out."
     return Page(
-        f"USBL calibration: {found.path.name}",
+        f"USBL calibration: {found.log.path.name}",
         summary(found),
         (
             Section("", (found.measured + ".", installation, Bullets(tuple(notes(found))))),
@@ -183,7 +177,7 @@ def content(found: Calibration, files: Sequence[str] = ()) -> dict[str, Any]:
     verdict = found.verdict
     return {
         **made_by(),
-        "log": {"path": str(found.path), "sha256": found.sha256, "topics": dict(found.topics)},
+        "log": {"path": str(found.log.path), "sha256": found.log.sha256, "topics": dict(found.topics)},
         "provenance": provenance_content(found.provenance),
         "result": verdict.result,
         "why": verdict.why,
@@ -195,16 +189,16 @@ def content(found: Calibration, files: Sequence[str] = ()) -> dict[str, Any]:
         "parameters": [one._asdict() for one in verdict.parameters],
         "before": verdict.before._asdict(),
         "after": verdict.after._asdict(),
-        "findings": [{"code": f.code, "text": f.text, "topic": f.topic} for f in found.findings],
+        "findings": [{"code": f.code, "text": f.text, "topic": f.topic} for f in found.log.findings],
         "files": sorted(files),
     }
 
 
 def calibrated_configuration(found: Calibration) -> str:
     """Return the configuration of the log with the installation that was found; open errors stay as stated."""
-    file = found.configuration
+    file = found.log.configuration
     document: Any = tomlkit.parse("schema = 1\n" if file is None else read_text(file))
-    title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.path.name}.")]
+    title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.log.path.name}.")]
     settled = {one.name: one for one in found.verdict.parameters if not one.open}
     title += [
         comment(f"{name_of(one.name)} is left as stated: the fixes do not settle it.")

@@ -47,7 +47,7 @@ def survey_pictures(found: FittedSurvey) -> list[Picture]:
 def transponder_figure(found: FittedSurvey) -> Figure:
     """Draw where each fix places the transponder, before and after."""
     survey, fit = found.survey, found.verdict.installation
-    figure = titled_figure(f"Transponder: {found.report.path.name}", summary(found.report), 11, 5.6)
+    figure = titled_figure(f"Transponder: {found.report.log.path.name}", summary(found.report), 11, 5.6)
     panels = figure.subplots(1, 2)
     before = placed(survey, assumed(survey, found.stated))[fit.good, :2]
     after = placed(survey, fit.values)[fit.good, :2]
@@ -68,7 +68,7 @@ def transponder_figure(found: FittedSurvey) -> Figure:
 def survey_figure(found: FittedSurvey) -> Figure:
     """Draw the ship's track around the transponder, and where the fixes lie around the head."""
     survey, fit = found.survey, found.verdict.installation
-    figure = titled_figure(f"Survey: {found.report.path.name}", found.report.measured, 11, 5.6)
+    figure = titled_figure(f"Survey: {found.report.log.path.name}", found.report.measured, 11, 5.6)
     left, right = figure.subplots(1, 2)
     track = survey.ship.positions(survey.time_s, 0.0)
     left.plot(*track.T, color=TRACK_COLOUR, lw=1.0, label="ship's antenna")
@@ -104,7 +104,7 @@ def residual_figure(found: FittedSurvey) -> Figure:
     detail = (
         "Fixes less what the fitted installation gives; shaded: one sigma. A slope or a wave is an error that stays."
     )
-    figure = titled_figure(f"Residuals: {found.report.path.name}", detail, 12, 7.5)
+    figure = titled_figure(f"Residuals: {found.report.log.path.name}", detail, 12, 7.5)
     panels = figure.subplots(3, 4, sharex="col", sharey="row")
     kinds = (fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")
     for row, (name, sd) in enumerate(zip(RESIDUALS, sds, strict=True)):
@@ -131,7 +131,7 @@ def polar_figure(found: FittedSurvey) -> Figure:
     survey, fit = found.survey, found.verdict.installation
     sigmas = residuals(survey, fit.values) / [fit.range_sd_m, fit.angle_sd_rad, fit.angle_sd_rad]
     detail = "Outside the full circle: more than fitted; dashed: one sigma. Around another circle: a constant error."
-    figure = titled_figure(f"Residuals by bearing: {found.report.path.name}", detail, 12, 4.9)
+    figure = titled_figure(f"Residuals by bearing: {found.report.log.path.name}", detail, 12, 4.9)
     panels = figure.subplots(1, 3, sharey=True)
     around, widest = np.radians(np.linspace(0, 360, 181)), 2.1 * SHOWN_SIGMAS
     for axes, name, off in zip(panels, RESIDUALS, sigmas.T, strict=True):
