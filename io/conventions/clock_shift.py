@@ -21,17 +21,14 @@ def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tupl
     delay_ns = {role: 0 if role in by_log else least_delay_ns(raw) for role, raw in raws.items()}
     if not delay_ns or max(delay_ns.values()) - min(delay_ns.values()) <= SAME_CLOCK_NS:
         return dict(raws), []
-    shifted: dict[str, RawRecords] = {}
-    findings: list[Finding] = []
+    shifted, findings = dict(raws), list[Finding]()
     for role, raw in raws.items():
-        same_clock = [ns for ns in delay_ns.values() if abs(ns - delay_ns[role]) <= SAME_CLOCK_NS]
-        shift = min(same_clock)
         if raw.stamp_ns is None or abs(delay_ns[role]) <= SAME_CLOCK_NS:
-            shifted[role] = raw
             continue
-        shifted[role] = raw.later_by(shift)
-        text = f"shifted by {shift / 1e9:.3f} s, the smallest delay from stamp to log"
-        text = f"stamps come from another clock than the log's and other sensors'; {text}"
+        shift_ns = min(ns for ns in delay_ns.values() if abs(ns - delay_ns[role]) <= SAME_CLOCK_NS)
+        shifted[role] = raw.later_by(shift_ns)
+        text = "stamps come from another clock than the log's and other sensors'; shifted by "
+        text += f"{shift_ns / 1e9:.3f} s, the smallest delay from stamp to log"
         findings.append(raw.finding("CLOCK-SHIFTED", text))
     return shifted, findings
 

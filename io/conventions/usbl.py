@@ -44,6 +44,11 @@ DEPTH_HELD_S = (
     5.0  # beyond the first and the last depth: vehicles dive by less than 1 m/s, and without it a fix is far off
 )
 HEADING_KEY = "heading_topic in head of [usbl]"
+MAP_UNKNOWN = (
+    "the map origin is not stated: errors against a truth in latitudes are those that remain after a constant shift "
+    "(state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver ([usbl] head) if "
+    "fixes are relative to it)"
+)
 STATE_HEAD = "state head = {...} under [usbl], or beacon = {...} if the vehicle carries the head"
 
 
@@ -94,20 +99,14 @@ def usbl(
     findings += [*more, *unused, *fixes.findings, *_unused(raw, section, kind, fixes), *(end.findings if end else ())]
     placed = kind == "latlon" or (end is not None and end.plane_lat_deg is not None)
     if not placed and origin is not None and origin.kind != OriginKind.MAP:
-        text = (
-            "the map origin is not stated: errors against a truth in latitudes are those that remain after a constant "
-            "shift (state origin_lat_deg and origin_lon_deg under [map], or the position of the USBL transceiver "
-            "([usbl] head) if fixes are relative to it)"
-        )
-        findings.append(raw.finding("MAP-UNKNOWN", text))
-
+        findings.append(raw.finding("MAP-UNKNOWN", MAP_UNKNOWN))
     if kind == "position" and not fixes.relative_to_reference:
         findings += positions.grid_findings(raw, *fixes.position_m.T)
     causes = {**fixes.causes, **positions.off_plane_causes(*fixes.position_m.T)}
     good, invalid = valid_mask(raw, causes, "usbl", "left out", positions.exchanged_advice(raw, causes))
     line = fixes.position_m - (end.place_m if end else np.nan)
-    levelled = fixes.levelled_by_m is not None
-    cov_m2, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m, levelled)
+    levelled_m = fixes.levelled_by_m
+    cov_m2, sd_chosen = sensor_covariance(section, fixes.stated_m2, line, fixes.vertical_m, levelled_m is not None)
     if end is not None and fixes.relative_to_reference:
         cov_m2 = cov_m2 + reference_covariance(end, fixes.turned_m)
     R = with_variance_floor(cov_m2)
@@ -120,8 +119,8 @@ def usbl(
     }
     if end is not None:
         columns |= dict(zip(AWAY_COLUMNS, line.T, strict=True))
-    if fixes.levelled_by_m is not None:
-        columns[LEVELLED_COLUMN] = fixes.levelled_by_m
+    if levelled_m is not None:
+        columns[LEVELLED_COLUMN] = levelled_m
     chosen = [*target, kind_chosen, *when.conventions, *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     made = converted_table(times, columns, chosen, [*findings, *invalid])

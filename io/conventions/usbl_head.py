@@ -117,7 +117,7 @@ def _fixed(end: Head | Beacon, turning: CarrierHeading, origin: Origin | None) -
     """Return a head, or the beacon of the vehicle's own head, whose place the configuration states."""
     antenna = np.array(_place(end, origin))
     of, sign, lever_m = ("head", 1.0, end.lever_arm_m) if isinstance(end, Head) else ("beacon", -1.0, NO_ARM)
-    plane_lat_deg = _plane_lat_deg(end.lat_deg is not None, origin)
+    plane_lat_deg = origin.lat_deg if origin is not None and end.lat_deg is not None else None
     arm = _arm(lever_m, turning, antenna, plane_lat_deg)
     at = zip(("east_m", "north_m"), antenna.tolist(), strict=True)
     return UsblReference(
@@ -138,7 +138,7 @@ def _ship(
 ) -> UsblReference:
     made = positions.gps(ship, GpsSection(latency_s=head.latency_s), origin)
     there = time_series(made, "gps", ["east_m", "north_m", "sd_m"]).at(time_ns, head.max_gap_s)
-    plane_lat_deg = _plane_lat_deg("lat_deg" in ship.layout.required, origin)
+    plane_lat_deg = origin.lat_deg if origin is not None and "lat_deg" in ship.layout.required else None
     arm = _arm(head.lever_arm_m, turning, there[:, :2], plane_lat_deg)
     place = there[:, :2] + arm
     recorded = np.where(np.isfinite(there[:, 2]), there[:, 2], SHIP_SD_M)
@@ -170,10 +170,6 @@ def _ship(
         conventions=(*chosen, *turning.conventions),
         findings=(*made.findings, *turning.findings),
     )
-
-
-def _plane_lat_deg(geodetic: bool, origin: Origin | None) -> float | None:
-    return origin.lat_deg if geodetic and origin is not None else None
 
 
 def _arm(lever_m: LeverArm, turning: CarrierHeading, antenna_m: Array, plane_lat_deg: float | None) -> Array:

@@ -83,9 +83,7 @@ def _with_fault(log: Log, fault: Fault, length_s: float, rng: np.random.Generato
 
 def _inside(time_s: Vector, spans: Sequence[TimeWindow]) -> tuple[Mask, Vector]:
     """Return which times lie in [start, end) of a span, all without spans, and how far each has got in it, 0 to 1."""
-    if not spans:
-        return np.ones(len(time_s), np.bool_), np.zeros(len(time_s))
-    inside, grown = np.zeros(len(time_s), np.bool_), np.zeros(len(time_s))
+    inside, grown = np.full(len(time_s), not spans), np.zeros(len(time_s))
     for start_s, end_s in spans:
         mine = (time_s >= start_s) & (time_s < end_s)
         last_s = min(end_s, float(time_s[-1]))

@@ -19,21 +19,18 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
 
 
 class Span(NamedTuple):
-    """Part of a log: each end is seconds, or a share of the log's length; +seconds after the start for the end."""
+    """Part of a log: each end is a share of the log's length, and seconds; the end may count from the start."""
 
-    start: float
-    end: float
-    start_relative: bool = False
-    end_relative: bool = False
+    start_share: float
+    start_s: float
+    end_share: float
+    end_s: float
     end_after_start: bool = False
-    start_later_s: float = 0.0  # added to the start
 
     def seconds(self, length_s: float) -> TimeWindow:
         """Return start and end in a log of this length."""
-        start_s = self.start * (length_s if self.start_relative else 1.0) + self.start_later_s
-        if self.end_after_start:
-            return start_s, start_s + self.end
-        return start_s, self.end * (length_s if self.end_relative else 1.0)
+        start_s = self.start_share * length_s + self.start_s
+        return start_s, self.end_share * length_s + self.end_s + (start_s if self.end_after_start else 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +117,9 @@ def _span(where: str, text: str) -> Span:
     if found is None or (found[4] and found[6]):
         raise UsageError(f"{where}: {text!r} is not a span FROM:TO (seconds, 40%, +60 after FROM, or no TO)")
     start, end, later_s = float(found[1]), float(found[5] or math.inf), float(found[3] or 0)
-    start, end = (start / 100 if found[2] else start), (end / 100 if found[6] else end)
-    span = Span(start, end, bool(found[2]), bool(found[6]), bool(found[4]), later_s)
-    if span.start_relative == span.end_relative and not span.end_after_start and not span.start < span.end:
+    start_share, start_s = (start / 100, later_s) if found[2] else (0.0, start)
+    end_share, end_s = (end / 100, 0.0) if found[6] else (0.0, end)
+    span = Span(start_share, start_s, end_share, end_s, bool(found[4]))
+    if bool(found[2]) == bool(found[6]) and not span.end_after_start and not start < end:
         raise UsageError(f"{where}: the span {text} must end after its start")
     return span

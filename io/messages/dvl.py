@@ -40,10 +40,8 @@ def dvl_causes(
     if least_beams is not None or np.any(beams > 0):
         least = 3 if least_beams is None else least_beams
         causes[f"fewer than {least} good beams"] = beams < least
-    if through_water:
-        causes["bottom track"] = raw.number("mode") == BOTTOM
-    else:
-        causes["water track"] = raw.number("mode") == WATER
+    unwanted, mode = ("bottom track", BOTTOM) if through_water else ("water track", WATER)
+    causes[unwanted] = raw.number("mode") == mode
     beams_valid = raw.number("beams_valid")
     if np.any(beams_valid == 1):
         causes["beam velocities flagged invalid"] = beams_valid == 0

@@ -152,8 +152,7 @@ def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
     last = "/" + slashed.rpartition("/")[2]
     exact = [t for t in topics if t.name in (name, slashed)]
     alone = [t for t in topics if t.is_table and t.name == last]
-    found = sorted(exact or alone, key=lambda t: -t.count)
-    return found[0] if found else None
+    return max(exact or alone, key=lambda t: t.count, default=None)
 
 
 def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = ()) -> Candidates:

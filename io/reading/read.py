@@ -86,18 +86,14 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     _refuse_unit(path, sensors.tables)
     _refuse_apart(path, sensors.tables)
     start_ns = _start_ns(sensors.tables, topics)
-    kind = truth_kind(source, request, configuration)
-    truth, own, truth_findings = read_truth(source, kind, configuration, sensors, start_ns)
+    truth, own, more = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
     exchanged = [f.text for f in sensors.findings if f.code == "GPS-INVALID" and f.text.endswith(EXCHANGED)]
     tables, provenance = sensors.tables, sensors.provenance | own
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
-    stated = [Finding("SET", f"{text}, by --set") for text in request.set_keys]
-    findings = [*stated, *roles.findings, *sensors.findings, *truth_findings]
-    findings += _future_findings(path, start_ns)
-    findings += position_findings(tables, provenance, sensors.origin)
+    findings = [*(Finding("SET", f"{text}, by --set") for text in request.set_keys), *roles.findings, *sensors.findings]
+    findings += [*more, *_future_findings(path, start_ns), *position_findings(tables, provenance, sensors.origin)]
     tables = {role: _in_seconds(role, tables.pop(role), start_ns) for role in list(tables)}
-    gps = provenance.get("gps")
-    if gps and truth is not None and truth.kind == "gps" and truth.source == gps.topic:
+    if (gps := provenance.get("gps")) and truth is not None and truth.kind == "gps" and truth.source == gps.topic:
         findings += underwater_findings(tables, gps.topic)
     log = Log(
         path=path,

@@ -97,8 +97,8 @@ def write_tables(folder: Path, run: Run) -> None:
     if run.log.origin is not None and (shifted or not run.log.map_unknown):
         moved, fixes, truth = _on_the_map(run, fixes)
         write_geojson(folder / "track.geojson", moved, truth, fixes, run.log.origin)
-        title, deep = f"{run.label} on {run.log.path.name}", run.log.tables.get("depth")
-        depth = None if deep is None else column_at(moved.time_s, deep, "depth_m")
+        title = f"{run.label} on {run.log.path.name}"
+        depth = column_at(moved.time_s, run.log.tables.get("depth"), "depth_m")
         write_kml(folder / "track.kml", title, moved, truth, run.log.origin, depth)
 
 

@@ -84,12 +84,9 @@ def _largest(run: Run, report: ErrorReport) -> str:
     outages = [one for one in run.timeline.outages if one.start_s <= at_s <= one.end_s]
     if outages:
         return text + ", ".join(f", {at_s - one.start_s:.0f} s into an outage of {one.sensor}" for one in outages)
-    used = [fix for fix in influences(run.scored.trajectory).values() if fix.outcome != "rejected"]
-    before = [fix for fix in used if fix.time_s <= at_s]
-    if not before:
-        return text
-    last = max(before, key=lambda fix: fix.time_s)
-    return f"{text}, {at_s - last.time_s:.0f} s after the last fix that was used"
+    used_s = [fix.time_s for fix in influences(run.scored.trajectory).values() if fix.outcome != "rejected"]
+    last_s = max((time_s for time_s in used_s if time_s <= at_s), default=None)
+    return text if last_s is None else f"{text}, {at_s - last_s:.0f} s after the last fix that was used"
 
 
 CALIBRATION = "What the filter estimated beside the track, at the end of the run."

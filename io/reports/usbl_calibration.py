@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
-from tomlkit.items import InlineTable
 
 from usbldr.filters.usbl_survey.calibration import Known
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
 from usbldr.filters.usbl_survey.verdict import Parameter, SurveyVerdict, Verdict
+from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 from usbldr.io.reading.usbl_survey import SurveyLog
@@ -214,7 +214,8 @@ def calibrated_configuration(found: Calibration) -> str:
             one, digits = settled[name], LABELS[name][2]
             put(usbl, key, tomlkit.item(round(one.value, digits)), f"± {one.sd:.{digits}f}")
     if "head" not in usbl:
-        usbl["head"] = _ship_head(found)
+        usbl["head"] = tomlkit.inline_table()
+        usbl["head"].update({"topic": found.topics[SHIP], "heading_topic": found.topics[SHIP_HEADING]})
     head = usbl["head"]
     arm = [float(metres) for metres in head.get("lever_arm_m", (0.0, 0.0, 0.0))]
     for axis, name in enumerate(("arm_starboard_m", "arm_forward_m")):
@@ -227,14 +228,6 @@ def calibrated_configuration(found: Calibration) -> str:
     text = "\n".join(title) + "\n" + tomlkit.dumps(document)
     parse_configuration(tomllib.loads(text), file or Path("usbldr.toml"))
     return text
-
-
-def _ship_head(found: Calibration) -> InlineTable:
-    from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
-
-    head = tomlkit.inline_table()
-    head["topic"], head["heading_topic"] = found.topics[SHIP], found.topics[SHIP_HEADING]
-    return head
 
 
 def plan_table(planned: Sequence[Parameter]) -> Table:

@@ -4,37 +4,17 @@ import copy
 import itertools
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.settings.toml_text import inline
-
-
-class SetKey(NamedTuple):
-    """A key and its values, as --set states them."""
-
-    key: str  # "usbl.sd_m"
-    values: tuple[object, ...]  # as TOML has them: numbers, texts, lists
-
-    @classmethod
-    def read(cls, text: str) -> "SetKey":
-        """Return KEY=A,B as a key and values; raise UsageError if it is none."""
-        key, equals, values = (part.strip() for part in text.partition("="))
-        if not (key and equals and values):
-            raise UsageError(f"--set {text}: write SECTION.KEY=VALUE with a key of usbldr.toml, such as usbl.sd_m=2")
-        whole: list[object] | None = _toml(f"[{values}]")
-        return cls(key, tuple(_value(v) for v in values.split(",")) if whole is None else tuple(whole))
-
-    def texts(self) -> list[str]:
-        """Return KEY=VALUE of each value."""
-        return [f"{self.key}={inline(value)}" for value in self.values]
 
 
 def with_set_keys(content: Mapping[str, object], texts: Sequence[str]) -> dict[str, object]:
     """Return the content of a configuration with the keys that --set states; raise UsageError if one has no place."""
     found = copy.deepcopy(dict(content))
     for text in texts:
-        key, (value, *others) = SetKey.read(text)
+        key, (value, *others) = _read(text)
         if others:
             raise UsageError(f"--set {text}: several values are for usbldr compare; a list is written [1, 2]")
         path = key.split(".")
@@ -50,7 +30,17 @@ def with_set_keys(content: Mapping[str, object], texts: Sequence[str]) -> dict[s
 
 def sweep(texts: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the KEY=VALUE of each run: every combination of the values; one empty combination without --set."""
-    return list(itertools.product(*(SetKey.read(text).texts() for text in texts)))
+    stated = map(_read, texts)
+    return list(itertools.product(*([f"{key}={inline(value)}" for value in values] for key, values in stated)))
+
+
+def _read(text: str) -> tuple[str, list[object]]:
+    """Return KEY=A,B as a key and values, as TOML has them; raise UsageError if it is none."""
+    key, equals, values = (part.strip() for part in text.partition("="))
+    if not (key and equals and values):
+        raise UsageError(f"--set {text}: write SECTION.KEY=VALUE with a key of usbldr.toml, such as usbl.sd_m=2")
+    whole: list[object] | None = _toml(f"[{values}]")
+    return key, [_value(v) for v in values.split(",")] if whole is None else whole
 
 
 def _value(text: str) -> object:

@@ -15,7 +15,7 @@ from usbldr.io.drills.suite import STANDARD, read_suite
 
 def test_a_fault_has_a_sensor_an_amount_and_places() -> None:
     text = "compass:-1.5e1deg@0.02@10%:+60,300:400"
-    spans = (Span(0.1, 60.0, start_relative=True, end_after_start=True), Span(300.0, 400.0))
+    spans = (Span(0.1, 0.0, 0.0, 60.0, end_after_start=True), Span(0.0, 300.0, 0.0, 400.0))
     assert fault_of("spike", text) == Fault("spike", "compass", -15.0, spans, 0.02, False, f"spike {text}")
     assert fault_of("spike", "compass:120@one").one
     assert fault_of("drop", "dvl@20:").spans[0].seconds(100.0)[1] == float("inf")
