@@ -47,10 +47,10 @@ from usbldr.io.log import Log
 from usbldr.io.messages.roles import SENSORS
 from usbldr.io.reading.epochs import timeline as timeline_of
 
+CONVENTION_CODES = {"dvl": "DVL-AXES", "compass": "HEADING-CONVENTION", "usbl": "MAP-FRAME"}
+"""By the sensor whose convention it is."""
 REPLAY_WARNING_CODES = (
-    "DVL-AXES",
-    "HEADING-CONVENTION",
-    "MAP-FRAME",
+    *CONVENTION_CODES.values(),
     "HEADING-RADIANS",
     "DVL-MOUNT",
     "HEADING-BIAS",
@@ -61,8 +61,6 @@ REPLAY_WARNING_CODES = (
     "USBL-MOTION",
 )
 """What replay reports, too: it would compute with a wrong axis, frame, unit or clock."""
-CONVENTION_CODES = {"dvl": "DVL-AXES", "compass": "HEADING-CONVENTION", "usbl": "MAP-FRAME"}
-"""By the sensor whose convention it is."""
 
 
 class CrossCheck(NamedTuple):

@@ -110,10 +110,13 @@ def correct_clock_offset(
     """
     group = segment_numbers(timeline, timeline.fix_time_s)
     lines = [reinterpret(log, timeline, flips) for flips in {result.best.flips, result.as_read.flips}]
-    far = min((fit_rotation(line, group, _clock_offsets_s()) for line in lines), key=lambda turn: turn.rms_m)
-    late_s, most_m = far.latency_s, THRESHOLDS.gross_residual_ratio * result.best.residual_m
-    if not (far.rms_m < result.best.residual_m and abs(late_s) < THRESHOLDS.max_clock_offset_s):
-        far_off = result.best.residual_m > THRESHOLDS.min_far_residual_m
+    limits = THRESHOLDS
+    tried_s = np.arange(-limits.max_clock_offset_s, limits.max_clock_offset_s + 1.0, limits.clock_offset_step_s)
+    tried_s = [float(s) for s in tried_s if abs(s) > limits.min_clock_offset_s]  # beyond the fixes' usual delays
+    far = min((fit_rotation(line, group, tried_s) for line in lines), key=lambda turn: turn.rms_m)
+    late_s, most_m = far.latency_s, limits.gross_residual_ratio * result.best.residual_m
+    if not (far.rms_m < result.best.residual_m and abs(late_s) < limits.max_clock_offset_s):
+        far_off = result.best.residual_m > limits.min_far_residual_m
         late_s, most_m = _far_clock_offset(lines) if far_off else (0.0, 0.0)
     shifted = replace(timeline, fix_time_s=timeline.fix_time_s - late_s)
     corrected = compare_interpretations(log, shifted, sources) if late_s else None
@@ -145,13 +148,6 @@ def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
                 way_m = float(np.std(fix_points(line)[there >= 0]))
                 large_m = min(fit_rotation(line, there, [0.0]).rms_m, way_m)
     return best_s, limits.far_residual_ratio * large_m
-
-
-def _clock_offsets_s() -> list[float]:
-    """Return the clock offsets to try, beyond the fixes' usual delays."""
-    limits = THRESHOLDS
-    offsets_s = np.arange(-limits.max_clock_offset_s, limits.max_clock_offset_s + 1.0, limits.clock_offset_step_s)
-    return [float(s) for s in offsets_s if abs(s) > limits.min_clock_offset_s]
 
 
 def clock_offset_findings(log: Log, late_s: float, truth_agrees: bool = False) -> list[Finding]:

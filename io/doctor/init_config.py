@@ -10,11 +10,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
+from usbldr.filters.identification.dr_usbl_fit import Points, as_points
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, usbl_lines
-from usbldr.io.doctor.map_origin import propose_origin
+from usbldr.io.doctor.interpretations import reinterpret
 from usbldr.io.doctor.proposed_columns import WHY_HEAD, Draft
 from usbldr.io.doctor.sensor_errors import explanation_text
+from usbldr.io.doctor.thresholds import THRESHOLDS
+from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES, SENSORS
 from usbldr.io.reader import TopicInfo
@@ -25,6 +30,7 @@ from usbldr.io.tables.text_table import listed
 
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
 MAX_TOPICS = 20  # of those that no sensor uses
+RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 
 COLUMNS = {
     "dvl": 'x = "?", y = "?"',
@@ -181,7 +187,7 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
     lat_deg, lon_deg, who, mark = log.origin.lat_deg, log.origin.lon_deg, log.origin.kind, ""
     if log.map_unknown:
         mark, who = "# ", f"CHECK: a guess ({who}); state the origin of the fixes' map, or head under [usbl]"
-        guess = propose_origin(log, examination.timeline, examination.sensor_check.result)
+        guess = _proposed_origin(examination, log)
         if guess is not None:
             lat_deg, lon_deg, pairs = guess
             who = f"CHECK: proposed from GPS ({pairs}); do not use it in a run whose truth is GPS"
@@ -189,6 +195,29 @@ def _map(examination: Examination, log: Log) -> list[ConfigLine]:
         (f"{mark}origin_lat_deg = {lat_deg:.9f}", who),
         (f"{mark}origin_lon_deg = {lon_deg:.9f}", "" if mark else who),
     ]
+
+
+def _proposed_origin(examination: Examination, log: Log) -> tuple[float, float, str] | None:
+    """Return the origin that brings the fixes, by their best interpretation, onto the GPS; None for too few pairs.
+
+    It is latitude and longitude in degrees, and of how many pairs it was made: of GPS fixes near in time to USBL fixes.
+    GPS is the truth, so the proposal must not reach a run unless the user states it.
+    """
+    timeline, result = examination.timeline, examination.sensor_check.result
+    if timeline is None or log.origin is None or not len(timeline.fix_time_s) or not len(timeline.gps_time_s):
+        return None
+    line = reinterpret(log, timeline, result.best.flips) if result else timeline
+    rows = np.interp(line.fix_time_s, line.gps_time_s, np.arange(len(line.gps_time_s)))
+    nearest = np.rint(rows).astype(np.intp)
+    paired = np.abs(line.gps_time_s[nearest] - line.fix_time_s) <= THRESHOLDS.max_pair_gap_s
+    if paired.sum() < THRESHOLDS.min_pairs:
+        return None
+    shifts: Points = as_points(line.gps_m)[nearest[paired]] - as_points(line.fix_m)[paired]
+    shift = complex(np.median(shifts.real), np.median(shifts.imag))
+    lat, lon = to_geodetic(log.origin, np.array([shift.real]), np.array([shift.imag]))
+    sd = float(np.median(np.abs(shifts - shift))) / RAYLEIGH_MEDIAN
+    pairs = f"{paired.sum()} pairs within {THRESHOLDS.max_pair_gap_s:g} s, ±{sd:.1f} m"
+    return float(lat[0]), float(lon[0]), pairs
 
 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:

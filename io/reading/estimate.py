@@ -77,14 +77,9 @@ def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log
     truth = log.truth
     if truth is not None and used:
         stated = log.origin is not None and log.origin.kind == OriginKind.MAP
-        truth = replace(truth, place_unknown=(used == "latlon") != _latlon(log) and not stated)
+        true_frame = log.convention("truth" if "truth" in log.provenance else "gps", "frame").value
+        truth = replace(truth, place_unknown=(used == "latlon") != (true_frame == "latlon") and not stated)
     return replace(log, truth=truth), _trajectory(table, label, log.start_ns), used, by_default and bool(used)
-
-
-def _latlon(log: Log) -> bool:
-    """Tell whether the truth is known by latitude and longitude."""
-    role = "truth" if "truth" in log.provenance else "gps"
-    return log.convention(role, "frame").value == "latlon"
 
 
 def _is_recording(place: Path) -> bool:

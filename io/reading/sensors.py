@@ -115,8 +115,10 @@ def sensor_tables(
         sensor = made.pop(role)
         tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
         findings += [*sensor.findings, *more]
-        made_by = (*sensor.conventions, grids[role]) if role in grids else sensor.conventions
-        provenance[role] = _provenance(choices[role], replace(sensor, conventions=made_by), tables[role])
+        topic, by, records = choices[role].topic, choices[role].chosen_by, tables[role]
+        how = (*sensor.conventions, grids[role]) if role in grids else sensor.conventions
+        used = int(records["valid"].sum()) if "valid" in records else len(records)
+        provenance[role] = Provenance(topic.name, topic.type, by, how, topic.count, used, sensor.geodetic)
     return SensorTables(tables, provenance, origin, [*findings, *invalid], asked, attitude)
 
 
@@ -166,9 +168,3 @@ def _converted(
     if "truth" in raws:
         made["truth"] = positions.gps(raws["truth"], truth_section(configuration, raws, truth_by), origin)
     return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
-
-
-def _provenance(choice: TopicChoice, made: ConvertedTable, table: pd.DataFrame) -> Provenance:
-    used = int(table["valid"].sum()) if "valid" in table else len(table)
-    topic = choice.topic
-    return Provenance(topic.name, topic.type, choice.chosen_by, made.conventions, topic.count, used, made.geodetic)
