@@ -18,7 +18,7 @@ class Thresholds:
     fix_depth_tolerance: float = 0.5  # of the depth: a z of the fixes so near to it, up or down, is a depth
 
     # Sensor errors that the log has evidence for
-    significance_sigmas: float = 4.0  # of a latency beyond what the arrival of fixes allows: chance below 1 in 10 000
+    significance_sigmas: float = 4.0  # of a latency beyond what the arrival of fixes allows: chance is below 1e-4
     min_offset_deg: float = 3.0  # a smaller turn between DVL and heading is within a compass's own error
     offset_sigmas: float = 2.0  # of that turn, whose sd comes from leaving out stretches and is itself large
     min_bias_deg: float = 2.0  # of a turn that the log has evidence for: a compensated compass deviates by less
@@ -36,7 +36,7 @@ class Thresholds:
     max_far_offset_s: float = 1800.0  # of a second search; hours are a time zone, and such sensors do not overlap
     far_offset_step_s: float = 4.0  # of that search: the fit of the latency covers the rest
     min_far_residual_m: float = 10.0  # a clock that is off by more than a minute moves a vehicle by more
-    far_residual_ratio: float = 0.25  # of the residual of the same fixes: of so many offsets, half may go by chance
+    far_residual_ratio: float = 0.25  # of the same fixes' residual: among so many offsets half may vanish by chance
     clock_offset_step_s: float = 2.0  # of that search; the fit of the latency covers the rest
     min_clock_offset_s: float = 4.0  # an acoustic delay and its processing explain less
     leap_second_tolerance_s: float = 1.5  # an offset so near to GPS time minus UTC is probably that

@@ -27,7 +27,7 @@ STATED: Mapping[str, tuple[list[str], int]] = {
 """The columns of what a record states of its own noise, and the power of its sigma in them."""
 BIASED: Mapping[str, tuple[float, ...]] = {"compass": (1.0,), "dvl": (0.0, 1.0), "usbl": (1.0, 0.0)}
 """The direction of a bias: clockwise, forward, east."""
-TURN_RATE_S = 2.0  # over which headings give the turn rate: 0.3 deg at 10 Hz is then 0.2 deg/s, and turns last longer
+TURN_RATE_S = 2.0  # for the turn rate by headings: noise of 0.3 deg at 10 Hz is then 0.2 deg/s, turns last longer
 
 
 class Damage(NamedTuple):
