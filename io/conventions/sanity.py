@@ -98,7 +98,7 @@ def underwater_findings(tables: Mapping[str, pd.DataFrame], topic: str) -> list[
     """Report GPS fixes of a topic below the surface: acoustic positions, or an old fix repeated."""
     if not {"gps", "depth"} <= tables.keys():
         return []
-    gps_s = tables["gps"]["time_s"].to_numpy(dtype=float)
+    gps_s: Vector = tables["gps"]["time_s"].to_numpy(dtype=float)
     known_s, known_m = tables["depth"][["time_s", "depth_m"]].to_numpy(dtype=float).T
     depth_m = np.interp(gps_s, known_s, known_m, left=np.nan, right=np.nan)
     wet = depth_m > positions.UNDERWATER_M
