@@ -34,9 +34,7 @@ def headings_on_plane(log: Log) -> Log:
     of latitude.
     """
     source = "usbl" if "usbl" in log.tables else "gps"
-    if log.origin is None or source not in log.tables or not log.provenance[source].geodetic:
-        return log
-    if not {"dvl", "compass"} <= log.tables.keys():
+    if log.origin is None or not {"dvl", "compass", source} <= log.tables.keys() or not log.provenance[source].geodetic:
         return log
     table = log.tables["compass"]
     headings = Records.of("", table, ["heading_deg"])

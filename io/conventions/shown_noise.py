@@ -33,7 +33,6 @@ class _Sensor(NamedTuple):
     columns: tuple[str, ...]
     sd: str
     unit: str
-    angle: bool
     walked: Callable[[Vector, Vector], Vector]  # variance of that distance by the motion, of h s before and after
 
 
@@ -47,8 +46,8 @@ def _heading_walk(before_s: Vector, after_s: Vector) -> Vector:
 
 
 SENSORS: Mapping[str, _Sensor] = {
-    "dvl": _Sensor(("starboard_mps", "forward_mps"), "sd_mps", "m/s", False, _velocity_walk),
-    "compass": _Sensor(("heading_deg",), "sd_deg", "deg", True, _heading_walk),
+    "dvl": _Sensor(("starboard_mps", "forward_mps"), "sd_mps", "m/s", _velocity_walk),
+    "compass": _Sensor(("heading_deg",), "sd_deg", "deg", _heading_walk),
 }
 
 
@@ -91,7 +90,7 @@ def _block_factors(records: Records, sd: Vector, sensor: _Sensor, first: Indices
     rows = first[:, None] + np.arange(BLOCK)
     interval_s, change = np.diff(records.time_s[rows]), np.diff(records.values[rows], axis=1)
     before_s, after_s, sd = interval_s[:, :-1], interval_s[:, 1:], sd[rows]
-    change = wrapped(change, 180.0) if sensor.angle else change
+    change = wrapped(change, 180.0) if sensor.unit == "deg" else change
     with np.errstate(divide="ignore", invalid="ignore"):
         share = after_s / (before_s + after_s)
         apart = change[:, :-1] * share[..., None] - change[:, 1:] * (1 - share)[..., None]

@@ -245,7 +245,6 @@ def _epoch_averages(t: Vector, columns: Sequence[Vector], fast_hz: float, count:
 
 def _averages(group: Indices, values: Array, count: int) -> tuple[Indices, Array]:
     """Return how many records fell into each of ``count`` groups and their means, (count, k), NaN if none did."""
-    values, group = values[group >= 0], group[group >= 0]
     n = np.bincount(group, minlength=count)
     sums = np.column_stack([np.bincount(group, weights=column, minlength=count) for column in values.T])
     return n, np.divide(sums, n[:, None], out=np.full(sums.shape, np.nan), where=n[:, None] > 0)

@@ -26,7 +26,6 @@ Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
 Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # degrees; beyond, the heading is ambiguous
 ClockStep: TypeAlias = Annotated[float, Meta(ge=0, le=86400)]  # seconds; a clock that went back has parts
 Latency: TypeAlias = Annotated[float, Meta(ge=-86400, le=86400)]  # seconds
-ClockOffset: TypeAlias = Annotated[float, Meta(ge=-4e9, le=4e9)]  # seconds; a clock may count from power-on, or 1900
 Gap: TypeAlias = Annotated[float, meta(SECONDS)]  # seconds
 Metres: TypeAlias = Annotated[float, meta(METRES)]  # on the local plane, which is much smaller
 Depth: TypeAlias = Annotated[float, Meta(ge=-12000, le=12000)]  # metres, down

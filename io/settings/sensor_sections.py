@@ -11,7 +11,6 @@ from msgspec import Meta
 
 from usbldr.io.axes import axis_signs
 from usbldr.io.settings.limits import (
-    ClockOffset,
     ClockStep,
     Degrees,
     Depth,
@@ -281,7 +280,7 @@ class FileSection(Section, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Another file of the same dive, or the log itself: its clock minus the clock of the dive, its missing date."""
 
     path: str
-    clock_offset_s: ClockOffset = 0.0
+    clock_offset_s: Annotated[float, Meta(ge=-4e9, le=4e9)] = 0.0  # a clock may count from power-on, or 1900
     date: datetime.date | None = None
 
     def __post_init__(self) -> None:
