@@ -74,8 +74,8 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     sides = halves(len(good))
     parts = [line.with_fixes(side) for side in sides]
     found = [_identified(log, part) for part in parts]
-    apart = _value(found[0]) - _value(found[1])
-    disagreement = float(np.sum(apart**2 / (_sd(found[0]) ** 2 + _sd(found[1]) ** 2)))
+    (one, one_sd), (other, other_sd) = map(_head, found)
+    disagreement = float(np.sum((one - other) ** 2 / (one_sd**2 + other_sd**2)))
     slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(depth_below_head_m(log, line.fix_time_s)))
     off_m = _judged(line, sides, [_with_head_of(whole, one) for one in found])
     before, after = (scatter(each, slant_m, good) for each in off_m)
@@ -100,12 +100,10 @@ def _with_head_of(found: Identification, other: Identification) -> Identificatio
     return replace(found, parameters=replace(found.parameters, settled=settled, false_fixes=()))
 
 
-def _value(found: Identification) -> Vector:
-    return np.array([found.parameters.settled[name] for name in (HEADING, SCALE)])
-
-
-def _sd(found: Identification) -> Vector:
-    return np.array([found.parameters.settled_sd[name] for name in (HEADING, SCALE)])
+def _head(found: Identification) -> tuple[Vector, Vector]:
+    """Return heading and scale of the head as states, (2,), and their sigmas, (2,)."""
+    value, sd = found.parameters.settled, found.parameters.settled_sd
+    return np.array([value[HEADING], value[SCALE]]), np.array([sd[HEADING], sd[SCALE]])
 
 
 def _judged(line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> tuple[Array, Array]:
@@ -125,13 +123,13 @@ def _parameters(
     log: Log, found: Identification, vertical: VerticalFit | None, slant_m: float, noise_m: float
 ) -> tuple[Parameter, ...]:
     """Return the head's errors as a configuration states them; the tilt is that of the vertical of the fixes."""
-    usbl, turned_deg = log.settings.usbl, REPORTED[HEADING].factor * float(_value(found)[0])
-    heading_sd, scale_sd = np.abs([REPORTED[HEADING].factor, 1.0]) * _sd(found)
+    (heading, scale), (heading_sd, scale_sd) = (each.tolist() for each in _head(found))
+    usbl, factor = log.settings.usbl, REPORTED[HEADING].factor
     estimates = {
         "mount_roll_deg": (usbl.mount_roll_deg, ANGLE_SD_DEG),
         "mount_pitch_deg": (usbl.mount_pitch_deg, ANGLE_SD_DEG),
-        "mount_heading_deg": (usbl.mount_deg - turned_deg, float(heading_sd)),
-        "scale": (usbl.sound_speed_scale / (1 + float(_value(found)[1])), float(scale_sd)),
+        "mount_heading_deg": (usbl.mount_deg - factor * heading, abs(factor) * heading_sd),
+        "scale": (usbl.sound_speed_scale / (1 + scale), scale_sd),
     }
     if vertical is not None:
         by_depth = zip(("mount_roll_deg", "mount_pitch_deg", "scale"), vertical.value, vertical.sd, strict=False)

@@ -86,8 +86,8 @@ def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     unit = recorded_line(log, "compass", "unit")
     if any(one.code == "HEADING-RADIANS" for one in examination.findings):
         unit = ('unit = "rad"', "by the fixes, instead of deg")
-    lines = [_convention(log, result, "compass", "convention"), unit]
-    lines.append(("bias_deg = 0.0", "the log does not distinguish it from mount_deg"))
+    bias = ("bias_deg = 0.0", "the log does not distinguish it from mount_deg")
+    lines = [_convention(log, result, "compass", "convention"), unit, bias]
     lines += _deviation(found) + _clock(found, COMPASS_CLOCK, "compass_clock_s", log.settings.compass.latency_s)
     declination = log.convention("compass", "declination_deg")
     if declination.value:
@@ -115,8 +115,7 @@ def _deviation(found: Identification | None) -> list[ConfigLine]:
 def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     """Return the lines of [usbl] after its topic."""
     _, result, found = examination.sensor_check
-    lines = [recorded_line(log, "usbl", "kind")]
-    lines += grid_lines(log, "usbl")
+    lines = [recorded_line(log, "usbl", "kind"), *grid_lines(log, "usbl")]
     if recorded_value(log, "usbl", "frame"):
         lines.append(_convention(log, result, "usbl", "frame"))
         lines.append(recorded_line(log, "usbl", "relative_to"))
