@@ -230,8 +230,9 @@ class Identification:
         if count == 1:
             lie, are = f"a USBL fix at {longest.start_s:.0f} s lies", "it is"
         decided = "as the whole log shows"
-        if (last := self.false_runs[-1]).last:
-            decided += f"; no fix follows those from {last.start_s:.0f} s on: perhaps dead reckoning is wrong there"
+        for run in self.false_runs:
+            if run.last:
+                decided += f"; no fix follows those from {run.start_s:.0f} s on: perhaps dead reckoning is wrong there"
         return (
             f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
             "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"

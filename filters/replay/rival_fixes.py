@@ -20,13 +20,13 @@ class RivalFixes(NamedTuple):
     """Fixes that lie together elsewhere."""
 
     offset_m: Vector  # (2,) from the track
-    count: int
+    fixes: int
     on_track: int
 
     @property
     def cov_m2(self) -> Array:
         """What they leave open of the track, (2, 2): the more lie in one place, the likelier is it right."""
-        rival, own = float(self.count) ** MAJORITY, float(self.on_track) ** MAJORITY
+        rival, own = float(self.fixes) ** MAJORITY, float(self.on_track) ** MAJORITY
         return rival / (rival + own) * np.outer(self.offset_m, self.offset_m)
 
     @property
@@ -35,7 +35,7 @@ class RivalFixes(NamedTuple):
         (east_m, north_m), away_m = self.offset_m.tolist(), float(np.hypot(*self.offset_m))
         bearing_deg = np.degrees(np.arctan2(east_m, north_m)) % 360
         return (
-            f"{CODE}: {self.count} USBL fixes lie together {away_m:.0f} m off (at {bearing_deg:.0f}°) the track that "
+            f"{CODE}: {self.fixes} USBL fixes lie together {away_m:.0f} m off (at {bearing_deg:.0f}°) the track that "
             f"{self.on_track} others give: check for two beacons or targets, or a head with two solutions; the log "
             "does not show which fixes are right, and the track's sigma covers both"
         )
