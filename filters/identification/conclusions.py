@@ -20,6 +20,8 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
+    COMPASS_CLOCK,
+    DVL_CLOCK,
     HEAD,
     KEYS,
     LEVER,
@@ -69,8 +71,9 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     parameters, found, shared = choice.member.parameters, choice.found, _shared_by_priors(choice)
     present = choice.member.present - ({LEVER} if shared else frozenset())
     row = choice.subsets.index(present)
-    early = {"latency"} - choice.far if found.mean["usbl_latency"][row] <= 0 else frozenset[str]()
-    constant = present - early - {LEVER}
+    constant = present - {LEVER}
+    if found.mean["usbl_latency"][row] < 0:  # not moved, so that the others, found with it, are not settled either
+        constant &= {*choice.far, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
     errors = {field: error for field, error in SENSOR_ERRORS.items() if error.key in constant}
     sds = {field: AGAIN * float(max(found.sd[state][row] for state in one.states)) for field, one in errors.items()}

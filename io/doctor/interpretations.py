@@ -20,6 +20,7 @@ from usbldr.filters.identification.dr_usbl_fit import (
     jackknife_rotation_sd_rad,
     segment_numbers,
 )
+from usbldr.filters.models.noise import robust_sd
 from usbldr.filters.types import Indices, Timeline, Vector
 from usbldr.io.conventions.sanity import MAX_SEPARATION_M
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -132,8 +133,8 @@ def compare_interpretations(
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
         interpretations += [_mirror_image_of(log, timeline, r, group) for r in interpretations]
     least = min(r.residual_m for r in interpretations)
-    sigma_m = float(np.sqrt(np.median(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2)) / 2))
-    fits = least <= THRESHOLDS.fitting_sigmas * sigma_m
+    steps = np.diff(as_points(timeline.fix_m) - dead_reckoned(timeline, timeline.fix_time_s))  # shorter than the noise
+    fits = least <= THRESHOLDS.fitting_sigmas * robust_sd(np.concatenate([steps.real, steps.imag]))
     ratio = THRESHOLDS.clearly_better_ratio if fits else THRESHOLDS.gross_residual_ratio
     plausible = [r for r in interpretations if r.residual_m * ratio <= least]
     by_fit = min(plausible, key=lambda r: (r.residual_m * (1 - 1e-6 * (r == read)), sum(r.flips)))

@@ -16,7 +16,7 @@ from usbldr.filters.evaluation.influence import LeaveOneOut
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.replay.dead_reckoning import freed
+from usbldr.filters.replay.dead_reckoning import freed, without_changes
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
@@ -87,9 +87,10 @@ class Run:
 
     @cached_property
     def as_used(self) -> Timeline:
-        """The timeline with its fixes as the run used them: without the errors of their head that it has settled."""
+        """The timeline with its fixes as the run used them: without changes, and settled errors of their head."""
         parameters, settled = self.identification.parameters, self.identification.parameters.settled
-        return freed(self.timeline, {name: settled[name] for name in parameters.settled_sd if name in settled})
+        line = without_changes(self.timeline, parameters.changes)
+        return freed(line, {name: settled[name] for name in parameters.settled_sd if name in settled})
 
     @cached_property
     def _fixes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

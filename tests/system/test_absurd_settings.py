@@ -59,7 +59,10 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
         for key, other in (PLACE | {"depth_m": "east_m = 0, north_m = 0"}).items()
     },
     **dict.fromkeys(("compass.bias_deg", "compass.deviation_sin_deg", "compass.deviation_cos_deg"), ""),
-    **dict.fromkeys(("compass.declination_deg", "compass.sd_deg", "compass.latency_s", "compass.clock_step_s"), ""),
+    **dict.fromkeys(
+        ("compass.declination_deg", "compass.sd_deg", "compass.sd_scale", "compass.latency_s", "compass.clock_step_s"),
+        "",
+    ),
     **dict.fromkeys(("usbl.sd_m", "usbl.sd_scale", "usbl.latency_s", "usbl.clock_step_s"), ""),
     "usbl.mount_deg": f"frame = 'body'\n{FIXED}",
     **dict.fromkeys(("usbl.mount_roll_deg", "usbl.mount_pitch_deg"), f"frame = 'body'\n{FIXED}"),
