@@ -21,8 +21,8 @@ from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.identification import CONTRADICTED
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
-from usbldr.filters.models.noise import TO_SD
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.noise import TO_SD, Gaussian
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.types import Timeline, Vector
 
 
@@ -82,27 +82,29 @@ def estimate_dvl_noise(timeline: Timeline, given: Parameters) -> Parameters:
 def estimate_compass_noise(timeline: Timeline, given: Parameters) -> Parameters:
     """Return the parameters with the sigma of the compass that its records show; it grows or stays.
 
-    The median ignores manoeuvres; the variance that the motion model expects of the rest is subtracted.
+    The median ignores manoeuvres; the variance that the motion model expects of the rest is subtracted. A stated noise
+    with tails is taken as it is: its median is not its sigma.
     """
     k = np.flatnonzero(timeline.yaw_count)
-    if len(k) < LEAST_HEADINGS:
+    if len(k) < LEAST_HEADINGS or not isinstance(given.compass, Gaussian):
         return given
     variance = (given.compass_sd_scale * timeline.yaw_sd_rad[k]) ** 2 / timeline.yaw_count[k]
-    ratio = neighbour_ratio(timeline.time_s[k], timeline.yaw_rad[k], variance, given.process.turn_rate_radps)
+    ratio = neighbour_ratio(timeline.time_s[k], timeline.yaw_rad[k], variance, given.process)
     scale = math.sqrt(max(float(np.median(ratio)), 1.0))
     return replace(given, compass_sd_scale=given.compass_sd_scale * scale)
 
 
-def neighbour_ratio(time_s: Vector, yaw_rad: Vector, variance: Vector, turn_rate_radps: float) -> Vector:
+def neighbour_ratio(time_s: Vector, yaw_rad: Vector, variance: Vector, process: ProcessNoise) -> Vector:
     """Return by what factor n headings scatter about the lines between their neighbours, squared, (n - 2,).
 
-    Of normal noise with the variances (n,) its median is 1, of a turn rate that walks randomly 0.
+    Of normal noise with the variances (n,) its median is 1, of the random walks of the motion model 0.
     """
     before_s, after_s = np.diff(time_s)[:-1], np.diff(time_s)[1:]
     share, turned = after_s / (before_s + after_s), np.diff(yaw_rad)
     apart = share * turned[:-1] - (1 - share) * turned[1:]
     noise = variance[1:-1] + share**2 * variance[:-2] + (1 - share) ** 2 * variance[2:]
-    walked = turn_rate_radps**2 * (before_s * after_s) ** 2 / (3 * (before_s + after_s))
+    both_s = before_s * after_s / (before_s + after_s)
+    walked = both_s * (process.yaw_rad**2 + process.turn_rate_radps**2 * before_s * after_s / 3)
     ratio: Vector = ((TO_SD * apart) ** 2 - walked) / noise
     return ratio
 

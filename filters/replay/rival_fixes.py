@@ -53,8 +53,9 @@ def rival_fixes(
     near_m = NEAR_SIGMAS * sd_scale * np.sqrt(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)
     elsewhere = np.hypot(*off_m.T) > near_m
     on_track = int(np.count_nonzero(~elsewhere))
-    if np.count_nonzero(elsewhere) < max(LEAST_RIVALS * on_track, 1):
+    least = max(LEAST_RIVALS * on_track, 1)
+    if np.count_nonzero(elsewhere) < least:
         return None
     place_m: Vector = np.median(off_m[elsewhere], axis=0)
     count = int(np.count_nonzero(elsewhere & (np.hypot(*(off_m - place_m).T) < near_m)))
-    return RivalFixes(place_m, count, on_track) if count >= LEAST_RIVALS * on_track else None
+    return RivalFixes(place_m, count, on_track) if count >= least else None

@@ -56,7 +56,7 @@ def compass(
     ``place`` is that of the declination. Raises LogError if all records are invalid, UsageError if a declination is
     requested but its place or time is unknown.
     """
-    times = times_of(raw, section.time, section.latency_s, section.clock_step_s)
+    times = times_of(raw, section.time, section.latency_s, section.clock_step_s, "compass")
     raw = with_yaw(raw)
     heading, causes, chosen, findings = _clockwise(raw, section, keys)
     good, invalid = valid_mask(raw, causes, "compass", "left out")
@@ -80,7 +80,7 @@ def _attitude(raw: RawRecords, section: CompassSection, convention: str) -> Conv
     """Return the direction of the vertical along the axes of the vehicle, VERTICAL."""
     enu = convention == "ENU" and "qx" in raw.layout.required  # roll and pitch are the same for every heading
     along = vertical(raw, "ENU" if enu else "NED", section.bias_deg)
-    times = times_of(raw, section.time, section.latency_s, section.clock_step_s)
+    times = times_of(raw, section.time, section.latency_s, section.clock_step_s, "compass")
     return converted_table(times, dict(zip(VERTICAL, along.T, strict=True)), (), ())
 
 

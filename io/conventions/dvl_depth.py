@@ -84,7 +84,7 @@ def dvl(raw: RawRecords, section: DvlSection) -> ConvertedTable:
     if "altitude" in raw.values:
         altitude_m = raw.number("altitude")
         columns["altitude_m"] = np.where(valid & (altitude_m > 0) & (altitude_m < MAX_DEPTH_M), altitude_m, np.nan)
-    times = times_of(raw, section.time, section.latency_s, section.clock_step_s)
+    times = times_of(raw, section.time, section.latency_s, section.clock_step_s, "dvl")
     return converted_table(times, columns, [*chosen, sd_chosen], [*findings, *more, *invalid])
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import SettingError
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.findings import Finding
 from usbldr.io.messages.layouts import RawRecords
@@ -30,11 +30,13 @@ class Times:
     findings: tuple[Finding, ...]
 
 
-def times_of(raw: RawRecords, clock: str | None, latency_s: float, clock_step_s: float = 0.0) -> Times:
+def times_of(
+    raw: RawRecords, clock: str | None, latency_s: float, clock_step_s: float = 0.0, section: str = ""
+) -> Times:
     """Time the records: by header, or by log time if there is none or so configured; subtract latency and clock step.
 
     The clock was set forward at the longest gap of the stamps; arrivals are moved, too, if they have the gap.
-    Raises UsageError if that gap is shorter than the step.
+    Raises SettingError, which names the ``section`` of the step, if that gap is shorter than the step.
     """
     made, findings = list[Convention](), list[Finding]()
     if raw.stamp_ns is None:
@@ -63,7 +65,7 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float, clock_step_s:
                 made.append(Convention("age_s", median_s, "type", "s", f"median of {what}"))
     time, received = stamp, raw.received_ns
     if clock_step_s:
-        time, received = _without_step(raw, stamp, clock_step_s)
+        time, received = _without_step(raw, stamp, clock_step_s, section)
         made.append(Convention("clock_step_s", clock_step_s, "configuration", "s"))
     if latency_s:
         time = time - round(latency_s * 1e9)
@@ -72,13 +74,15 @@ def times_of(raw: RawRecords, clock: str | None, latency_s: float, clock_step_s:
     return Times(time, received, stamp, tuple(made), tuple(findings))
 
 
-def _without_step(raw: RawRecords, stamp_ns: Nanoseconds, step_s: float) -> tuple[Nanoseconds, Nanoseconds]:
+def _without_step(
+    raw: RawRecords, stamp_ns: Nanoseconds, step_s: float, section: str
+) -> tuple[Nanoseconds, Nanoseconds]:
     """Return stamps and arrivals, (n,) each, less the step after the longest gap of the stamps."""
     gaps_ns, step_ns = np.diff(stamp_ns), round(step_s * 1e9)
     longest_ns = int(gaps_ns.max(initial=0))
     if longest_ns < step_ns:
-        raise UsageError(
-            f"clock_step_s = {step_s:g}, but the longest gap between stamps of {raw.topic.name} is "
+        raise SettingError(
+            f"[{section}] clock_step_s = {step_s:g}, but the longest gap between stamps of {raw.topic.name} is "
             f"{longest_ns / 1e9:.2f} s: a clock that was set forward leaves a gap as long"
         )
     last = int(np.argmax(gaps_ns))

@@ -78,7 +78,7 @@ def usbl(
     raw, target, findings = records_of_target(raws["usbl"], section.target)
     kind, kind_chosen, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
-    when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s))
+    when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s, "usbl"))
     times = when.times
     compass, depth = others.get("compass"), np.full(len(times.time_ns), np.nan)
     if "depth" in others:

@@ -191,6 +191,7 @@ def test_the_sigma_of_a_compass_grows_if_its_headings_scatter_more_than_stated(s
 
     assert scale == pytest.approx(found, rel=0.06)
     assert estimate_compass_noise(line, replace(PLAIN, compass_sd_scale=1.5 * scale)).compass_sd_scale == 1.5 * scale
+    assert estimate_compass_noise(line, replace(PLAIN, compass=Contamination())).compass_sd_scale == 1.0
 
 
 def test_a_velocity_that_hardly_changes_does_not_lower_the_assumed_walk() -> None:
