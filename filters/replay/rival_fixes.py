@@ -54,7 +54,7 @@ def rival_fixes(
     elsewhere = np.hypot(*off_m.T) > near_m
     on_track = int(np.count_nonzero(~elsewhere))
     least = max(LEAST_RIVALS * on_track, 1)
-    if np.count_nonzero(elsewhere) < least:
+    if np.count_nonzero(elsewhere) < least or not np.isfinite(off_m).all():  # of a run that has diverged
         return None
     place_m: Vector = np.median(off_m[elsewhere], axis=0)
     count = int(np.count_nonzero(elsewhere & (np.hypot(*(off_m - place_m).T) < near_m)))

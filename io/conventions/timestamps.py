@@ -152,7 +152,7 @@ def _same_stamp(time_ns: Nanoseconds, count: int, topic: str, sensor: str) -> Fi
     steps_ns = np.diff(time_ns)
     step_s = float(steps_ns[steps_ns > 0].min(initial=MAX_TIME_NS)) / 1e9
     steps = f"its times have steps of {step_s:g} s or more" if np.any(steps_ns) else "all its times are the same"
-    return Finding("COARSE-TIMES", f"{text}; {steps}: export them with more digits", topic)
+    return Finding("COARSE-TIMES", f"{text}; {steps}: export them with more digits", topic, None, step_s, "s")
 
 
 def _same_as_next(table: pd.DataFrame) -> Mask:

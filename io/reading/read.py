@@ -26,12 +26,13 @@ from usbldr.io.messages.roles import SENSORS
 from usbldr.io.provenance import provenance_lines
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.reading.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
-from usbldr.io.reading.sensors import roles_of, sensor_tables
+from usbldr.io.reading.sensors import SensorTables, roles_of, sensor_tables
 from usbldr.io.reading.truth import read_truth
 from usbldr.io.reading.truth_source import refuse_as_sensor, truth_kind, truth_source
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.stages import say, stage
 
+COARSEST_S = 5.0  # of the times of DVL and compass: a vehicle turns about within
 SHORTEST_LOG_S, MOST_IN_SHORT = 1.0, 100  # [s], [records] more of them in less time: stamps are of another unit
 DAY_NS = 86_400_000_000_000  # fixed
 USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
@@ -84,6 +85,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     except SettingError as err:
         raise UsageError(err.text, path=opened.file or path) from err
     _refuse_unit(path, sensors.tables)
+    _refuse_coarse(path, sensors)
     _refuse_apart(path, sensors.tables)
     start_ns = _start_ns(sensors.tables, topics)
     truth, own, more = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
@@ -164,6 +166,14 @@ def _refuse_unit(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         f'{span_s * unit:.0f} s; state columns = {{ time_unix_{key} = "time_ns", ... }} for each sensor'
     )
     raise LogError(text, path=path)
+
+
+def _refuse_coarse(path: Path, sensors: SensorTables) -> None:
+    """Raise LogError if the times of DVL or compass are so coarse that their records say little of the motion."""
+    moving = {sensors.provenance[role].topic for role in ("dvl", "compass") if role in sensors.provenance}
+    for found in sensors.findings:
+        if found.code == "COARSE-TIMES" and found.topic in moving and (found.worst or 0.0) >= COARSEST_S:
+            raise LogError(found.text, path=path)
 
 
 def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:

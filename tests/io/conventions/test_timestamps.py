@@ -1,6 +1,7 @@
 """Order, repeats and zero stamps: what becomes of records that share a moment."""
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from logs import codes, logged, logged_nmea
 from recordings import SECOND, T0, Row, point, sentence, twist, yaw
+from usbldr.filters.errors import LogError
 
 
 def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -> None:
@@ -68,6 +70,18 @@ def test_times_of_too_few_digits_are_named_by_their_step(tmp_path: Path, step_s:
     )
     assert found.level == "warning"
     assert "SAME-STAMP" not in codes(log)
+
+
+@pytest.mark.parametrize(("step_s", "refused"), [(2, False), (60, True)])
+def test_a_dvl_with_times_of_whole_minutes_is_refused(tmp_path: Path, step_s: int, refused: bool) -> None:
+    rows = [twist(T0 + k // step_s * step_s * SECOND, 1.0 + 0.001 * k, 0.0) for k in range(300)]
+
+    with (
+        pytest.raises(LogError, match=r": /dvl: 295 of 300 .* steps of 60 s or more: export")
+        if refused
+        else nullcontext()
+    ):
+        logged(tmp_path, rows)
 
 
 def test_zero_stamps_are_timed_by_log_time_and_counted(tmp_path: Path) -> None:
