@@ -58,4 +58,5 @@ def rival_fixes(
         return None
     place_m: Vector = np.median(off_m[elsewhere], axis=0)
     count = int(np.count_nonzero(elsewhere & (np.hypot(*(off_m - place_m).T) < near_m)))
-    return RivalFixes(place_m, count, on_track) if count >= least else None
+    apart = float(np.hypot(*place_m)) > 2 * float(np.median(near_m))
+    return RivalFixes(place_m, count, on_track) if apart and count >= least else None

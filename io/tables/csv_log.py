@@ -147,7 +147,7 @@ class CsvLog:
     def _stem(self, file: Path) -> str:
         """Return the name of a file, if it lies in a folder within this one the name of that, alone or before it."""
         folder = file.parent
-        if folder.parent != self.path:
+        if folder == self.path or folder.parent != self.path:  # "." is its own parent
             return file.stem
         alone = [other.parent for other in self._given].count(folder) == 1
         return folder.name if alone else f"{folder.name}__{file.stem}"

@@ -123,6 +123,13 @@ def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> N
     assert "/vehicle/049" in run(file, "--all")[1]
 
 
+def test_the_current_folder_is_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_csv(tmp_path, dvl=f"time_ns,starboard_mps,forward_mps\n{T0},0,1\n{T0 + 1},0,2\n{T0 + 2},0,3")
+    monkeypatch.chdir(tmp_path)
+
+    assert "dvl: /dvl (type and name), 3 of 3 records used" in run(Path())[1]
+
+
 def test_a_scenario_is_a_log_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
