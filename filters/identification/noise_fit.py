@@ -70,6 +70,7 @@ USBL = (
 
 CORRELATED = ("usbl_bias_sd_m", "usbl_bias_time_s")
 WAVES_S = 4.0  # [s] correlation time: ships roll with periods of 5 to 15 s, and a quarter of that is the lag of 0
+IMPOSSIBLE = -1e12  # fixed: log likelihood below all others, of which differences exist
 LEAST_HEADINGS = 100  # whose median is known to 15 %
 GROWING = ("position_walk_m",)  # a random walk learnt while dead reckoning is good would refuse its faults
 
@@ -163,7 +164,7 @@ def _search(
     centre, sd = _point(given, used), np.log([p.prior_factor for p in used])
 
     def at_points(points: Sequence[Vector]) -> Vector:
-        return log_likelihood([_at(given, used, point) for point in points])
+        return np.maximum(log_likelihood([_at(given, used, point) for point in points]), IMPOSSIBLE)
 
     points = [centre + np.log(factors) for factors in itertools.product(*(p.starts for p in used))]
     points.append(_point(start, used))

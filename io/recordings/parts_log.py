@@ -57,7 +57,7 @@ def with_parts(log: Reader, chosen: Collection[str]) -> Reader:
         joined = {name for first, others in followers.items() for name in (first, *others)}
         alike: dict[tuple[str, str, tuple[str, ...]], list[TopicInfo]] = {}
         for topic in tables:
-            alike.setdefault((likeness_of(topic), topic.type, topic.fields), []).append(topic)
+            alike.setdefault((likeness_of(topic), topic.type, tuple(sorted(topic.fields))), []).append(topic)
         for group in alike.values():
             first, *others = sorted(group, key=_span_ns)
             free = not joined & {one.name for one in group} and not names & {one.name.lstrip("/") for one in others}

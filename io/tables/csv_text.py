@@ -5,6 +5,7 @@ import re
 from array import array
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -194,15 +195,15 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
 class _Rows:
     """Which of a file's lines are rows of its table, and their cells in the order of its columns."""
 
-    def __init__(self, header: Sequence[str], separator: str | None) -> None:
-        self._header, self._separator = header, separator
+    def __init__(self, file: Path, header: Sequence[str], separator: str | None) -> None:
+        self._file, self._header, self._separator = file, header, separator
         self._order: Sequence[int] | None = None  # of the columns behind another line of names
         self._other = ""  # why rows are those of another table
 
     def cells(self, line: str) -> Sequence[str] | str:
         """Return the cells of a row, of another line why it is none; empty if it holds no data."""
         cells = _cells(line, self._separator)
-        if len(cells) > len(self._header) and not any(cells[len(self._header) :]):
+        if len(cells) > len(self._header) and len(cells) not in self._wider:
             cells = cells[: len(self._header)]  # separators at the end of the line
         if line.count('"') % 2:
             return "a quotation mark is missing"
@@ -215,6 +216,12 @@ class _Rows:
             why = "; decimal commas need another separator of columns, such as semicolons" if commas else ""
             return f"it has {len(cells)} cells, the first line {len(self._header)}{why}"
         return cells if self._order is None else [cells[place] for place in self._order]
+
+    @cached_property
+    def _wider(self) -> set[int]:
+        """How many cells rows have that go on behind the last column: one was inserted, and no row of them is right."""
+        rows = (_cells(line, self._separator) for line in text_lines(self._file, WESTERN))
+        return {len(cells) for cells in rows if any(cells[len(self._header) :])}
 
     def _names_again(self, cells: list[str]) -> str:
         """Take another line of column names, as files that were joined have; their columns may have another order."""
@@ -251,7 +258,7 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     numbered = array("q")
     left_out: dict[int, str] = dict(spoilt if known is None else {})
     cut = 0
-    table = _Rows(header, separator)
+    table = _Rows(file, header, separator)
     for number, line in _whole_rows(enumerate(lines, start=begin + 1), len(header), separator):
         if not line.strip() or line.startswith("#") or (known is not None and line.split() == header):
             continue

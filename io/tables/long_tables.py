@@ -10,6 +10,7 @@ from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextTable
 from usbldr.io.tables.unnamed_columns import is_number
 
+DEVICES = ("sensor", "device", "source", "instrument")  # whose names go before those of quantities, if they differ
 NAMES = (
     *("measurement", "topic", "name", "series", "tag", "channel", "signal", "variable", "parameter", "metric"),
     "field",
@@ -29,7 +30,7 @@ class LongColumns(NamedTuple):
 def long_columns(header: Sequence[str]) -> LongColumns | None:
     """Return the columns of a long table, None if it is none: it has one of names, and one of values."""
     plain = {name.strip("_").lower(): name for name in header}
-    names = [plain[name] for name in NAMES if name in plain]
+    names = [plain[name] for name in (*DEVICES, *NAMES) if name in plain]
     unit = plain.get("unit", plain.get("units"))
     return LongColumns(names, plain["value"], unit) if names and "value" in plain else None
 
@@ -42,7 +43,8 @@ def widened(table: TextTable, long: LongColumns) -> TextTable:
     """
     columns = {name: list(cells) for name, cells in table.columns.items()}
     times = [name for name, cells in columns.items() if cells and _is_time(name, cells[0])]
-    labels = [" ".join(cells) for cells in zip(*(columns[name] for name in long.names), strict=True)]
+    told = [name for name in long.names if name.strip("_").lower() not in DEVICES or len(set(columns[name])) > 1]
+    labels = [" ".join(cells) for cells in zip(*(columns[name] for name in told or long.names), strict=True)]
     if long.unit:
         units = columns[long.unit]
         labels = [f"{label} [{unit}]" if unit else label for label, unit in zip(labels, units, strict=True)]

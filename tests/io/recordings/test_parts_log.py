@@ -49,6 +49,15 @@ def test_tables_that_follow_each_other_are_one_topic(tmp_path: Path, names: tupl
     ]
 
 
+def test_columns_in_another_order_are_the_same_columns(tmp_path: Path) -> None:
+    later = velocities(15, COUNT).splitlines()
+    other = "\n".join(",".join(line.split(",")[k] for k in (0, 2, 1)) for line in later)
+
+    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=other))
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+
+
 def test_a_part_may_be_added_and_the_first_may_be_named(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15))
     (file,) = write_csv(tmp_path / "more", dvl_2=velocities(15, COUNT)).glob("*.csv")

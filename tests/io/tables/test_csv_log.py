@@ -108,6 +108,18 @@ def test_seconds_beyond_all_calendars_are_left_out_and_named_by_their_line(tmp_p
     assert text.endswith(f'line 3: when is "{when}", not a number of seconds before 2116')
 
 
+def test_rows_behind_a_column_that_was_inserted_are_left_out_also_if_their_last_cell_is_blank(tmp_path: Path) -> None:
+    before = [f"{T0 + k},{k},0" for k in range(3)]
+    after = [f"{T0 + 3},12.4,,", f"{T0 + 4},12.4,4,", f"{T0 + 5},12.4,5,0"]
+
+    log = logged_csv(tmp_path, "", dvl="\n".join(["time_ns,forward_mps,starboard_mps", *before, *after]))
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [0, 1, 2]
+    assert lost(log) == [
+        "dvl.csv: 3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"
+    ]
+
+
 def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
     rows = "".join(f"{T0 + k},{k}\n" for k in range(100))
     bad = rows.replace(f"{T0 + 7},7", f"{T0 + 7},north").replace(f"{T0 + 50},50", f"{T0 + 50},5O")

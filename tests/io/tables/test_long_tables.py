@@ -45,6 +45,25 @@ def test_names_and_units_of_several_columns_are_one_name(tmp_path: Path) -> None
     )
 
 
+@pytest.mark.parametrize("who", ["device", "Source", "instrument", "sensor"])
+def test_values_of_two_devices_are_not_mixed(tmp_path: Path, who: str) -> None:
+    rows = "".join(
+        f"{T0 // SECOND + k},{device},{name},{value + k}\n"
+        for k in range(3)
+        for device, name, value in [
+            ("dvl", "forward [m/s]", 1),
+            ("dvl", "starboard [m/s]", 0),
+            ("usbl", "east [m]", 7),
+            ("usbl", "north [m]", 8),
+        ]
+    )
+
+    log = logged_csv(tmp_path, "", dive=f"time_s,{who},name,value\n{rows}")
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [1, 2, 3]
+    assert log.tables["usbl"][["east_m", "north_m"]].to_numpy().tolist() == [[7, 8], [8, 9], [9, 10]]
+
+
 def test_parameters_and_their_values_are_no_long_table(tmp_path: Path) -> None:
     (tmp_path / "dive.csv").write_text("name,value\nrate,5\nmount,0.5\n", encoding="utf-8")
 
