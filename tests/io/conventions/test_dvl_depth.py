@@ -322,3 +322,14 @@ def test_keys_that_the_column_names_settle_are_said_not_to_act(tmp_path: Path) -
         "to read them otherwise (docs/configuration.md#any-columns-any-message)"
     }
     assert body(log.tables["dvl"])[:2] == pytest.approx([1.0, -0.1])
+
+
+def test_depths_that_count_up_are_read_as_the_advice_says(tmp_path: Path) -> None:
+    rows = "time_ns,depth_m\n" + "".join(f"{T0 + k * SECOND},{-20 - k}\n" for k in range(3))
+    said = codes(logged_csv(tmp_path, "", depth=rows))["DEPTH-SIGN"]
+    advice = said.split("state ")[1].replace(" and ", "\n").removesuffix(" under [depth]")
+
+    log = logged_csv(tmp_path, f"schema = 1\n[depth]\n{advice}\n", depth=rows)
+
+    assert log.tables["depth"]["depth_m"].tolist() == [20.0, 21.0, 22.0]
+    assert "DEPTH-SIGN" not in codes(log)
