@@ -9,6 +9,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, without_numbers
 from usbldr.io.reader import Reader, Records, TopicInfo
 
+MOST_OVERLAP = 0.2  # [-] of the shorter part, by judgement: two loggers beside each other overlap by more
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
 
 
@@ -31,14 +32,22 @@ class PartsLog:
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the topics in blocks, of parts one after the other."""
         firsts = {name: first for first in wanted for name in (first, *self._followers.get(first, ()))}
+        ends_ns = {topic.name: _span_ns(topic)[1] for topic in self._whole.topics()}
+        before = {name: one for first, names in self._followers.items() for one, name in pairwise((first, *names))}
         for topic, records in self._whole.blocks({name: wanted[first] for name, first in firsts.items()}):
-            yield firsts[topic], records
+            later = records.received_ns > (ends_ns[before[topic]] if topic in before else -1)
+            columns = {path: column[later] for path, column in records.columns.items()}
+            yield firsts[topic], records if later.all() else Records(records.received_ns[later], columns)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report which topics are read as one."""
-        text = "{}: read as one topic with {}: they follow each other"
-        parts = self._followers.items()
-        found = [Finding("TOPIC-PARTS", text.format(first, listed(others, 5)), first) for first, others in parts]
+        spans_ns = {topic.name: _span_ns(topic) for topic in self._whole.topics()}
+        found = list[Finding]()
+        for first, others in self._followers.items():
+            text = f"{first}: read as one topic with {listed(others, 5)}: they follow each other"
+            if any(spans_ns[one][1] >= spans_ns[other][0] for one, other in pairwise((first, *others))):
+                text += "; of times that two of them have, the records of the earlier one are read"
+            found.append(Finding("TOPIC-PARTS", text, first))
         return (*found, *self._whole.findings())
 
 
@@ -78,5 +87,8 @@ def _span_ns(topic: TopicInfo) -> tuple[int, int]:
 
 
 def _follow(*topics: TopicInfo) -> bool:
-    pauses_s = [(_span_ns(after)[0] - _span_ns(before)[1]) / 1e9 for before, after in pairwise(topics)]
-    return all(0 <= pause_s <= LONGEST_PAUSE_S for pause_s in pauses_s)
+    spans_s = [(start / 1e9, end / 1e9) for start, end in map(_span_ns, topics)]
+    return all(
+        -MOST_OVERLAP * min(one[1] - one[0], other[1] - other[0]) <= other[0] - one[1] <= LONGEST_PAUSE_S
+        for one, other in pairwise(spans_s)
+    )

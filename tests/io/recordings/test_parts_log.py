@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs import codes
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import Log
@@ -56,6 +57,25 @@ def test_columns_in_another_order_are_the_same_columns(tmp_path: Path) -> None:
     log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=other))
 
     assert forward_mps(log) == pytest.approx(WHOLE)
+
+
+@pytest.mark.parametrize(("overlap", "joined"), [(2, True), (12, False)])
+def test_of_records_that_two_parts_have_those_of_the_first_are_taken(
+    tmp_path: Path, overlap: int, joined: bool
+) -> None:
+    folder = write_csv(
+        tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15 - overlap, COUNT)
+    )
+
+    if joined:
+        log = read_log(folder)
+        assert forward_mps(log) == pytest.approx(WHOLE)
+        assert codes(log)["TOPIC-PARTS"].endswith(
+            "of times that two of them have, the records of the earlier one are read"
+        )
+    else:  # two instruments beside each other
+        with pytest.raises(UsageError, match="2 topics could be the dvl"):
+            read_log(folder)
 
 
 def test_a_part_may_be_added_and_the_first_may_be_named(tmp_path: Path) -> None:
