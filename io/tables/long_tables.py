@@ -43,8 +43,8 @@ def widened(table: TextTable, long: LongColumns) -> TextTable:
     """
     columns = {name: list(cells) for name, cells in table.columns.items()}
     times = [name for name, cells in columns.items() if cells and _is_time(name, cells[0])]
-    told = [name for name in long.names if name.strip("_").lower() not in DEVICES or len(set(columns[name])) > 1]
-    labels = [" ".join(cells) for cells in zip(*(columns[name] for name in told or long.names), strict=True)]
+    differing = [name for name in long.names if name.strip("_").lower() not in DEVICES or len(set(columns[name])) > 1]
+    labels = [" ".join(cells) for cells in zip(*(columns[name] for name in differing or long.names), strict=True)]
     if long.unit:
         units = columns[long.unit]
         labels = [f"{label} [{unit}]" if unit else label for label, unit in zip(labels, units, strict=True)]
