@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.models.motion import MotionModel
+from usbldr.filters.models.motion import MotionModel, PositionIncrement
 from usbldr.filters.models.sensors import Measurement
-from usbldr.filters.models.sigma_points import MomentTransform
+from usbldr.filters.models.sigma_points import YAW, MomentTransform
 from usbldr.filters.types import Array, Indices, Vector
 
 
@@ -75,7 +75,10 @@ def predict_parts(
         mean, cov, cross = rule(increment, bank.mean, bank.cov)  # of d(x): E d, cov(d, d), cov(x, d)
         m, P = bank.mean.copy(), bank.cov.copy()
         both = cross[rows]  # x' = x + d: P' = P + cov(x, d) + cov(d, x) + cov(d, d)
-        block = P[rows, rows] + (both + both.swapaxes(0, 1) + cov)
+        growth = both + both.swapaxes(0, 1) + cov
+        if isinstance(increment, PositionIncrement):
+            growth += increment.variance_along(P[YAW, YAW], mean, growth)
+        block = P[rows, rows] + growth
         m[rows] += mean
         P[rows] += cross.swapaxes(0, 1)
         P[:, rows] += cross

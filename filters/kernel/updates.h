@@ -3,11 +3,31 @@
 #define USBLDR_UPDATES_H
 #include "gaussians.h"
 
+#define UNKNOWN_YAW_RAD2 (0.35 * 0.35) /* motion.py */
+#define NO_LENGTH_M2 1e-30
+
+/* The variance along the displacement d that an unknown yaw causes, to be multiplied by d d' (motion.py); p is the
+   variance of the yaw, G (xx, xy, yy) what the step adds to the covariance. */
+INLINE V variance_along(V p, const V *d, const V *G) {
+    V length2 = d[0] * d[0] + d[1] * d[1], across = d[1] * d[1] * G[0] - 2.0 * d[0] * d[1] * G[1] + d[0] * d[0] * G[2];
+    I applies = less(all(UNKNOWN_YAW_RAD2), p) & less(all(0.0), across);
+    length2 = pick(less(all(NO_LENGTH_M2), length2), length2, all(NO_LENGTH_M2));
+    return pick(applies, p / (2.0 + p) * across / (length2 * length2), all(0.0));
+}
+
 /* x' = x + d: P' = P + cov(x, d) + cov(d, x) + cov(d, d), for the rows that d changes. */
 INLINE void increment(const Function *g, int n, double scale, const int *rows, double *b) {
     Moments d;
     int k = g->k;
     moments(g, n, scale, b, &d);
+    if (g->kind == DISPLACEMENT) {
+        V G[3];
+        for (int j = 0; j < 2; j++)
+            for (int l = 0; l <= j; l++) G[j + l] = d.cross[rows[j]][l] + d.cross[rows[l]][j] + d.cov[j][l];
+        V along = variance_along(AT(b, at(n, PSI, PSI)), d.value, G);
+        for (int j = 0; j < 2; j++)
+            for (int l = 0; l <= j; l++) d.cov[j][l] = d.cov[j][l] + along * d.value[j] * d.value[l];
+    }
     for (int j = 0; j < k; j++) {
         AT(b, rows[j]) = AT(b, rows[j]) + d.value[j];
         for (int i = 0; i < n; i++)

@@ -1,6 +1,10 @@
 """The motion model against closed forms and an integration."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from usbldr.filters.estimators.gaussian_bank import predict, replicate
 from usbldr.filters.models.motion import VehicleMotion
@@ -72,3 +76,21 @@ def test_prediction_is_symmetric_to_the_last_bit_and_agrees_with_samples() -> No
         np.testing.assert_array_equal(after.cov, after.cov.swapaxes(0, 1))
         np.testing.assert_allclose(after.mean[:, 0], samples.mean(axis=1), atol=bias)
         np.testing.assert_allclose(after.cov[:, :, 0], np.cov(samples), atol=0.05)
+
+
+def test_an_unknown_yaw_spreads_the_position_along_a_straight_path_too() -> None:
+    """Against simulated vehicles at 1 m/s whose yaw walks at random by .17 rad in a second, 30 s (p = .9)."""
+    layout = StateLayout()
+    walk_radps, dt_s, steps = 0.17, 0.2, 150
+    motion = VehicleMotion(layout, replace(QUIET, yaw_rad=walk_radps))
+    mean, cov = np.zeros(6), np.zeros((6, 6))
+    mean[layout.index("v")] = 1.0
+    bank = replicate(mean, cov, 1)
+    for k in range(steps):
+        bank = predict(bank, motion, linearised, k * dt_s, (k + 1) * dt_s)
+
+    turns = np.random.default_rng(2).normal(0.0, walk_radps * math.sqrt(dt_s), (steps, 20_000))
+    forward_m = np.sum(np.cos(np.cumsum(turns, axis=0)), axis=0) * dt_s
+    want_m = math.sqrt(np.mean((forward_m - steps * dt_s) ** 2))
+    along = layout.index("y")  # yaw 0 moves v north
+    assert math.sqrt(bank.cov[along, along, 0]) == pytest.approx(want_m, rel=0.05)
