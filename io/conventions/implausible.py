@@ -5,6 +5,7 @@ zeros between records at speed, and spikes that no vehicle could follow. Jumps o
 families of the filters are made for what is only unlikely.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,9 +15,11 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.frames import rotated
+from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Array, Mask, Truth, Vector
-from usbldr.io.conventions.repeats import copied_fixes, runs, some_runs, stuck, sudden_zeros
+from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, copied_fixes, runs, some_runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import (
+    MIN_SPIKE_MPS,
     displaced_velocities,
     heading_jumps,
     heading_spikes,
@@ -29,6 +32,9 @@ from usbldr.io.log import Log
 REST_MPS = 0.05  # [m/s] of the mean velocity: the sensors of a slower vehicle may show the same values again
 SPIKE_PASSES = 20  # of eight hours at 10 Hz with 40 % false headings 12 find some, with 20 % two
 MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
+MIN_JUMP_MPS = 0.1  # [m/s] of the velocity, if the fixes must confirm it: 20 s of it displace a track by 2 m
+FIXES_BESIDE = 7  # before and after a stretch: their median endures two outliers
+DR_ERROR = 0.1  # [-] of the way: dead reckoning before its errors are estimated
 LEFT_OUT = "they are left out"
 
 
@@ -114,40 +120,63 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
     records, spikes = _without_spikes(records, velocity_spikes, "m/s")
-    displaced = _against_fixes(displaced_velocities(records.time_s, records.values), records, tables)
-    text = f"lie between two steps of the velocity, there and back, that no vehicle makes; {LEFT_OUT}"
+    displaced = _displaced(records, tables)
+    text = f"lie between two steps of the velocity, there and back, that the vehicle did not make; {LEFT_OUT}"
     steps = _stretch_finding("DVL-JUMP", records, displaced, text)
     return records.without(displaced), [*found, *stuck_found, *spikes, *steps]
 
 
-def _against_fixes(displaced: Mask, records: Records, tables: Tables) -> Mask:
-    """Return the stretches of velocities (n,) but for those which the USBL's fixes beside them show to be right.
+def _displaced(records: Records, tables: Tables) -> Mask:
+    """Return which velocities (n,) lie between a jump and the jump back that the vehicle did not make.
 
-    The distance between the fixes is compared with that of dead reckoning with these velocities, and without them: a
-    simulated vehicle may change its speed at once.
+    If no vehicle can, only the fixes before and after them can show that a simulated one did; if one can, the fixes
+    must show that it did not.
     """
-    if "usbl" not in tables or "compass" not in tables or not displaced.any():
-        return displaced
+    impossible = displaced_velocities(records.time_s, records.values, MIN_SPIKE_MPS, MAX_ACCELERATION_MPS2)
+    if "usbl" not in tables or "compass" not in tables:
+        return impossible
+    some = impossible | displaced_velocities(records.time_s, records.values, MIN_JUMP_MPS, 0.0)
+    odds = _log_odds_against(some, records, tables)
+    confirmed = MIN_LOG_ODDS + math.log(max(len(odds), 1))  # by chance, one of all may be likely
+    return some_runs(some, odds > np.where(impossible[runs(some)[0]], -MIN_LOG_ODDS, confirmed))
+
+
+def _log_odds_against(displaced: Mask, records: Records, tables: Tables) -> Vector:
+    """Return the log odds of the fixes against each of r runs of velocities in a mask (n,), (r,); 0 without fixes.
+
+    The way between fixes before and after is compared with that of dead reckoning with these velocities, and with those
+    before and after them, from which the vehicle may have differed as it usually does from its mean.
+    """
     fixes, headings = (Records.of("", tables[role], CHECKS[role][0]) for role in ("usbl", "compass"))
     yaw = np.interp(records.time_s, headings.time_s, np.unwrap(np.radians(headings.values[:, 0])))
-    variance_m2 = float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float)))
-    kept = displaced.copy()
-    for first, end in zip(*runs(displaced), strict=True):
+    bent_m = fixes.values[1:-1] - (fixes.values[:-2] + fixes.values[2:]) / 2  # its variance is 1.5 times that of a fix
+    shown_m2 = (TO_SD * float(np.median(np.abs(bent_m)))) ** 2 / 1.5 if len(bent_m) else 0.0
+    stated_m2 = float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float)))
+    fix_variance_m2 = max(stated_m2, shown_m2)
+    variance_m2ps2 = float(np.var(records.values[~displaced], axis=0).mean()) if displaced.any() else 0.0
+    odds = np.zeros(len(runs(displaced)[0]))
+    for run, (first, end) in enumerate(zip(*runs(displaced), strict=True)):
         before, after = np.searchsorted(fixes.time_s, records.time_s[[first, end - 1]])
-        if not 0 < before <= after < len(fixes.time_s):
+        count = min(FIXES_BESIDE, before, len(fixes.time_s) - after)
+        if not count:
             continue
-        span = slice(*np.searchsorted(records.time_s, fixes.time_s[[before - 1, after]]))
-        dt_s, inside = np.gradient(records.time_s[span])[:, None], displaced[span]
-        without = records.values[span].copy()
-        without[inside] = np.median(records.values[[first - 1, end]], axis=0)
-        way_m = [
-            float(np.hypot(*(rotated(-yaw[span], velocity) * dt_s).sum(axis=0)))
-            for velocity in (records.values[span], without)
-        ]
-        fix_m = float(np.hypot(*(fixes.values[after] - fixes.values[before - 1])))
-        with_them, without_them = ((one - fix_m) ** 2 / (4 * variance_m2) for one in way_m)
-        kept[first:end] = without_them - with_them < MIN_LOG_ODDS
-    return kept
+        away_m, way_m = np.empty((count, 2, 2)), np.empty(count)  # with these velocities and without; east, north
+        for k in range(count):
+            pair = [before - 1 - k, after + k]
+            span = slice(*np.searchsorted(records.time_s, fixes.time_s[pair]))
+            without = records.values[span].copy()
+            without[displaced[span]] = np.median(records.values[[first - 1, end]], axis=0)
+            dt_s = np.gradient(records.time_s[span])
+            of_fixes_m = np.diff(fixes.values[pair], axis=0)[0]
+            for j, velocity in enumerate((records.values[span], without)):
+                away_m[k, j] = dt_s @ rotated(-yaw[span], velocity) - of_fixes_m
+            way_m[k] = np.linalg.norm(of_fixes_m)
+        span_s = records.time_s[end - 1] - records.time_s[first]
+        variance_m2 = math.pi * fix_variance_m2 / count + (DR_ERROR * np.median(way_m)) ** 2  # pi / 2: of a median
+        of_both_m2 = variance_m2 + np.array([0.0, variance_m2ps2 * span_s**2])
+        cost = np.sum(np.median(away_m, axis=0) ** 2, axis=1) / of_both_m2 + 2 * np.log(of_both_m2)
+        odds[run] = (cost[0] - cost[1]) / 2
+    return odds
 
 
 def _compass(records: Records, tables: Tables) -> Judged:

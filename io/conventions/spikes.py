@@ -41,29 +41,27 @@ def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
     return _impossible(deviation, window, MIN_SPIKE_MPS, excess)
 
 
-def displaced_velocities(time_s: Vector, velocity_mps: Array) -> Mask:
-    """Return which velocities (n, 2) in m/s lie between a jump that no vehicle makes and the jump back, (n,).
+def displaced_velocities(time_s: Vector, velocity_mps: Array, least_mps: float, acceleration_mps2: float) -> Mask:
+    """Return which velocities (n, 2) in m/s lie between a jump and the jump back, (n,).
 
     So does a DVL that tracks something else for a while, or nothing; a jump is the difference of the medians after and
-    before. If most of the records lie there, nothing says which are right, and none is returned.
+    before. It is larger than ``least_mps``, the noise, and what a vehicle reaches with this acceleration. If most of
+    the records lie there, nothing says which are right, and none is returned.
     """
     between = np.zeros(len(time_s), dtype=np.bool_)
     step_mps = np.empty(max(len(time_s) - 1, 0))
     for rows in blocks(len(step_mps)):
         step_mps[rows] = np.linalg.norm(np.diff(velocity_mps[rows.start : rows.stop + 1], axis=0), axis=1)
-    large = np.flatnonzero(step_mps > MIN_SPIKE_MPS) + 1
-    noise_mps = NOISE_RATIO * float(np.median(step_mps)) if len(large) else 0.0
+    noise_mps = NOISE_RATIO * float(np.median(step_mps)) if (step_mps > least_mps).any() else 0.0
+    limit_mps = np.maximum(least_mps, acceleration_mps2 * np.diff(time_s) + noise_mps)
     half, open_jumps = _window(time_s) // 2, list[tuple[int, Vector]]()
-    for k in large.tolist():
-        least_mps = max(MIN_SPIKE_MPS, MAX_ACCELERATION_MPS2 * float(time_s[k] - time_s[k - 1]) + noise_mps)
-        if step_mps[k - 1] < least_mps:
-            continue
+    for k in (np.flatnonzero(step_mps > limit_mps) + 1).tolist():
         sides = velocity_mps[max(0, k - half) : k], velocity_mps[k : k + half]
         before, after = (np.median(side, axis=0) for side in sides)
         jump = after - before
         scatter = [np.linalg.norm(side - level, axis=1) for side, level in zip(sides, (before, after), strict=True)]
         size = float(np.linalg.norm(jump))
-        if size < least_mps or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
+        if size < limit_mps[k - 1] or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
             continue
         if open_jumps and np.linalg.norm(jump + open_jumps[-1][1]) < RETURNING * size:
             between[open_jumps.pop()[0] : k] = True

@@ -60,6 +60,14 @@ def stuck(log: Log, role: str, columns: list[str], from_s: float, to_s: float) -
     return changed(log, role, columns, np.where(during[:, None], values[np.argmax(during)], values))
 
 
+def resting(log: Log, from_s: float, to_s: float) -> Log:
+    """Repeat a fix; the later ones go on from there."""
+    values, later = log.tables["usbl"][PLACE].to_numpy(), times(log, "usbl") >= to_s
+    first, end = np.argmax(times(log, "usbl") >= from_s), np.argmax(later)
+    gone_on = changed(log, "usbl", PLACE, values - later[:, None] * (values[end] - values[first]))
+    return stuck(gone_on, "usbl", PLACE, from_s, to_s)
+
+
 def turned(log: Log, records: Mask, by_deg: float | Vector) -> Log:
     heading = log.tables["compass"]["heading_deg"].to_numpy()
     return changed(log, "compass", ["heading_deg"], ((heading + records * by_deg) % 360.0)[:, None])
@@ -215,7 +223,6 @@ def test_velocities_that_no_vehicle_reaches_and_leaves_are_left_out(
 @pytest.mark.parametrize(
     ("spans_s", "velocity_mps"),
     [
-        ([(200, 240)], (0.0, 0.4)),  # within what a vehicle reaches between two records
         ([(200, 950)], (0.0, 1.0)),  # never leaves it: the log may end in it
         ([(100, 800)], (0.0, 1.0)),  # most of the log
         ([(200, 400), (300, 400)], (0.0, 1.0)),  # one step up, another one up, then down by both
@@ -229,6 +236,19 @@ def test_velocities_that_a_vehicle_may_have_stay(
         log = with_velocities(log, within(dive, "dvl", *span_s), velocity_mps)
 
     assert "DVL-JUMP" not in found(log)
+
+
+def test_the_fixes_show_that_the_vehicle_did_not_move_as_it_could_have(dive: Log) -> None:
+    """Velocities are .4 m/s off for 40 s, and one of the fixes before them is an outlier."""
+    wrong = within(dive, "dvl", 200, 240)
+    log = with_velocities(dive, wrong, (0.0, 0.4))
+    north_m = log.tables["usbl"]["north_m"].to_numpy()
+    outlier = np.arange(len(north_m)) == np.searchsorted(times(log, "usbl"), 200) - 1
+    log = changed(log, "usbl", ["north_m"], (north_m + 60.0 * outlier)[:, None])
+
+    assert found(log) == ["DVL-JUMP"]
+    assert lost(log) == {"dvl": times(log, "dvl")[wrong].tolist()}
+    assert found(replace(log, tables={name: log.tables[name] for name in ("dvl", "compass")})) == []
 
 
 def test_the_fixes_show_that_a_simulated_vehicle_changes_its_speed_at_once() -> None:
@@ -303,7 +323,7 @@ def test_a_vehicle_at_rest_may_show_the_same_values_again(dive: Log) -> None:
     noise = np.random.default_rng(6).normal(size=(len(share), 2))
     log = changed(dive, "dvl", VELOCITY, share + (0.01 + 0.01 * share) * noise)
     log = changed(log, "compass", ["heading_deg"], holding_90_deg(dive)[:, None])
-    log = stuck(log, "usbl", PLACE, 301, 400)
+    log = resting(log, 301, 400)
 
     assert without_implausible(log) is log
 
@@ -315,7 +335,7 @@ def test_a_vehicle_that_stops_or_starts_slowly_may_have_no_velocity(dive: Log, s
     for stops, starts in ((ramp_s, ramp_s), (ramp_s, 1e-9), (1e-9, ramp_s)):  # before 320 s and after 380 s
         share = np.clip((np.abs(since_s) - 30.0) / np.where(since_s < 0, stops, starts), 0, 1)[:, None]
         velocity = dive.tables["dvl"][VELOCITY].to_numpy() * share
-        log = changed(dive, "dvl", VELOCITY, np.round(velocity / step_mps) * step_mps)
+        log = resting(changed(dive, "dvl", VELOCITY, np.round(velocity / step_mps) * step_mps), 320, 380)
 
         assert np.sum(np.all(log.tables["dvl"][VELOCITY] == 0, axis=1)) > 290
         assert without_implausible(log) is log
