@@ -34,7 +34,7 @@ from usbldr.filters.replay.run import run
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.filters.types import Timeline, Trajectory
 from usbldr.filters.windows import TimeWindow
-from usbldr.io.conventions.examined import examined
+from usbldr.io.conventions.shown_noise import examined
 from usbldr.io.doctor.message_evidence import RAW_FIELDS
 from usbldr.io.geodesy import to_plane
 from usbldr.io.log import Log

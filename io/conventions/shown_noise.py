@@ -16,7 +16,7 @@ from usbldr.filters.frames import wrapped
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import DEGREES, ProcessNoise
 from usbldr.filters.types import Indices, Vector
-from usbldr.io.conventions.implausible import Records
+from usbldr.io.conventions.implausible import Records, without_implausible
 from usbldr.io.conventions.repeats import runs
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -49,6 +49,11 @@ SENSORS: Mapping[str, _Sensor] = {
     "dvl": _Sensor(("starboard_mps", "forward_mps"), "sd_mps", "m/s", _velocity_walk),
     "compass": _Sensor(("heading_deg",), "sd_deg", "deg", _heading_walk),
 }
+
+
+def examined(log: Log) -> Log:
+    """Return the log without records that cannot be measurements, and with sigmas as large as the others scatter."""
+    return with_shown_noise(without_implausible(log))
 
 
 def with_shown_noise(log: Log) -> Log:

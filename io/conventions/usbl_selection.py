@@ -5,10 +5,10 @@ from numpy.typing import NDArray
 
 from usbldr.filters.errors import SettingError, UsageError
 from usbldr.filters.types import Mask
-from usbldr.io.conventions.clock_shift import least_delay_ns
 from usbldr.io.conventions.converted import chosen_convention
 from usbldr.io.conventions.positions import place_causes
 from usbldr.io.conventions.repeats import copied_fixes
+from usbldr.io.conventions.timestamps import least_delay_ns
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords

@@ -13,9 +13,9 @@ from usbldr.filters.errors import LogError, SettingError, UsageError
 from usbldr.io.conventions import compass
 from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.converted import ConvertedTable
-from usbldr.io.conventions.examined import examined
 from usbldr.io.conventions.positions import EXCHANGED
 from usbldr.io.conventions.sanity import position_findings, underwater_findings
+from usbldr.io.conventions.shown_noise import examined
 from usbldr.io.conventions.time_series import time_series
 from usbldr.io.conventions.usbl import OF_HEAD_COLUMNS
 from usbldr.io.conventions.usbl_head import ship_choices

@@ -10,11 +10,10 @@ import pandas as pd
 from usbldr.filters.errors import LogError
 from usbldr.io.conventions import compass, dvl_depth, positions, tilt
 from usbldr.io.conventions.clock_parts import in_time_order
-from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.grids import off_grids
 from usbldr.io.conventions.sanity import covariance_findings
-from usbldr.io.conventions.timestamps import sorted_by_time
+from usbldr.io.conventions.timestamps import align_clocks, sorted_by_time
 from usbldr.io.conventions.usbl import usbl
 from usbldr.io.conventions.usbl_head import SHIP
 from usbldr.io.findings import Finding

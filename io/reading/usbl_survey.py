@@ -12,12 +12,11 @@ from usbldr.filters.types import Array, Vector
 from usbldr.filters.usbl_survey.geometry import UsblSurvey, ship_motion
 from usbldr.io.conventions.attitude import roll_and_pitch_deg
 from usbldr.io.conventions.clock_parts import in_time_order
-from usbldr.io.conventions.clock_shift import align_clocks
 from usbldr.io.conventions.compass import OF_HEAD, VERTICAL, compass
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, valid_mask
 from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.time_series import TimeSeries, time_series
-from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.conventions.timestamps import align_clocks, times_of
 from usbldr.io.conventions.usbl import along_axes
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, gyro_section, ship_choices
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats

@@ -112,7 +112,7 @@ def _read(
     digest: str | None,
 ) -> _Source:
     """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
-    from usbldr.io.conventions.examined import examined
+    from usbldr.io.conventions.shown_noise import examined
     from usbldr.io.reading.epochs import timeline
 
     of_dive, of_faults = seeds

@@ -9,8 +9,7 @@ import pytest
 
 import usbldr
 from usbldr.filters.models.parameters import ProcessNoise
-from usbldr.io.conventions.examined import examined
-from usbldr.io.conventions.shown_noise import with_shown_noise
+from usbldr.io.conventions.shown_noise import examined, with_shown_noise
 from usbldr.io.drills.drill import Drill, damaged
 from usbldr.io.drills.fault_text import fault_of
 from usbldr.io.log import Log
