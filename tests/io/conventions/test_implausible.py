@@ -251,6 +251,24 @@ def test_the_fixes_show_that_the_vehicle_did_not_move_as_it_could_have(dive: Log
     assert found(replace(log, tables={name: log.tables[name] for name in ("dvl", "compass")})) == []
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_vehicle_that_moves_and_stops_keeps_its_velocities_also_if_its_compass_is_mirrored(
+    dive: Log, mirrored: bool
+) -> None:
+    """It moves at .4 m/s for 20 s of every minute, on a heading of 60 deg."""
+    rng = np.random.default_rng(4)
+    dvl_s, usbl_s = times(dive, "dvl"), times(dive, "usbl")
+    moves = ((dvl_s % 60) > 40) * 0.4
+    log = changed(dive, "dvl", VELOCITY, np.column_stack([0 * moves, moves]) + rng.normal(0, 0.01, (len(moves), 2)))
+    headings = 60.0 + rng.normal(0, 0.3, len(times(dive, "compass")))
+    log = changed(log, "compass", ["heading_deg"], ((-headings if mirrored else headings) % 360)[:, None])
+    gone_m = np.interp(usbl_s, dvl_s, np.cumsum(moves * np.gradient(dvl_s)))[:, None]
+    place = gone_m * [np.sin(np.radians(60)), np.cos(np.radians(60))] + rng.normal(0, 0.3, (len(usbl_s), 2))
+    log = changed(log, "usbl", PLACE, place)
+
+    assert "dvl" not in lost(log)
+
+
 def test_the_fixes_show_that_a_simulated_vehicle_changes_its_speed_at_once() -> None:
     log = simulated_log(find_scenario("turns"), seed=1)
 
