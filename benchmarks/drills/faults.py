@@ -15,6 +15,7 @@ import numpy as np
 
 import usbldr
 from usbldr.filters.types import Array, Vector
+from usbldr.io.conventions.shown_noise import examined
 from usbldr.io.drills.drill import Drill, damaged
 from usbldr.io.drills.fault_text import fault_of
 from usbldr.io.log import Log
@@ -85,6 +86,23 @@ def later(log: Log, seed: int) -> Log:
     return replace(log, tables={**log.tables, "usbl": table.assign(time_s=stamped, received_s=stamped)})
 
 
+def over_fish(log: Log, seed: int) -> Log:
+    """Return a log whose DVL is off by .7 m/s on each axis, at random, for 20 s, five times."""
+    rng, table = np.random.default_rng(seed), log.tables["dvl"]
+    velocity, time_s = table[["starboard_mps", "forward_mps"]].to_numpy(), table["time_s"].to_numpy()
+    for begin_s in np.linspace(0.18, 0.82, 5) * time_s[-1]:
+        velocity = velocity + ((time_s >= begin_s) & (time_s < begin_s + 20.0))[:, None] * rng.normal(0.0, 0.7, 2)
+    changed = table.assign(starboard_mps=velocity[:, 0], forward_mps=velocity[:, 1])
+    return examined(replace(log, tables={**log.tables, "dvl": changed}))
+
+
+def silent(log: Log, seed: int) -> Log:
+    """Return a log in which no sensor records for 25 s, at a random time."""
+    begin_s = np.random.default_rng(seed).uniform(200.0, 600.0)
+    kept = {role: table[~table["time_s"].between(begin_s, begin_s + 25.0)] for role, table in log.tables.items()}
+    return replace(log, tables={role: table.reset_index(drop=True) for role, table in kept.items()})
+
+
 FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes are false
     "none": (lambda log, seed: log, 0.0),
     **{f"first {s} s of fixes 60 m off": (drill(f"cluster usbl:60m@0:{s}"), float(s)) for s in (5, 10, 40, 100)},
@@ -108,6 +126,8 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "DVL scale 2 % after a quarter": (drill("scale dvl:1.02@25%:"), 0.0),
     "fixes shift by 8 m after 60 %": (fixes(lambda t, z, rng: z + (t > 480.0)[:, None] * [6.4, -4.8]), 0.0),
     "fixes 3 s later from the middle on": (later, 0.0),
+    "a DVL over fish: off for 20 s, five times": (over_fish, 0.0),
+    "no sensor records for 25 s": (silent, 0.0),
 }
 
 

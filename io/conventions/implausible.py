@@ -5,7 +5,6 @@ zeros between records at speed, and spikes that no vehicle could follow. Jumps o
 families of the filters are made for what is only unlikely.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,13 +13,10 @@ from typing import NamedTuple, Self
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.frames import rotated
-from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Array, Mask, Truth, Vector
-from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, copied_fixes, runs, some_runs, stuck, sudden_zeros
+from usbldr.io.conventions.displaced import Fixes, false_velocities
+from usbldr.io.conventions.repeats import copied_fixes, runs, some_runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import (
-    MIN_SPIKE_MPS,
-    displaced_velocities,
     heading_jumps,
     heading_spikes,
     velocity_spikes,
@@ -31,11 +27,6 @@ from usbldr.io.log import Log
 
 REST_MPS = 0.05  # [m/s] of the mean velocity: the sensors of a slower vehicle may show the same values again
 SPIKE_PASSES = 20  # of eight hours at 10 Hz with 40 % false headings 12 find some, with 20 % two
-MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
-MIN_JUMP_MPS = 0.1  # [m/s] of the velocity, if the fixes must confirm it: 20 s of it displace a track by 2 m
-FIXES_BESIDE = 7  # before and after a stretch: their median endures two outliers
-RIGHT = 0.5  # [-] of the way between fixes, by judgement: what right velocities leave of it, noise included, at most
-DR_ERROR = 0.1  # [-] of the way: dead reckoning before its errors are estimated
 LEFT_OUT = "they are left out"
 
 
@@ -121,69 +112,20 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
     records, spikes = _without_spikes(records, velocity_spikes, "m/s")
-    displaced = _displaced(records, tables)
+    displaced = false_velocities(records.time_s, records.values, _fixes(records, tables))
     text = f"lie between two steps of the velocity, there and back, that the vehicle did not make; {LEFT_OUT}"
     steps = _stretch_finding("DVL-JUMP", records, displaced, text)
     return records.without(displaced), [*found, *stuck_found, *spikes, *steps]
 
 
-def _displaced(records: Records, tables: Tables) -> Mask:
-    """Return which velocities (n,) lie between a jump and the jump back that the vehicle did not make.
-
-    If no vehicle can, only the fixes before and after them can show that a simulated one did; if one can, the fixes
-    must show that it did not, and that the other velocities are right.
-    """
-    impossible = displaced_velocities(records.time_s, records.values, MIN_SPIKE_MPS, MAX_ACCELERATION_MPS2)
+def _fixes(records: Records, tables: Tables) -> Fixes | None:
+    """Return the fixes and headings beside velocities; None if there are none."""
     if "usbl" not in tables or "compass" not in tables:
-        return impossible
-    some = impossible | displaced_velocities(records.time_s, records.values, MIN_JUMP_MPS, 0.0)
-    if not some.any():
-        return some
-    odds, trusted = _log_odds_against(some, records, tables)
-    confirmed = MIN_LOG_ODDS + math.log(len(odds)) if trusted else math.inf  # by chance, one of all may be likely
-    return some_runs(some, odds > np.where(impossible[runs(some)[0]], -MIN_LOG_ODDS, confirmed))
-
-
-def _log_odds_against(displaced: Mask, records: Records, tables: Tables) -> tuple[Vector, bool]:
-    """Return the log odds of the fixes against each of r runs of velocities, (r,), and whether the others are right.
-
-    The way between fixes before and after is compared with that of dead reckoning with these velocities, and with those
-    before and after them, from which the vehicle may have differed as it usually does from its mean. Those elsewhere
-    are right if they explain the ways between fixes as far apart: a wrong convention of the compass does not.
-    """
+        return None
     fixes, headings = (Records.of("", tables[role], CHECKS[role][0]) for role in ("usbl", "compass"))
-    first, end = runs(displaced)
-    without = records.values.copy()
-    for run in zip(first, end, strict=True):
-        without[slice(*run)] = np.median(records.values[[max(run[0] - 1, 0), min(run[1], len(without) - 1)]], axis=0)
     yaw = np.interp(records.time_s, headings.time_s, np.unwrap(np.radians(headings.values[:, 0])))
-    dt_s = np.gradient(records.time_s)[:, None]
-    ways = [np.cumsum(rotated(-yaw, velocity) * dt_s, axis=0) for velocity in (records.values, without)]
-    row = np.clip(np.searchsorted(records.time_s, fixes.time_s), 0, len(dt_s) - 1)
-    away_m = np.stack([way[row] - fixes.values for way in ways], axis=1)  # (F, 2 ways, 2)
-    bent_m = fixes.values[1:-1] - (fixes.values[:-2] + fixes.values[2:]) / 2  # its variance is 1.5 times that of a fix
-    shown_m2 = (TO_SD * float(np.median(np.abs(bent_m)))) ** 2 / 1.5 if len(bent_m) else 0.0
-    fix_variance_m2 = max(float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float))), shown_m2)
-    variance_m2ps2 = float(np.var(records.values[~displaced], axis=0).mean())
-    span_s = records.time_s[end - 1] - records.time_s[first]
-    odds = np.zeros(len(first))
-    for run, (before, after) in enumerate(np.searchsorted(fixes.time_s, records.time_s[[first, end - 1]]).T):
-        count = min(FIXES_BESIDE, before, len(fixes.time_s) - after)
-        if not count:
-            continue
-        pairs = slice(after, after + count), np.arange(before - 1, before - 1 - count, -1)
-        error_m = np.median(away_m[pairs[0]] - away_m[pairs[1]], axis=0)
-        way_m = np.median(np.linalg.norm(fixes.values[pairs[0]] - fixes.values[pairs[1]], axis=1))
-        variance_m2 = math.pi * fix_variance_m2 / count + (DR_ERROR * way_m) ** 2  # pi / 2: of a median
-        of_both_m2 = variance_m2 + np.array([0.0, variance_m2ps2 * span_s[run] ** 2])
-        cost = np.sum(error_m**2, axis=1) / of_both_m2 + 2 * np.log(of_both_m2)
-        odds[run] = (cost[0] - cost[1]) / 2
-    later = np.searchsorted(fixes.time_s, fixes.time_s + np.median(span_s))
-    count = np.cumsum(displaced)[row]
-    start = np.flatnonzero((later < len(row)) & (count[np.minimum(later, len(row) - 1)] == count))
-    errors_m = np.linalg.norm(away_m[later[start], 0] - away_m[start, 0], axis=1)
-    ways_m = np.linalg.norm(fixes.values[later[start]] - fixes.values[start], axis=1)
-    return odds, len(start) > 0 and bool(np.median(errors_m) < RIGHT * np.median(ways_m))
+    stated_m2 = float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float)))
+    return Fixes(fixes.time_s, fixes.values, stated_m2, yaw)
 
 
 def _compass(records: Records, tables: Tables) -> Judged:

@@ -1,4 +1,4 @@
-"""Spikes of DVL and compass that no vehicle could follow, and jumps of heading and velocity that stay.
+"""Spikes of DVL and compass that no vehicle could follow, and jumps of the heading that stay.
 
 A Hampel rule with a running median (F. R. Hampel, "The Influence Curve and its Role in Robust Estimation", J. Amer.
 Statist. Assoc. 69, 1974, doi:10.1080/01621459.1974.10482962) finds records far from their neighbours. A running median
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.frames import wrapped
-from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.filters.types import Array, Indices, Vector
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs, some_runs
 from usbldr.io.messages.layouts import blocks
 
@@ -24,13 +24,12 @@ NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between 
 MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
 MIN_SPIKE_MPS = 0.5  # [m/s] likewise
 AGREEING = 0.8  # [-] by judgement: share of the records beside a jump that do not scatter
-RETURNING = 0.5  # [-] of a jump of the velocity, by judgement: what is left of it after the jump back
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
 def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
     """Return how far each velocity (n, 2) in m/s is from its neighbours', m/s (n,), 0 if a vehicle can follow it."""
-    window = _window(time_s)
+    window = median_window(time_s)
     median = np.column_stack([_running_median(v, window) for v in velocity_mps.T])
     deviation: Vector = np.linalg.norm(velocity_mps - median, axis=1)
 
@@ -41,38 +40,9 @@ def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
     return _impossible(deviation, window, MIN_SPIKE_MPS, excess)
 
 
-def displaced_velocities(time_s: Vector, velocity_mps: Array, least_mps: float, acceleration_mps2: float) -> Mask:
-    """Return which velocities (n, 2) in m/s lie between a jump and the jump back, (n,).
-
-    So does a DVL that tracks something else for a while, or nothing; a jump is the difference of the medians after and
-    before. It is larger than ``least_mps``, the noise, and what a vehicle reaches with this acceleration. If most of
-    the records lie there, nothing says which are right, and none is returned.
-    """
-    between = np.zeros(len(time_s), dtype=np.bool_)
-    step_mps = np.empty(max(len(time_s) - 1, 0))
-    for rows in blocks(len(step_mps)):
-        step_mps[rows] = np.linalg.norm(np.diff(velocity_mps[rows.start : rows.stop + 1], axis=0), axis=1)
-    noise_mps = NOISE_RATIO * float(np.median(step_mps)) if (step_mps > least_mps).any() else 0.0
-    limit_mps = np.maximum(least_mps, acceleration_mps2 * np.diff(time_s) + noise_mps)
-    half, open_jumps = _window(time_s) // 2, list[tuple[int, Vector]]()
-    for k in (np.flatnonzero(step_mps > limit_mps) + 1).tolist():
-        sides = velocity_mps[max(0, k - half) : k], velocity_mps[k : k + half]
-        before, after = (np.median(side, axis=0) for side in sides)
-        jump = after - before
-        scatter = [np.linalg.norm(side - level, axis=1) for side, level in zip(sides, (before, after), strict=True)]
-        size = float(np.linalg.norm(jump))
-        if size < limit_mps[k - 1] or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
-            continue
-        if open_jumps and np.linalg.norm(jump + open_jumps[-1][1]) < RETURNING * size:
-            between[open_jumps.pop()[0] : k] = True
-        else:
-            open_jumps.append((k, jump))
-    return between if 2 * np.count_nonzero(between) <= len(between) else np.zeros_like(between)
-
-
 def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
     """Return how far each heading (n,) is from its neighbours', degrees (n,), 0 if a vehicle can follow it."""
-    window, deviation = _window(time_s), np.empty(len(heading_deg))
+    window, deviation = median_window(time_s), np.empty(len(heading_deg))
     for rows, near, inside in _windows(len(heading_deg), window):
         angle = np.radians(heading_deg[near])
         median = np.arctan2(_running_median(np.sin(angle), window), _running_median(np.cos(angle), window))
@@ -97,7 +67,7 @@ def heading_jumps(time_s: Vector, heading_deg: Vector) -> tuple[Indices, Vector]
     usual = float(np.median(np.abs(turn), overwrite_input=True)) if len(turn) else 0.0
     least = max(MIN_SPIKE_DEG, SPIKE_RATIO * usual)
     large = np.flatnonzero((turn > least) | (turn < -least))
-    half, continuous = _window(time_s) // 2, np.cumsum(turn) if len(large) else turn
+    half, continuous = median_window(time_s) // 2, np.cumsum(turn) if len(large) else turn
     for k in large.tolist():
         around = np.arange(max(0, k - half), min(len(turn), k + half))
         least = max(MIN_SPIKE_DEG, SPIKE_RATIO * max(usual, float(np.median(np.abs(turn[around])))))
@@ -148,7 +118,7 @@ def _impossible(deviation: Vector, window: int, least: float, excess: Callable[[
     return np.multiply(deviation, some_runs(far, too_fast), out=deviation)
 
 
-def _window(time_s: Vector) -> int:
+def median_window(time_s: Vector) -> int:
     """Return the odd number of records of the running median."""
     interval_s = float(np.median(np.diff(time_s), overwrite_input=True)) if len(time_s) > 1 else np.inf
     half = HALF_WINDOW_S / interval_s if interval_s > 0 else 0.0

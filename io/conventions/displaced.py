@@ -1,0 +1,170 @@
+"""Velocities between a jump and the jump back: of a DVL that tracks something else for a while, or nothing.
+
+If no vehicle can jump so, they are false unless the fixes before and after them show that a simulated one did; if one
+can, they are false if the fixes show that it did not. The way between fixes is compared with that of dead reckoning
+with these velocities, and with those before and after them, from which the vehicle may have differed as it usually
+does from its mean.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.frames import rotated
+from usbldr.filters.models.noise import TO_SD
+from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2
+from usbldr.io.conventions.spikes import AGREEING, MIN_SPIKE_MPS, NOISE_RATIO, median_window
+from usbldr.io.messages.layouts import blocks
+
+MIN_JUMP_MPS = 0.1  # [m/s] 20 s of it displace a track by 2 m
+RETURNING = 0.5  # [-] of a jump of the velocity, by judgement: what is left of it after the jump back
+MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
+FIXES_BESIDE = 7  # before and after a stretch: their median endures two outliers
+RIGHT = 0.5  # [-] of the way between fixes, by judgement: what right velocities leave of it, noise included, at most
+DR_ERROR = 0.1  # [-] of the way, by judgement: of dead reckoning, if the log does not show it
+
+
+class Stretch(NamedTuple):
+    """The records between a jump of the velocity and the jump back."""
+
+    first: int
+    end: int
+    possible: bool  # a vehicle can make one of the jumps
+
+
+class Fixes(NamedTuple):
+    """F fixes, and the headings of n velocities."""
+
+    time_s: Vector  # (F,)
+    position_m: Array  # (F, 2) east, north
+    stated_m2: float  # the variance of a fix
+    yaw_rad: Vector  # (n,)
+
+    def variance_m2(self) -> float:
+        """Return the variance of a fix: the stated one, or the larger one that neighbours show."""
+        bent_m = self.position_m[1:-1] - (self.position_m[:-2] + self.position_m[2:]) / 2  # 1.5 times that of a fix
+        shown_m2 = (TO_SD * float(np.median(np.abs(bent_m)))) ** 2 / 1.5 if len(bent_m) else 0.0
+        return max(self.stated_m2, shown_m2)
+
+
+def false_velocities(time_s: Vector, velocity_mps: Array, fixes: Fixes | None) -> Mask:
+    """Return which velocities (n, 2) in m/s lie between a jump and the jump back that the vehicle did not make, (n,).
+
+    If most of them do, nothing says which are right, and none is returned.
+    """
+    false, stretches = np.zeros(len(time_s), dtype=np.bool_), stretches_between_jumps(time_s, velocity_mps)
+    if fixes is None:
+        for one in (one for one in stretches if not one.possible):
+            false[one.first : one.end] = True
+    elif stretches:
+        judge = _Judge(time_s, velocity_mps.copy(), fixes, stretches)
+        confirmed = MIN_LOG_ODDS + math.log(len(stretches))  # by chance, one of all may be likely
+        for one in sorted(stretches, key=lambda one: one.end - one.first):  # one may lie within another
+            least = -MIN_LOG_ODDS if not one.possible else confirmed if judge.trusts_most else math.inf
+            if judge.log_odds_against(one) > least:
+                false[one.first : one.end] = True
+                judge.leave_out(one)
+    return false if 2 * np.count_nonzero(false) <= len(false) else np.zeros_like(false)
+
+
+def stretches_between_jumps(time_s: Vector, velocity_mps: Array) -> list[Stretch]:
+    """Return where velocities (n, 2) in m/s jump by more than noise, and back.
+
+    A jump is the difference of the medians after and before, between which the others scatter less.
+    """
+    step_mps = np.empty(max(len(time_s) - 1, 0))
+    for rows in blocks(len(step_mps)):
+        step_mps[rows] = np.linalg.norm(np.diff(velocity_mps[rows.start : rows.stop + 1], axis=0), axis=1)
+    noise_mps = NOISE_RATIO * float(np.median(step_mps)) if (step_mps > MIN_JUMP_MPS).any() else 0.0
+    half, least_mps = median_window(time_s) // 2, max(MIN_JUMP_MPS, noise_mps)
+    found, begun = list[Stretch](), list[tuple[int, Vector, bool]]()
+    for k in (np.flatnonzero(step_mps > least_mps) + 1).tolist():
+        sides = velocity_mps[max(0, k - half) : k], velocity_mps[k : k + half]
+        before, after = (np.median(side, axis=0) for side in sides)
+        jump = after - before
+        scatter = [np.linalg.norm(side - level, axis=1) for side, level in zip(sides, (before, after), strict=True)]
+        size = float(np.linalg.norm(jump))
+        if size < least_mps or max(float(np.quantile(one, AGREEING)) for one in scatter) > RETURNING * size:
+            continue
+        reached_mps = MAX_ACCELERATION_MPS2 * float(time_s[k] - time_s[k - 1]) + noise_mps
+        possible = min(size, float(step_mps[k - 1])) < max(MIN_SPIKE_MPS, reached_mps)
+        for at in range(len(begun) - 1, -1, -1):
+            first, other, also_possible = begun[at]
+            if np.linalg.norm(jump + other) < RETURNING * size:
+                found.append(Stretch(first, k, possible or also_possible))
+                del begun[at]
+                break
+        else:
+            begun.append((k, jump, possible))
+    return found
+
+
+class _Judge:
+    """Compares the ways between fixes with those of dead reckoning, with some velocities and without."""
+
+    def __init__(self, time_s: Vector, velocity_mps: Array, fixes: Fixes, stretches: list[Stretch]) -> None:
+        self._time_s, self._velocity_mps, self._fixes = time_s, velocity_mps, fixes
+        self._dt_s = np.gradient(time_s)[:, None]
+        self._row: Indices = np.clip(np.searchsorted(time_s, fixes.time_s), 0, len(time_s) - 1)  # of each fix
+        self._fix_variance_m2 = fixes.variance_m2()
+        inside = np.zeros(len(time_s), dtype=np.bool_)
+        for one in stretches:
+            inside[one.first : one.end] = True
+        self._variance_m2ps2 = float(np.var(velocity_mps[~inside], axis=0).mean()) if not inside.all() else 0.0
+        left_m2, way_m2 = self._left_by_most(min(map(self._span_s, stretches)))
+        self.trusts_most = left_m2 < RIGHT**2 * way_m2
+        of_dr_m2 = max(left_m2 - 4 * math.log(2) * self._fix_variance_m2, 0.0)  # the median of the noise of two fixes
+        self._dr_error2 = of_dr_m2 / way_m2 if self.trusts_most else DR_ERROR**2
+
+    def _span_s(self, one: Stretch) -> float:
+        return float(self._time_s[one.end - 1] - self._time_s[one.first])
+
+    def _way_m(self, rows: slice, velocity_mps: Array) -> Array:
+        return np.cumsum(rotated(-self._fixes.yaw_rad[rows], velocity_mps) * self._dt_s[rows], axis=0)
+
+    def _left_by_most(self, span_s: float) -> tuple[float, float]:
+        """Return the squares of what most velocities leave of the ways between fixes, and of these, m^2.
+
+        With a wrong convention of the compass they leave more than the ways.
+        """
+        row, position_m = self._row, self._fixes.position_m
+        later = np.searchsorted(self._fixes.time_s, self._fixes.time_s + span_s)
+        start = np.flatnonzero(later < len(row))
+        if not len(start):
+            return math.inf, 0.0
+        way_m = self._way_m(slice(None), self._velocity_mps)[row]
+        of_fixes_m = position_m[later[start]] - position_m[start]
+        error_m = way_m[later[start]] - way_m[start] - of_fixes_m
+        return float(np.median(np.sum(error_m**2, axis=1))), float(np.median(np.sum(of_fixes_m**2, axis=1)))
+
+    def _without(self, one: Stretch) -> Array:
+        return np.median(self._velocity_mps[[max(one.first - 1, 0), min(one.end, len(self._time_s) - 1)]], axis=0)
+
+    def leave_out(self, one: Stretch) -> None:
+        """Take the velocities of a stretch for false."""
+        self._velocity_mps[one.first : one.end] = self._without(one)
+
+    def log_odds_against(self, one: Stretch) -> float:
+        """Return the log odds of the fixes against the velocities of a stretch, 0 without fixes on both sides."""
+        times_s, position_m = self._fixes.time_s, self._fixes.position_m
+        before, after = np.searchsorted(times_s, self._time_s[[one.first, one.end - 1]])
+        count = int(min(FIXES_BESIDE, before, len(times_s) - after))
+        if not count:
+            return 0.0
+        last, first = np.arange(after, after + count), np.arange(before - 1, before - 1 - count, -1)
+        rows = slice(int(self._row[first[-1]]), int(self._row[last[-1]]) + 1)
+        without = self._velocity_mps[rows].copy()
+        without[one.first - rows.start : one.end - rows.start] = self._without(one)
+        of_fixes_m = position_m[last] - position_m[first]
+        errors_m = list[Array]()
+        for velocity in (self._velocity_mps[rows], without):
+            way_m = self._way_m(rows, velocity)
+            errors_m.append(way_m[self._row[last] - rows.start] - way_m[self._row[first] - rows.start] - of_fixes_m)
+        error_m = np.median(errors_m, axis=1)  # (2 ways, 2)
+        of_dr_m2 = self._dr_error2 * float(np.median(np.sum(of_fixes_m**2, axis=1)))
+        variance_m2 = math.pi * self._fix_variance_m2 / count + of_dr_m2  # pi / 2: of a median
+        of_both_m2 = variance_m2 + np.array([0.0, self._variance_m2ps2 * self._span_s(one) ** 2])
+        cost = np.sum(error_m**2, axis=1) / of_both_m2 + 2 * np.log(of_both_m2)
+        return float(cost[0] - cost[1]) / 2
