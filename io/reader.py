@@ -38,8 +38,10 @@ class TopicInfo:
     fields: tuple[str, ...] = ()  # field paths, an array by its bare name, of an array of messages the first's
     problem: str = ""  # why its messages cannot be read; reported only if the topic is wanted
     arrays: frozenset[str] = frozenset()  # "covariance" if it has elements "covariance.0", "beams" of "beams.0.range"
-    first_row: tuple[tuple[str, str], ...] = ()  # columns and first cells of a table that matches no sensor by them
+    first_row: tuple[tuple[str, str], ...] = ()  # columns and first cells of a table that others than usbldr named
     is_shared: bool = False  # rows of a table that hold several sensors: of one, a row may have no value
+    table: str = ""  # whose names of columns tell that some of them are this topic; empty: no names tell
+    unused: tuple[str, ...] = ()  # columns of that table which no sensor uses
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""

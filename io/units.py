@@ -1,7 +1,9 @@
 """Units that the name of a column or field states: "DVL X [m/s]", "Heading (deg)", "stamp_ns"."""
 
+import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Literal, NamedTuple, TypeAlias
 
 Dimension: TypeAlias = Literal["velocity", "angle", "length", "pressure", "time"]
@@ -65,8 +67,16 @@ _TIME = r"(s|h)(?:ec|econds?|r|ours?)?"
 _PER = re.compile(rf"([a-z]+)(?: ?/ ?| per ){_TIME}|([a-z]+?)[ .*·]?{_TIME}(?:(?:\^|\*\*)?-1|⁻¹)")
 """A length per time, also as UDUNITS and CF write it: "cm s-1", "km.h^-1", "metres per second"."""
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
+_NUMBER = r"(\d+(?:\.\d*)?)"
+_ANGLE = re.compile(
+    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º]) *| +|(?=[NSW]|$))"
+    rf"(?:{_NUMBER} *['′]? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
+    re.IGNORECASE,
+)
+"""Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
 _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
+_ENDINGS = re.compile(r"(?<=.)[_\s,]+(?=.)")  # what parts a name from the unit that ends it
 _LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
 
 
@@ -89,7 +99,7 @@ def _known(unit: str) -> tuple[Dimension, float] | None:
 
 
 def named_unit(name: str) -> NamedUnit:
-    """Return what a name states: a unit in brackets, known or not, or a known one after its last "_".
+    """Return what a name states: a unit in brackets, known or not, or a known one after its last "_", blank or comma.
 
     Of elements, the unit is that of the whole: "velocity_mm_s[0]", "velocity_mm_s.x".
     """
@@ -101,12 +111,34 @@ def named_unit(name: str) -> NamedUnit:
         return NamedUnit(brackets[1], brackets[2].strip(), dimension, factor)
     parts = _ELEMENT.fullmatch(name)
     whole, element = parts.groups() if parts else (name, "")
-    words = whole.split("_")
-    for count in range(min(_LONGEST_ENDING, len(words) - 1), 0, -1):
-        unit = "_".join(words[-count:])
+    for ending in list(_ENDINGS.finditer(whole))[-_LONGEST_ENDING:]:
+        unit = whole[ending.end() :]
         if known := _known(unit):
-            return NamedUnit("_".join(words[:-count]) + element, unit, *known)
+            return NamedUnit(whole[: ending.start()] + element, unit, *known)
     return NamedUnit(name)
+
+
+def stated_degrees(text: str) -> float:
+    """Return an angle with a side or a degree sign: "45 12.5 N", "W 5°30'18\""; raise ValueError if it is none."""
+    angle = _ANGLE.fullmatch(text)
+    if angle is None:
+        raise ValueError
+    before, sign, degrees, mark, minutes, seconds, behind = angle.groups("")
+    side = (before + behind).upper()
+    if len(side) > 1 or not (side or mark) or (side and sign):
+        raise ValueError
+    parts = float(minutes or 0), float(seconds or 0)
+    if max(parts) > 60:  # programs write 59.9999 as 60.000
+        raise ValueError
+    size = float(degrees) + parts[0] / 60 + parts[1] / 3600
+    return -size if sign == "-" or side in ("S", "W") else size
+
+
+def states_degrees(text: str) -> bool:
+    """Return whether a text is an angle with a side or a degree sign."""
+    with suppress(ValueError):
+        return not math.isnan(stated_degrees(text))
+    return False
 
 
 def spellings(dimension: Dimension) -> str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from usbldr.io.reading.opening import Request
     from usbldr.io.reading.survey import Survey
 
+MAX_COLUMNS_SHOWN = 12  # of those that no sensor uses
 MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 
 
@@ -127,6 +128,8 @@ def _topic_table(found: "Survey", all_topics: bool) -> list[str]:
             problems.setdefault(topic.problem, []).append(topic.name)
     for problem, names in problems.items():
         lines.append(f"cannot be read: {listed(names, 3)}: {problem}")
+    for table, unused in {topic.table: topic.unused for topic in topics if topic.unused}.items():
+        lines.append(f"columns of {table} that no sensor uses: {listed(unused, MAX_COLUMNS_SHOWN)}")
     return lines
 
 

@@ -80,8 +80,8 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
     if drafted.fault and drafted.fault not in drafted.unread.values():
         lines.append(comment(f"CHECK: {drafted.fault}"))
-    if any(role not in proposals and (log is None or role not in log.tables) for role in SENSORS):
-        lines += _unused_topics(drafted.unused)
+    missing = any(role not in proposals and (log is None or role not in log.tables) for role in SENSORS)
+    lines += _unused_topics([topic for topic in drafted.unused if missing or topic.unused])
     lines.append("schema = 1")
     more = [{"path": Path(os.path.relpath(name, path.resolve().parent)).as_posix()} for name in joined]
     lines += _keep_stated(sections, drafted.stated, more, target)
@@ -104,10 +104,10 @@ def _asked(drafted: Draft, role: str) -> list[ConfigLine]:
 
 
 def _unused_topics(topics: Sequence[TopicInfo]) -> list[str]:
-    """Return the topics of no sensor with their fields, for which a section may ask."""
-    fields = {one.name: [name for name, _ in one.first_row] or one.shown_fields for one in topics}
+    """Return the topics with fields that no sensor uses, for which a section may ask."""
+    fields = {one.name: one.unused or [name for name, _ in one.first_row] or one.shown_fields for one in topics}
     lines = [comment(f"  {name}: {listed(fields[name])}") for name in list(fields)[:MAX_TOPICS] if fields[name]]
-    return ["# Topics that no sensor uses, with the fields that topic and columns can name:", *lines] if lines else []
+    return ["# Topics and fields that no sensor uses, which topic and columns can name:", *lines] if lines else []
 
 
 def _keep_stated(

@@ -4,7 +4,8 @@ A proposal, which the user has to confirm: a name states neither axes nor, in mo
 """
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
@@ -37,9 +38,9 @@ from usbldr.io.tables.csv_sheets import (
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
-    "x": "u|surge|along(_track|ship)?|longitudinal",
-    "y": "v|sway|(across|athwart)(_track|ships?)?|transversal|lateral",
-    "z": "w|heave",
+    "x": "u|surge|along(_track|ship)?|longitudinal|(fore|forward|fwd)_aft",
+    "y": "v|sway|(across|athwart)(_track|ships?)?|transversal|lateral|port_(starboard|stbd)|(starboard|stbd)_port",
+    "z": "w|heave|vertical|up_down",
 }
 VECTORS = tuple(
     Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})|{named}")
@@ -51,6 +52,7 @@ PLACES = (
     Rule("", "east_m", "length", "e"),
     Rule("", "north_m", "length", "n"),
 )
+TARGET = re.compile(r"(^|_)target(_|$)")  # of a USBL system; of a controller it is where the vehicle should be
 YAW = Rule("compass", "heading_deg", "angle", "yaw")  # whose sense the doctor finds
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
 KEYS = {
@@ -167,8 +169,18 @@ def _draft(path: Path, request: Request) -> Draft:
     unread |= dict.fromkeys(missing, absent)
     unread = {role: why.removesuffix(f"; {PROPOSED}") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
-    unused = tuple(topic for topic in topics if topic.first_row or topic.name not in used.values())
+    unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})
     return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"), head)
+
+
+def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: Collection[str]) -> tuple[TopicInfo, ...]:
+    """Return the topics of no sensor, and tables with columns of none; those that proposals have ``named`` are used."""
+    found: dict[TopicInfo, None] = {}
+    for topic in topics:
+        left = tuple(name for name in topic.unused if name not in named)
+        if left or not (topic.table or (topic.name in used.values() and not topic.first_row)):
+            found.setdefault(replace(_whole(topic), unused=left))
+    return tuple(found)
 
 
 def _of_ship(
@@ -229,10 +241,11 @@ def _stating(stated: ConfigurationFile, sections: Mapping[str, Mapping[str, obje
 
 def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request) -> dict[str, Proposal]:
     """Return role -> proposal for the roles that no topic fills and no option names."""
-    unknown = [topic for topic in topics if _unknown(topic)]
+    unknown = [topic for topic in dict.fromkeys(map(_whole, topics)) if _unknown(topic)]
+    unread = [topic.type for topic in topics if topic.first_row and topic.problem]
     found: dict[str, Proposal] = {}
     for role in ROLES:
-        own = any(topic.type == f"usbldr/{role}" for topic in unknown)  # a file that its name gives to the sensor
+        own = f"usbldr/{role}" in unread  # a file or columns that a name gives to the sensor
         if role not in roles.chosen and (own or role not in roles.unresolved) and role not in request.topics:
             fitting = [(topic, columns) for topic in unknown if (columns := _columns(role, topic))]
             fitting.sort(key=lambda one: (role not in suggested_sensors(one[0].name), -one[0].count))
@@ -240,6 +253,12 @@ def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request
                 (topic, columns), *others = fitting
                 found[role] = _proposal(topic, columns, tuple(other.name for other, _ in others))
     return found
+
+
+def _whole(topic: TopicInfo) -> TopicInfo:
+    """Return the table of which a topic is a part because names tell so, else the topic itself."""
+    row = topic.first_row
+    return TopicInfo(topic.table, "", topic.encoding, 0, None, None, first_row=row) if topic.table else topic
 
 
 def _unknown(topic: TopicInfo) -> bool:
@@ -266,8 +285,9 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     for column in columns:
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         certain = column.rule in RULES and column.known and column.rule.dimension == "velocity"  # forward_kn
-        certain = certain or (of_all and column.rule in VECTORS)
+        certain = certain or (of_all and column.rule.dimension == "velocity")
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
+        hinted = hinted or (of_all and role == "usbl" and bool(TARGET.search(words_of(column.name))))
         if of_any or (hinted and column.rule.sensor in (role, "")):
             if topic.first_row and column.rule.key in found:
                 return {}  # two columns of one quantity

@@ -30,16 +30,16 @@ RULES: Sequence[Rule] = (
         "",
         "time",
         "time",
-        "time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|ts?|sod|seconds?_of_(the_)?day|elapsed|"
+        "time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|sod|seconds?_of_(the_)?day|elapsed|"
         "datenum|time_excel",
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(received|arrival)(_time|_unix)?"),
-    Rule("dvl", "forward_mps", "velocity", "forward|fwd|surge"),
-    Rule("dvl", "starboard_mps", "velocity", "starboard|stbd|right"),
-    Rule("dvl", "starboard_mps", "velocity", "port|left", -1.0),
-    Rule("dvl", "up_mps", "velocity", "up|upward"),
-    Rule("dvl", "up_mps", "velocity", "down|downward", -1.0),
+    Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge"),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|right)"),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left)", -1.0),
+    Rule("dvl", "up_mps", "velocity", "(?<!down_)(up|upward)"),
+    Rule("dvl", "up_mps", "velocity", "(?<!up_)(down|downward)", -1.0),
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
     Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
     Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock"),
@@ -47,7 +47,7 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_true)?"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_t(rue)?)?|hdt"),
     Rule("depth", "depth_m", "length", "depth"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
@@ -60,6 +60,12 @@ RULES: Sequence[Rule] = (
     Rule("usbl", "target", None, "(target|beacon|transponder)(_?(id|name|no|number|address))?"),
     Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
 )
+NEUTRAL: Mapping[Dimension, str] = {
+    "velocity": "v|vel|velocity|velocities|speed|bottom_track|bt|body|vehicle",
+    "angle": "angle",
+    "length": "position|pos|coordinate|distance",
+}
+"""Words behind a quantity that add nothing: its dimension, and for velocities over the bottom that they are some."""
 NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
     "dvl": (frozenset({"forward_mps", "starboard_mps"}), frozenset({"x_mps", "y_mps"})),
     "compass": (frozenset({"heading_deg"}),),
@@ -103,11 +109,12 @@ def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None
     """Return what a column holds, None if its name does not tell."""
     unit = named_unit(name)
     words = words_of(unit.label)
-    if OTHER.search(words) or SHIP.search(words):
+    if any(other.search(part) for other in (OTHER, SHIP) for part in (words, words_of(name))):
         return None
     for rule in rules:
         certain = unit.dimension == rule.dimension or (rule.alone and unit.dimension is None)
-        if certain and re.search(f"(^|_)({rule.words})$", words):
+        neutral = f"(_({NEUTRAL[rule.dimension]}))*" if rule.dimension in NEUTRAL else ""
+        if certain and re.search(f"(^|_)({rule.words}){neutral}$", words):
             return NamedColumn(name, rule, unit)
     return None
 

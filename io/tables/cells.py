@@ -14,18 +14,12 @@ from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
 from usbldr.io.tables.csv_sheets import ISO, SECOND_NS
 from usbldr.io.tables.text_table import MAX_CHARACTERS
+from usbldr.io.units import stated_degrees
 
 NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
 WORDS: Mapping[str, str] = {"true": "1", "false": "0", **dict.fromkeys(NO_VALUE, "nan")}
 THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([., '\xa0\u202f])\d{3})(?:\1\d{3})*(?!\1)[.,]\d+")
 """A number whose thousands are parted by another character than its decimals."""
-NUMBER = r"(\d+(?:\.\d*)?)"
-ANGLE = re.compile(
-    rf"([NSEW]?) *([+-]?){NUMBER}(?: *([°º]) *| +|(?=[NSW]|$))"
-    rf"(?:{NUMBER} *['′]? *)?(?:{NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
-    re.IGNORECASE,
-)
-"""Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
 GROUPED, UNGROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}"), re.compile(r"[+-]?[1-9]\d{0,2}")
 """Numbers as they are if points part thousands."""
 Number = TypeVar("Number", int, float)
@@ -84,7 +78,7 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
             if THOUSANDS.fullmatch(text):
                 whole, _, decimals = text.replace(",", ".").rpartition(".")
                 return float(re.sub(r"[^\d+-]", "", whole) + "." + decimals)
-            return _degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
+            return stated_degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
 
     sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number
 
@@ -102,22 +96,6 @@ def _unclear_points(texts: Sequence[str]) -> str:
         elif text not in ("", "0"):
             return ""
     return f'"{grouped}" and "{min(ungrouped)}"' if grouped and len(ungrouped) > 1 else ""  # one may mean no data
-
-
-def _degrees(text: str) -> float:
-    """Return an angle with a side or a degree sign: "45 12.5 N", "W 5°30'18\""; raise ValueError if it is none."""
-    angle = ANGLE.fullmatch(text)
-    if angle is None:
-        raise ValueError
-    before, sign, degrees, mark, minutes, seconds, behind = angle.groups("")
-    side = (before + behind).upper()
-    if len(side) > 1 or not (side or mark) or (side and sign):
-        raise ValueError
-    parts = float(minutes or 0), float(seconds or 0)
-    if max(parts) > 60:  # programs write 59.9999 as 60.000
-        raise ValueError
-    size = float(degrees) + parts[0] / 60 + parts[1] / 3600
-    return -size if sign == "-" or side in ("S", "W") else size
 
 
 def _parsed(

@@ -72,6 +72,7 @@ class CsvLog:
         self._read: dict[Path, TextTable] = {}
         self._raw = cache(_wide_texts)
         self._begin = cache(self._header_and_row)
+        self._row = cache(self._first_cells)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
 
     @property
@@ -113,14 +114,17 @@ class CsvLog:
         columns = self._table(file).columns
         return list(columns), [next(iter(column), "") for column in columns.values()]
 
-    def _row(self, file: Path) -> Sequence[str]:
-        """Return the cells of a file's first row; dates and times as ISO text, for which all rows are read."""
+    def _first_cells(self, file: Path) -> Sequence[str]:
+        """Return the first cell of each column that is not empty; dates and times as ISO text.
+
+        All rows are read for these, and if the first one has empty cells.
+        """
         names, cells = self._begin(file)
-        foreign = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
-        foreign = foreign or any(map(clock_digits, names, cells))
-        if not foreign or not len(self._table(file).lines):
+        read = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
+        read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)]
+        if not read or len({*names}) < len(names) or not len(self._table(file).lines):
             return cells
-        return [next(iter(column)) for column in self._table(file).columns.values()]
+        return [next(filter(None, column), "") for column in self._table(file).columns.values()]
 
     @cached_property
     def _texts(self) -> Sequence[Path]:
@@ -174,8 +178,7 @@ class CsvLog:
                 problem = f"{name} {NO_HEADER}"
             else:
                 problem = f"its columns match no sensor ({listed(source.header)}); {PROPOSED}"
-            row = () if source.shown.by_name else self._first_row(source)
-            return TopicInfo(topic, kind, "csv", 0, None, None, problem=problem, first_row=row)
+            return self._described(TopicInfo(topic, kind, "csv", 0, None, None, problem=problem), source)
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, faults = self._times(source, sheet.received)
         lines = self._own_rows(source, self._table(source.file).lines)
@@ -184,12 +187,13 @@ class CsvLog:
         if faults and not len(times):
             self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
             problem = f"{source.file}: line {lines[min(faults)]}: {faults[min(faults)]}"
-        return TopicInfo(topic, sheet.type, "csv", *counted(times), fields, problem, is_shared=source.shown.is_shared)
+        info = TopicInfo(topic, sheet.type, "csv", *counted(times), fields, problem, is_shared=source.shown.is_shared)
+        return self._described(info, source) if source.shown.by_name else info
 
-    def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
-        """Return the columns and first cells of a file with one sensor."""
-        cells = () if source.sensor else self._row(source.file)
-        return tuple(zip(plain_names(source.header), cells, strict=False))
+    def _described(self, info: TopicInfo, source: CsvSource) -> TopicInfo:
+        """Return a topic with the columns of its file, unless these have usbldr's own names."""
+        row = () if source.sensor else tuple(zip(plain_names(source.header), self._row(source.file), strict=False))
+        return source.shown.described(replace(info, first_row=row))
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:

@@ -19,7 +19,7 @@ from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, Conf
 from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, named_column, sensors_by_name, words_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.unnamed_columns import is_number
-from usbldr.io.units import NamedUnit, spellings
+from usbldr.io.units import NamedUnit, spellings, states_degrees
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
@@ -199,17 +199,19 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         return {}
     cells = dict(zip(names, first_row, strict=False))
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
-    faults = [_no_time(stamps, arrivals, cells), *(_fault(columns) for columns in found.values())]
-    fault = next((text for text in faults if text), "")
-    if fault:
-        return {sensor: Sheet(CANONICAL + sensor, {}, problem=fault) for sensor in found}
+    named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
+    sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
+    untimed = _no_time(stamps, arrivals, cells)
+    faults = {sensor: untimed or _fault(columns, cells, sides[sensor]) for sensor, columns in found.items()}
+    refused = {sensor: Sheet(CANONICAL + sensor, {}, problem=why) for sensor, why in faults.items() if why}
+    if untimed:
+        return refused
     stamp, *arrived = (TimeColumn(one.name, *(_unit(one, cells) or (SECOND_NS, 0))) for one in (*stamps, *arrivals))
     taken = {same[0].name for columns in found.values() for same in columns.values()}
     own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
-    named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
-    sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
     return {
-        sensor: Sheet(
+        sensor: refused.get(sensor)
+        or Sheet(
             CANONICAL + sensor,
             named[sensor] | sides[sensor] | {name: name for name in own[sensor]},
             arrived[0] if arrived else stamp,
@@ -309,12 +311,16 @@ def keys_since_1970(cell: str) -> list[str]:
     ]
 
 
-def _fault(columns: Mapping[str, Sequence[NamedColumn]]) -> str:
-    """Return why the columns of a sensor cannot be read, empty if they can."""
+def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:
+    """Return why the columns of a sensor cannot be read, empty if they can.
+
+    A unit may be stated by the first cells, "45° 12.5' N"; beside letters of the sides, angles need none.
+    """
     for key, same in columns.items():
         if len(same) > 1 and key != "target":  # it may have a number and a name
             return f"has columns for the same quantity ({', '.join(column.name for column in same)}); {NAME_THEM}"
-        if not same[0].known:
+        by_cell = same[0].rule.dimension == "angle" and states_degrees(cells.get(same[0].name, ""))
+        if not (same[0].known or by_cell or (sides and key in ("lat_deg", "lon_deg"))):
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
             return f"has a column {same[0].name} without a known unit ({units})"
     return ""

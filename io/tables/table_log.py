@@ -6,7 +6,7 @@ no value.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -149,9 +149,8 @@ class TableLog:
             unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {PROPOSED}"
             known = sheet and f"{table.topic} {sheet.problem if table.rows else 'has no rows'}"
             problem = known or unknown
-            row = () if one.by_name else self._first_row(table)
-            kind = sheet.type if sheet else ""
-            return TopicInfo(topic, kind, "table", 0, None, None, problem=problem, first_row=row)
+            info = TopicInfo(topic, sheet.type if sheet else "", "table", 0, None, None, problem=problem)
+            return one.described(replace(info, first_row=self._first_row(table)))
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         try:
             times, good = self._times(table, sheet.received)
@@ -162,7 +161,8 @@ class TableLog:
         times = times[good]
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         none = none if table.rows > len(times) == 0 else ""
-        return TopicInfo(topic, sheet.type, "table", *counted(times), fields, none, is_shared=one.is_shared)
+        info = TopicInfo(topic, sheet.type, "table", *counted(times), fields, none, is_shared=one.is_shared)
+        return one.described(replace(info, first_row=self._first_row(table))) if one.by_name else info
 
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""

@@ -1,13 +1,15 @@
 """The topics of a log of tables: each table by usbldr's own names, by names with units, or by the configuration."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
+from usbldr.io.reader import TopicInfo
 from usbldr.io.tables.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
+from usbldr.io.tables.date_times import DATE_NAME, parted_time, week_and_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,11 @@ class TopicSheet(NamedTuple):
     sheet: Sheet | None  # None: its columns match no sensor
     by_name: bool = False  # whether names and their units tell
     is_shared: bool = False  # whether the table's rows hold other sensors, too
+    unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table whose names tell
+
+    def described(self, info: TopicInfo) -> TopicInfo:
+        """Return a topic with its table and the columns that no sensor uses, if names tell what it is."""
+        return replace(info, table=self.table, unused=self.unused) if self.by_name else info
 
     def findings(self, topic: str) -> list[Finding]:
         """Report what the names of columns were taken for."""
@@ -63,10 +70,21 @@ def topic_sheets(
         elif not by_name:
             found[topic] = TopicSheet(topic, own)
         apart = sensors or len(by_name) > 1
+        unused = _unused(table, [*by_name.values(), *(found[topic].sheet for _ in sensors)]) if by_name else ()
         found |= {
-            f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True, shared) for s, one in by_name.items()
+            f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True, shared, unused)
+            for s, one in by_name.items()
         }
     return found
+
+
+def _unused(table: TableHead, sheets: Iterable[Sheet | None]) -> tuple[str, ...]:
+    """Return the plain names of a table's columns that no sheet uses, without those of times and their parts."""
+    names = plain_names(table.names)
+    used = {*parted_time(names).values(), *(week_and_time(names) or ())}
+    for sheet in filter(None, sheets):
+        used |= {*sheet.columns.values(), *(clock.column for clock in (sheet.received, sheet.stamp) if clock)}
+    return tuple(name for name in names if name not in used | {""} and not DATE_NAME.search(name.lower()))
 
 
 def _interpreted(table: TableHead) -> tuple[Sheet | None, Mapping[str, Sheet]]:
@@ -78,10 +96,10 @@ def _interpreted(table: TableHead) -> tuple[Sheet | None, Mapping[str, Sheet]]:
     if table.first_row is None or (own is not None and not own.problem):
         return own, {}
     sheets = foreign_sheets(table.stem, table.names, table.first_row)
-    problem = next((sheet.problem for sheet in sheets.values() if sheet.problem), "")
-    if own is None or not problem:
+    problems = [sheet.problem for sheet in sheets.values()]
+    if own is None or not problems or not all(problems):
         return own, sheets
-    return own if "time_ns" in plain_names(table.names) else replace(own, problem=problem), {}
+    return own if "time_ns" in plain_names(table.names) else replace(own, problem=problems[0]), {}
 
 
 def _topic(tables: Mapping[str, TableHead], stated: ConfiguredColumns, log: Path) -> str | None:

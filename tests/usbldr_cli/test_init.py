@@ -382,6 +382,20 @@ def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
     assert found["dvl"]["columns"] == DVL_COLUMNS
 
 
+def test_columns_beside_those_that_names_tell_are_proposed(tmp_path: Path) -> None:
+    names = "Time [s],Heading (deg),VX (body),VY (body),Target Lat,Target Lon,Battery"
+    rows = [f"{T0 // SECOND + k},20,1,0,{43.1 + k * 1e-5:.6f},5.9,24" for k in range(60)]
+    (tmp_path / "nav.csv").write_text("\n".join([names, *rows, ""]), encoding="utf-8")
+
+    text, found = initialised(tmp_path / "nav.csv", tmp_path / "found.toml")
+
+    assert found["dvl"]["columns"] == {"time_unix_s": "Time [s]", "x": "VX (body)", "y": "VY (body)"}
+    assert found["usbl"]["columns"] == {"time_unix_s": "Time [s]", "lat_deg": "Target Lat", "lon_deg": "Target Lon"}
+    assert found["compass"]["topic"] == "/nav/compass"
+    assert "#   /nav: Battery\n" in text
+    accepted(tmp_path / "nav.csv", tmp_path / "found.toml")
+
+
 def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
     log = without_units(tmp_path / "dive")
     sheet = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from commands import run
 from logs import MAP, codes, logged_csv, refusal
 from recordings import SECOND, T0, write_csv
 from usbldr.filters.errors import LogError, UsageError
@@ -108,6 +109,65 @@ def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tables["gps"][["lat_deg", "lon_deg"]], [np.degrees([0.7854, 0.1222])], rtol=1e-12)
     np.testing.assert_allclose(log.tables["gps"]["sd_m"], 1.5)
     assert log.start_ns == T0
+
+
+@pytest.mark.parametrize(
+    ("forward", "starboard", "heading"),
+    [
+        ("Surge Speed (m/s)", "Starboard Velocity (m/s)", "Heading True (deg)"),
+        ("DVL Fwd m/s", "DVL Stbd m/s", "HDG_T deg"),
+        ("Vel Fwd [m/s]", "Vel Right [m/s]", "HDT, deg"),
+        ("Forward Velocity BT (m/s)", "Starboard (body) [m/s]", "Heading Angle (deg)"),
+    ],
+)
+def test_words_beside_a_quantity_that_add_nothing_do_not_hide_it(
+    tmp_path: Path, forward: str, starboard: str, heading: str
+) -> None:
+    names = ",".join(f'"{name}"' for name in ("Time [s]", forward, starboard, heading))
+    log = logged_csv(tmp_path, "", dive=f"{names}\n{T0 // SECOND},1.5,0.25,30.5\n{T0 // SECOND + 1},1.5,0.25,30.5")
+
+    assert log.tables["dvl"][["forward_mps", "starboard_mps"]].iloc[0].tolist() == [1.5, 0.25]
+    assert log.tables["compass"]["heading_deg"].iloc[0] == 30.5
+
+
+@pytest.mark.parametrize("name", ["Speed Port/Stbd (m/s)", "Velocity Stbd/Port (m/s)", "Left-Right (m/s)"])
+def test_a_name_of_both_directions_states_no_sign(tmp_path: Path, name: str) -> None:
+    folder = write_csv(tmp_path / "dive", nav=f"Time [s],Forward (m/s),{name}\n1,1,1\n2,1,1")
+
+    (topic,) = open_log(folder).topics()
+
+    assert topic.type == ""
+
+
+PLACES = [
+    ("GPS Lat,GPS Lon", "43° 06.5' N,5° 54.25' W"),
+    ("GPS Latitude,GPS Longitude", "43 06.5 N,005 54.25 W"),
+    ("GPS Lat,GPS N/S,GPS Lon,GPS E/W", "4306.5,N,00554.25,W"),
+]
+
+
+@pytest.mark.parametrize(("names", "cells"), PLACES)
+def test_degrees_and_minutes_need_no_unit_in_the_name(tmp_path: Path, names: str, cells: str) -> None:
+    empty = "," * cells.count(",")
+    rows = f"{T0 // SECOND},30.5,{empty}\n{T0 // SECOND + 1},31,{cells}\n"
+
+    log = logged_csv(tmp_path, "", dive=f"Time [s],Heading (deg),{names}\n{rows}")
+
+    places = log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy()
+    np.testing.assert_allclose(places[:1], [[43 + 6.5 / 60, -(5 + 54.25 / 60)]], rtol=0, atol=1e-12)
+
+
+def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path) -> None:
+    names = "Time [s],Heading (deg),USBL Latitude,USBL Longitude,Battery"
+    folder = write_csv(tmp_path / "dive", nav=f"{names}\n{T0 // SECOND},30.5,43.1,5.9,24\n{T0 // SECOND + 1},31,,,24")
+
+    compass, usbl = open_log(folder).topics()
+
+    assert (compass.name, compass.count, compass.problem) == ("/nav/compass", 2, "")
+    assert usbl.problem.startswith("nav.csv has a column USBL Latitude without a known unit (deg, rad, 1e-7deg)")
+    unread = ("USBL Latitude", "USBL Longitude", "Battery")
+    assert compass.unused == usbl.unused == unread
+    assert f"columns of /nav that no sensor uses: {', '.join(unread)}\n" in run("info", folder).stdout
 
 
 def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_path: Path) -> None:
