@@ -21,8 +21,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
 
     Topics, axes, frames, mounting and delays are those that fit LOG best, estimated without any truth. For a sensor
     without a topic of a known type, it proposes columns of one whose fields have fitting names. Keys of a configuration
-    that is there are kept. Check the lines marked CHECK. Replay accepts the file as is. Exit code 3 if a sensor is
-    still missing: complete the file that is written.
+    that is there are kept. Check the lines marked CHECK. Replay accepts the file as is. Exit code 3 if DVL,
+    compass or USBL is still missing: complete the file that is written, or leave the sensor out ("--dvl none").
 
     \b
     $ usbldr init dive.mcap

@@ -223,8 +223,7 @@ def _proposed_origin(examination: Examination, log: Log) -> tuple[float, float, 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role not in log.provenance:
         head = log.settings.usbl.head
-        why = "no such topic in the log" + ("; only --filter usbl works" if role in ("dvl", "compass") else "")
-        why = f"{head.topic} is the ship's" if role == "gps" and head and head.topic else why
+        why = f"{head.topic} is the ship's" if role == "gps" and head and head.topic else "no such topic in the log"
         return [('topic = "none"', why)] if role != "usbl" else []
     p = log.provenance[role]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"

@@ -164,8 +164,10 @@ def _draft(path: Path, request: Request) -> Draft:
     used |= {role: one.topic.name for role, one in proposals.items()}
     present = used if examination.log is None else examination.log.tables
     unusable = [one.text for one in examination.findings if one.code == "UNUSABLE"]
-    missing = [role for role in SENSORS if role not in present and role not in unread and "usbl" not in present]
-    absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""  # raw fixes alone can be judged
+    left = [role for role in SENSORS if "none" in (request.topics.get(role), stated.settings.topic(role))]
+    missing = [role for role in SENSORS if role not in (*present, *unread, *left)]
+    absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""
+    absent += "; without it, only --filter usbl works" if missing and "usbl" in present else ""
     unread |= dict.fromkeys(missing, absent)
     unread = {role: why.removesuffix(f"; {PROPOSED}") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")

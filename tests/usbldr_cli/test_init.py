@@ -402,18 +402,20 @@ def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None
     again = [f"{line},{line.split(',')[1]}" for line in sheet]
     (log / "ahrs.csv").write_text("\n".join(["stamp,heading,gps_heading", *again[1:], ""]), encoding="utf-8")
 
-    _, found = initialised(log, tmp_path / "found.toml")
+    said, text = asked_in(log, tmp_path / "found.toml")
 
-    assert found["compass"] == {"topic": "none"}
+    assert "no topic is known to be compass; without it, only --filter usbl works" in said
+    assert "compass" not in tomllib.loads(text)
 
 
 def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
     odd = [(ns, "/dvl_heading", GYRO, {"heading_rate": 1.0, "heading_rad": 2.0}) if topic == "/dvl" else
            (ns, topic, kind, values) for ns, topic, kind, values in short_dive()]  # fmt: skip
 
-    _, found = initialised(write_mcap(tmp_path / "dive.mcap", odd), tmp_path / "found.toml")
+    said, text = asked_in(write_mcap(tmp_path / "dive.mcap", odd), tmp_path / "found.toml")
 
-    assert found["dvl"] == {"topic": "none"}
+    assert "no topic is known to be dvl; without it, only --filter usbl works" in said
+    assert "dvl" not in tomllib.loads(text)
 
 
 def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path: Path) -> None:

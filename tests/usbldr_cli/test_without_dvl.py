@@ -42,10 +42,13 @@ def test_what_needs_the_sensor_says_so_and_what_still_works(log: Path) -> None:
     assert found["SENSOR-MISSING"]["level"] == "error"
 
 
-def test_init_writes_a_file_with_which_the_fixes_are_judged(log: Path, tmp_path: Path) -> None:
-    output_of("init", log)
+def test_init_asks_for_the_sensor_in_a_file_with_which_the_fixes_are_judged(log: Path, tmp_path: Path) -> None:
+    fault = run("init", log).exception
+    missing = next(role for role in ("dvl", "compass") if f"no topic is known to be {role};" in str(fault))
 
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
-    assert text.count('topic = "none"') == 2  # the sensor and the depth
-    assert "only --filter usbl works" in text
+    assert isinstance(fault, LogError)
+    assert text.count('topic = "none"') == 1  # the depth
+    assert "without it, only --filter usbl works" in text
     assert "usbl: mean horizontal error" in output_of("replay", log, "-f", "usbl", "-q", "-o", tmp_path / "run")
+    output_of("init", log, f"--{missing}", "none", "--force")
