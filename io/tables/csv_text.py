@@ -25,7 +25,7 @@ from usbldr.io.file_access.open_file import (
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_sheets import ISO, plain_names
 from usbldr.io.tables.date_order import stated_order
-from usbldr.io.tables.date_times import foreign_time
+from usbldr.io.tables.date_times import foreign_time, named_zone
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.units import named_unit
@@ -177,7 +177,7 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     bare = [cell.strip("[]() ") for cell in cells]
     stated = [named_unit(f"x [{unit}]") for unit in bare]
     units = [
-        f" [{u}]" if (one.dimension and one.unit == u) or stated_order(u) is not None else ""
+        f" [{u}]" if (one.dimension and one.unit == u) or stated_order(u) is not None or named_zone(f"[{u}]") else ""
         for u, one in zip(bare, stated, strict=True)
     ]
     of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))

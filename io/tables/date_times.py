@@ -37,6 +37,12 @@ DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
 DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|day|ymd|yyyy", "time|clock|utc|hh?mm"))
 SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
+NAMED_ZONE = re.compile(r"(?:(?:UTC|GMT) ?|[\[(] ?)([+-])(\d{1,2})(?::?([0-5]\d))?(?!\d)", re.IGNORECASE)
+"""A zone that a column's name states: "Time (UTC+2)", "Time [+02:00]"."""
+UNKNOWN_ZONE = re.compile(
+    r"[\[(] ?((?!UTC|GMT)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
+)
+ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
 WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
 PARTS: Mapping[str, str] = {
@@ -132,7 +138,16 @@ def with_iso_times(
             and _are(columns[part], NUMBER)
         ):
             found[time] = _with_parts(found[time], _numbers(columns[part]) * PART_NS[unit[1]])
+    for name in columns:
+        if (zone := named_zone(name)) and not any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS))):
+            found[name] = [cell + zone if ISO.fullmatch(cell) else cell for cell in found[name]]
     return found
+
+
+def named_zone(name: str) -> str:
+    """Return the zone that a name states as ISO has it, "+02:00"; empty if it states none."""
+    zone = NAMED_ZONE.search(name)
+    return f"{zone[1]}{int(zone[2]):02d}:{zone[3] or '00'}" if zone else ""
 
 
 def _with_parts(cells: Sequence[str], part_ns: Vector) -> list[str]:

@@ -9,7 +9,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
 from usbldr.io.reader import TopicInfo
 from usbldr.io.tables.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
-from usbldr.io.tables.date_times import DATE_NAME, parted_time, week_and_time
+from usbldr.io.tables.date_times import DATE_NAME, UNKNOWN_ZONE, named_zone, parted_time, week_and_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,8 @@ class TopicSheet(NamedTuple):
             return []
         named = {**self.sheet.columns, "time": self.sheet.stamp.column}
         text = ", ".join(f"{key} from {column}" for key, column in named.items())
+        if UNKNOWN_ZONE.search(named["time"]) and not named_zone(named["time"]):
+            text += " as UTC: of zones in names, only those such as UTC+2 are known"
         return [Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic)]
 
 

@@ -170,6 +170,33 @@ def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path)
     assert f"columns of /nav that no sensor uses: {', '.join(unread)}\n" in run("info", folder).stdout
 
 
+@pytest.mark.parametrize(
+    ("names", "cells"),
+    [
+        ("Time (UTC+2),Heading (deg)", "2020-09-13 14:26:40"),
+        ("Time [+02:00],Heading (deg)", "2020-09-13T14:26:40.0"),
+        ("Time GMT-3:30,Heading (deg)", "13.09.2020 08:56:40"),
+        ("Date,Time (UTC+02),Heading (deg)", "13.09.2020,14:26:40"),
+        ("Time,Heading\n(UTC+2),(deg)", "2020-09-13 14:26:40"),
+        ("Time (UTC+2),Heading (deg)", "2020-09-13 12:26:40Z"),
+        ("Time (UTC+2),Heading (deg)", "2020-09-13 13:26:40+01:00"),
+    ],
+)
+def test_a_zone_in_the_name_of_a_time_holds_unless_its_cells_state_one(tmp_path: Path, names: str, cells: str) -> None:
+    log = logged_csv(tmp_path, "", compass=f"{names}\n{cells},30.5\n{cells},30.5\n")
+
+    assert log.start_ns == 1_600_000_000 * SECOND
+    assert "as UTC" not in codes(log)["COLUMNS-BY-NAME"]
+
+
+@pytest.mark.parametrize("name", ["Time [MESZ]", "Local Time", "Time (PST)"])
+def test_a_zone_without_its_hours_is_said_to_be_taken_as_utc(tmp_path: Path, name: str) -> None:
+    log = logged_csv(tmp_path, "", nav=f"{name},Heading (deg)\n2020-09-13 12:26:40,30.5\n")
+
+    assert log.start_ns == 1_600_000_000 * SECOND
+    assert f"time from {name} as UTC: of zones in names" in codes(log)["COLUMNS-BY-NAME"]
+
+
 def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_path: Path) -> None:
     at = T0 // SECOND
     log = logged_csv(
