@@ -49,6 +49,11 @@ FINDING_LEVELS: Mapping[str, Level] = {
 """Codes whose level is not a warning."""
 
 
+UNDATED = (
+    "the times have no date; the first day is taken as 1970-01-01; state path and date of each file under [[file]]"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One finding of a reader, of the doctor or of replay; its level follows from its code, and from data lost."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.io.decoding.nmea_times import NO_TIME, times_from_sentences
-from usbldr.io.findings import Finding
+from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.instruments.ensembles import ensembles, first_ensemble
 from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
 from usbldr.io.reader import Records
@@ -24,7 +24,6 @@ PD5 = struct.Struct("<46xH4xH")  # fixed: depth [dm], heading [0.01 deg]
 PD4_BYTES = 45  # fixed: without checksum
 NO_VELOCITY = -32768  # fixed by the format
 HUNDREDTH_NS = 10_000_000  # fixed
-UNDATED = "its times have no date; the first day is taken as 1970-01-01; state date under [[file]]"
 
 
 def name_of_pd45(head: bytes) -> str:

@@ -128,6 +128,9 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     sections = {real_path(folder / f.path): f for f in configuration.file}
     paths = {real_path(path): path} | {real_path(folder / f.path): folder / f.path for f in configuration.file}
     paths |= {real_path(Path(name)): Path(name) for name in request.joined}
+    own = [f for f in path.iterdir() if f.suffix != ".toml" and f.name[0] != "."] if path.is_dir() else []
+    if own and {*map(real_path, own)} <= paths.keys():  # they are read one by one
+        del paths[real_path(path)]
     parts = [_part(_opened(paths[real], configuration, request, paths), sections.get(real)) for real in paths]
     (first, *others) = parts
     reader = first.reader

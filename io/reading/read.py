@@ -196,7 +196,7 @@ def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
         (year, month, day), exchanged = (utc(spans[one][0])[:10].split("-") for one in (role, other))
         if month != day and exchanged == [year, day, month]:
             hint = f"day and month of {role} and {other} are exchanged: state time_format for one of them"
-        hint += "; of a file without dates, state date under [[file]]" * (" 1970-" in spans_text)
+        hint += "; of files without dates, state path and date of each under [[file]]" * (" 1970-" in spans_text)
         raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
 
 

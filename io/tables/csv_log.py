@@ -15,7 +15,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
-from usbldr.io.findings import Finding
+from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
@@ -245,9 +245,18 @@ class CsvLog:
         parsed = numbers(cells, name, self._table(source.file).by_commas)
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
+    def _is_undated(self, source: CsvSource) -> bool:
+        """Return whether times of day without a date are the times of a topic."""
+        if source.sheet is None or source.sheet.received is None:
+            return False
+        cells = dict(zip(plain_names(source.header), self._row(source.file), strict=False))
+        return cells.get(source.sheet.received.column, "").startswith("1970-01-01T")
+
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and dates that have two readings."""
         found = [order.finding(self.path.name) for order in self._orders.values() if order.example]
+        undated = sorted({source.file.name for source in self._sources.values() if self._is_undated(source)})
+        found += [Finding("NO-DATE", f"{listed(undated)}: {UNDATED}")] if undated else []
         for topic, source in self._sources.items():
             found += source.shown.findings(topic) if topic in self._left_out else []
             if self._left_out.get(topic):

@@ -62,7 +62,8 @@ def test_without_a_stated_day_it_is_the_first_of_1970_and_a_finding_names_the_ke
     file = write_pd45(tmp_path / "a.pd4", 4)
 
     assert read_log(file).start_ns == FIRST
-    text = "a.pd4: its times have no date; the first day is taken as 1970-01-01; state date under [[file]]"
+    text = "a.pd4: the times have no date; the first day is taken as 1970-01-01; "
+    text += "state path and date of each file under [[file]]"
     assert no_date(file) == [text]
     assert no_date(dated(file, "1970-01-01")) == []
 
@@ -94,7 +95,7 @@ def test_a_day_that_is_missing_beside_dated_files_is_named_with_its_key(tmp_path
     file = write_pd45(tmp_path / "a.pd4", 4)
     dive = write_mcap(tmp_path / "dive.mcap", [row for row in short_dive() if row[1] != "/dvl"])
 
-    with pytest.raises(LogError, match=r"dvl 1970-.*; of a file without dates, state date under \[\[file\]\]"):
+    with pytest.raises(LogError, match=r"dvl 1970-.*; of files without dates, state path and date of each"):
         read_log(dive, Request(joined=(str(file),)))
 
 

@@ -197,6 +197,23 @@ def test_a_zone_without_its_hours_is_said_to_be_taken_as_utc(tmp_path: Path, nam
     assert f"time from {name} as UTC: of zones in names" in codes(log)["COLUMNS-BY-NAME"]
 
 
+def test_times_of_day_without_a_date_get_that_of_each_file(tmp_path: Path) -> None:
+    compass = "Time,Heading (deg)\n23:59:59.5,30\n00:00:00.5,31\n"
+    depth = "Time,Depth (m)\n00:00:00.25,3\n00:00:01.25,3\n"
+    undated = logged_csv(tmp_path, "", compass=compass, depth=depth)
+    of_files = '[[file]]\npath = "{}.csv"\ndate = {}\n'
+    toml = of_files.format("compass", "2020-09-12") + of_files.format("depth", "2020-09-13")
+
+    log = logged_csv(tmp_path, toml, compass=compass, depth=depth)
+
+    said = "compass.csv, depth.csv: the times have no date; the first day is taken as 1970-01-01; state path and date"
+    assert codes(undated)["NO-DATE"].startswith(said)
+    assert log.start_ns == 1_599_955_200 * SECOND - SECOND // 2
+    assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.0]
+    assert log.tables["depth"]["time_s"].tolist() == [0.75, 1.75]
+    assert "NO-DATE" not in codes(log)
+
+
 def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_path: Path) -> None:
     at = T0 // SECOND
     log = logged_csv(
