@@ -4,6 +4,7 @@ A sensor error for which the log has evidence is proposed as a comment, except t
 would find it again, and calibration is better than an estimate from one dive.
 """
 
+from importlib.util import find_spec
 from typing import TypeAlias
 
 import numpy as np
@@ -18,6 +19,7 @@ from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value
 from usbldr.io.doctor.sensor_errors import log_odds_text, stated_lever_m, stated_scale
 from usbldr.io.log import Log
+from usbldr.io.messages.field_names import utm_code
 from usbldr.io.provenance import chosen_by_text, convention_text
 
 ConfigLine: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
@@ -140,8 +142,13 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
 def grid_lines(log: Log, role: str) -> list[ConfigLine]:
     """Return the line that asks for the grid of a sensor's eastings and northings, if they are some."""
     topic = log.provenance[role].topic
-    asked = any(finding.code == "GRID-UNKNOWN" and finding.topic == topic for finding in log.findings)
-    return [('# grid = "EPSG:?"', "CHECK: state the code of the grid: EPSG:32631 is UTM zone 31 north")] * asked
+    found = {finding.code: finding.text for finding in log.findings if finding.topic == topic}
+    if "GRID-UNKNOWN" not in found:
+        return []
+    if code := utm_code(found.get("COLUMNS-BY-NAME", "")):
+        mark, needs = ("", "") if find_spec("pyproj") else ("# ", "; needs pip install 'usbldr[grid]'")
+        return [(f'{mark}grid = "{code}"', f"CHECK: by the names of its columns{needs}")]
+    return [('# grid = "EPSG:?"', "CHECK: state the code of the grid: EPSG:32631 is UTM zone 31 north")]
 
 
 def _convention(log: Log, result: InterpretationResult | None, role: str, key: str) -> ConfigLine:

@@ -47,10 +47,8 @@ VECTORS = tuple(
     for number, (axis, named) in enumerate(NAMES_OF_AXES.items())
 )
 PLACES = (
-    Rule("usbl", "east_m", "length", "x"),  # the doctor finds the frame
-    Rule("usbl", "north_m", "length", "y"),
-    Rule("", "east_m", "length", "e"),
-    Rule("", "north_m", "length", "n"),
+    Rule("", "east_m", "length", "x|e"),  # the doctor finds the frame
+    Rule("", "north_m", "length", "y|n"),
 )
 TARGET = re.compile(r"(^|_)target(_|$)")  # of a USBL system; of a controller it is where the vehicle should be
 YAW = Rule("compass", "heading_deg", "angle", "yaw")  # whose sense the doctor finds

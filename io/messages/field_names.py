@@ -81,6 +81,10 @@ OTHER = re.compile(
 """Words of columns that are no measurement of these sensors."""
 
 
+UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?([ns])?)?(?=_|$)")
+"""A grid in the name of an easting or northing, its zone and hemisphere, in the words of the name."""
+
+
 class NamedColumn(NamedTuple):
     """A column whose name says what it holds."""
 
@@ -105,10 +109,16 @@ def words_of(label: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
 
 
+def utm_code(text: str) -> str:
+    """Return the code of the UTM zone that a text names, "EPSG:32631" of "UTM 31N"; empty if it names none."""
+    zones = [zone for zone in UTM.finditer(words_of(text)) if zone[2] and 0 < int(zone[1]) <= 60]
+    return f"EPSG:32{6 if zones[0][2] == 'n' else 7}{int(zones[0][1]):02d}" if zones else ""
+
+
 def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None:
     """Return what a column holds, None if its name does not tell."""
     unit = named_unit(name)
-    words = words_of(unit.label)
+    words = UTM.sub("", words_of(unit.label))
     if any(other.search(part) for other in (OTHER, SHIP) for part in (words, words_of(name))):
         return None
     for rule in rules:

@@ -91,7 +91,7 @@ def test_an_unnamed_grid_is_said_and_init_asks_for_its_code(tmp_path: Path) -> N
     for name in ("usbl", "gps"):
         (tmp_path / f"{name}.csv").write_text(f"Time [s],Easting [m],Northing [m]\n{rows}\n", encoding="utf-8")
 
-    output_of("init", tmp_path)
+    output_of("init", tmp_path, "--dvl", "none", "--compass", "none")
 
     written = (tmp_path / "usbldr.toml").read_text(encoding="utf-8")
     assert written.count('# grid = "EPSG:?"                       # CHECK') == 2
@@ -100,3 +100,16 @@ def test_an_unnamed_grid_is_said_and_init_asks_for_its_code(tmp_path: Path) -> N
     said = run("info", tmp_path).stdout
     assert "GRID-UNKNOWN" not in said
     assert "KEY-UNUSED" not in said
+
+
+@pytest.mark.parametrize(
+    ("easting", "northing"),
+    [("Easting UTM 32N (m)", "Northing UTM 32N (m)"), ("utm_zone_32N_east_m", "utm_zone_32N_north_m")],
+)
+def test_a_zone_in_the_names_of_columns_is_proposed_as_the_grid(tmp_path: Path, easting: str, northing: str) -> None:
+    rows = "".join(f"{1_600_000_000 + k},{500_000 + k},{5_000_000 + k}\n" for k in range(9))
+    (tmp_path / "usbl.csv").write_text(f"Time [s],{easting},{northing}\n{rows}", encoding="utf-8")
+
+    run("init", tmp_path / "usbl.csv", "--output", tmp_path / "found.toml", "--dvl", "none", "--compass", "none")
+
+    assert '\ngrid = "EPSG:32632"' in (tmp_path / "found.toml").read_text(encoding="utf-8")
