@@ -21,6 +21,7 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds, utc
 
 FEW = 2  # [records] of a slow topic within a stretch that is logged twice
+MOST_STEPS = 20  # of a clock in one log: more are records in another order
 JOINED = "joined"
 
 
@@ -134,15 +135,21 @@ def _chosen(
     sensors: Mapping[str, _Sensor], first: _Sensor, part: str | int | None
 ) -> tuple[dict[str, RawRecords], Finding]:
     """Return the records of a part, or of all parts joined."""
+    stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
+    sizes = ", ".join(
+        f"{'back' if step.size_ns > 0 else 'forward'} by {abs(step.size_ns) / SECOND:.3f} s after {utc(step.before_ns)}"
+        for step in first.steps[:MOST_STEPS]
+    )
+    if len(first.steps) > MOST_STEPS and part is None:
+        once, count = sizes.partition(", ")[0], len(first.steps)
+        text = f"{', '.join(stepped)}: the clock goes {once}, and {count} times in all, as no clock does"
+        error = PartsError(f"{text}: the records are not in the order of their times; sort them", path=first.raw.log)
+        error.finding = _finding(first, text)
+        raise error
     last_ns = max(int(_clock(one)[-1]) for one in sensors.values() if one.steps)
     numbers = {role: _numbers(one, first.steps, last_ns) for role, one in sensors.items()}
     parts = _parts(sensors, numbers, first.steps)
     number = str(part) if part is not None else ""
-    stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
-    sizes = ", ".join(
-        f"{'back' if step.size_ns > 0 else 'forward'} by {abs(step.size_ns) / SECOND:.3f} s after {utc(step.before_ns)}"
-        for step in first.steps
-    )
     listed = "; ".join(f"part {k}: {utc(p.first_ns)} to {utc(p.last_ns)}" for k, p in enumerate(parts, start=1))
     if paused := [-step.size_ns for step in first.steps if -LONGEST_LOG_NS <= step.size_ns < 0]:
         why = "another recording, or dates to be read by time_format" if max(paused) > DAY else "another recording"

@@ -252,6 +252,16 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
     np.testing.assert_allclose(np.diff(times_s), 0.2, atol=2e-5)  # of .alog's digits
 
 
+def test_records_in_another_order_are_refused_in_a_short_sentence(tmp_path: Path) -> None:
+    times = T0 + np.random.default_rng(1).permutation(COUNT) * 10 * SECOND
+
+    with pytest.raises(PartsError) as stopped:
+        read_log(as_csv(tmp_path, tables_of(times)))
+
+    assert stopped.value.text.endswith(": the records are not in the order of their times; sort them")
+    assert len(stopped.value.text) < 250
+
+
 @pytest.mark.parametrize("container", ["mcap", "bag", "csv", "HDF5", "lsf"])
 @pytest.mark.parametrize("cut", [10, 37, COUNT - 10])
 def test_a_clock_that_counts_from_its_start_until_set_makes_parts(tmp_path: Path, container: str, cut: int) -> None:
