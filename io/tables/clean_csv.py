@@ -1,8 +1,8 @@
 """The fast path for a clean CSV file: pandas parses its numbers, and its text is read again only where it is asked for.
 
-Clean is ASCII with commas, no quotation mark, zero or comment, the same number of cells in each line, and a line end
-behind the last: then pandas' rows are those of `csv_text.read_texts`. After a lone quotation mark it would take the
-rest of the file for one cell. pyarrow, if it is there, reads the same numbers in less time.
+Clean is ASCII with commas, no quotation mark, zero, comment or empty row, the same number of cells in each line, and a
+line end behind the last: then pandas' rows are those of `csv_text.read_texts`. After a lone quotation mark it would
+take the rest of the file for one cell. pyarrow, if it is there, reads the same numbers in less time.
 """
 
 import csv
@@ -147,13 +147,14 @@ def _by_pyarrow(rows: BinaryIO, header: Sequence[str]) -> dict[str, Any] | None:
 
 def _is_clean(rows: BinaryIO, width: int) -> bool:
     """Return whether rows are such text: so many cells in the first one, and in all on average."""
-    first = rows.tell()
+    first, empty = rows.tell(), b"\n" + b"," * (width - 1)
     while block := rows.read(BLOCK_BYTES) + rows.readline(limit(LINE_CHARACTERS)):
         letters = np.frombuffer(block, dtype=np.uint8)
         lines, commas = (int(np.count_nonzero(letters == ord(letter))) for letter in "\n,")
         if (
             not (block.isascii() and block.endswith(b"\n"))  # a cut row may have no comma
             or any(letter in block for letter in SPECIAL)
+            or any(empty + end in b"\n" + block for end in (b"\r", b"\n"))
             or (first >= 0 and block.partition(b"\n")[0].count(b",") != width - 1)
             or commas != lines * (width - 1)
             or (b"\r" in block and not lines == block.count(b"\r") == block.count(b"\r\n"))

@@ -34,7 +34,8 @@ PREAMBLE = 100  # [lines] among which the column names are looked for
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # of Excel, before the column names
 MOST_BREAKS = 20  # [lines] of a row whose quoted cell has line breaks
 COMMENT = "# "  # what the column names may follow
-REMARKS = ("#", "%", ";", "//")  # with which a line before the column names begins that is none
+COMMENTS = ("#", "%", "//")  # with which a line begins that is no row
+REMARKS = (*COMMENTS, ";")  # with which a line before the column names begins that is none
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 
@@ -260,7 +261,8 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     cut = 0
     table = _Rows(file, header, separator)
     for number, line in _whole_rows(enumerate(lines, start=begin + 1), len(header), separator):
-        if not line.strip() or line.startswith("#") or (known is not None and line.split() == header):
+        blank = not line.strip(f"{separator or ''}{BLANKS}\r\n")
+        if blank or line.startswith(COMMENTS) or (known is not None and line.split() == header):
             continue
         cut = 0 if line.endswith("\n") or known is not None else number
         cells = "" if cut else table.cells(line)

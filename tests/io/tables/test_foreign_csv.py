@@ -399,6 +399,19 @@ def test_what_other_programs_write_around_a_table_is_none_of_it(tmp_path: Path, 
     assert read_log(tmp_path / "compass.csv").tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
 
 
+@pytest.mark.parametrize("between", ["# a remark", "% a remark, twice", "// a remark", ",", ",,", "  "])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_remarks_and_empty_rows_between_the_rows_are_no_loss(tmp_path: Path, between: str, end: str) -> None:
+    rows = ["Time [s],Heading [deg]", between, "0,1.5", between, "1,2.5", between]
+    (tmp_path / "compass.csv").write_bytes("".join(row + end for row in rows).encode())
+
+    log = open_log(tmp_path / "compass.csv")
+    compass = read_whole(log, {"/compass": ["heading_deg"]})["/compass"]
+
+    assert compass.columns["heading_deg"].tolist() == [1.5, 2.5]
+    assert not [finding.text for finding in log.findings() if finding.lost_data]
+
+
 @pytest.mark.parametrize("word", ["NA", "n/a", "#N/A", "null", "None", "-", "---", ""])
 def test_words_for_no_value_are_none(word: str) -> None:
     read = numbers(["1.5", word], "x")
