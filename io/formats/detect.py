@@ -1,5 +1,6 @@
 """The format of a log, recognised by its first bytes, never by its name."""
 
+import re
 import struct
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
@@ -29,8 +30,22 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""
+FOREIGN_TEXTS: Mapping[str, str] = {
+    r"(?i)\s*<(!doctype )?(html|head|body|table)": "an HTML page, whatever its name; export the sheet as CSV",
+    r"\s*<\?xml": "XML; export its values as CSV, with a line of names",
+    r'\s*(\{\s*"|\[\s*[\[{])': "JSON, but not of one object a record; write it so, or as CSV",
+    r"header:\r?\n\s+stamp:|(?s:.*)^---\r?\n\w+:": "what ros2 topic echo prints; read the recording that it came from, "
+    "or write its values as CSV",
+}
+"""Texts of other programs by a pattern of their beginning, with what to do about them."""
 MATLAB_4, MATLAB_4_NAME = struct.Struct("<5I"), 64  # fixed: the numbers before the name of a matrix; its bytes at most
 BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
+
+
+def _foreign_text(head: bytes) -> str:
+    """Return what a text is that no reader of records or tables reads, empty if it is none of these."""
+    text = head.decode(errors="replace")
+    return next((what for begin, what in FOREIGN_TEXTS.items() if re.match(begin, text, re.MULTILINE)), "")
 
 
 def _is_other_text(head: bytes) -> bool:
@@ -73,7 +88,8 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.tables.csv_log import CsvLog
     from usbldr.io.tables.csv_text import looks_like_csv
 
-    return CsvLog(path) if looks_like_csv(head) and not _is_other_text(head) else None
+    table = looks_like_csv(head) and not _is_other_text(head) and not _foreign_text(head)
+    return CsvLog(path) if table else None
 
 
 def _by_look(
@@ -184,14 +200,18 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
     if not head:
         raise LogError("the file holds nothing but zeros" if path.stat().st_size else "the file is empty", path=path)
     foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
+    foreign = foreign or _foreign_text(head)
     if foreign:
         raise LogError(f"is {foreign}", path=path)
     if is_tar(head):
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
     if _is_matlab_4(path):
         raise LogError("is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')", path=path)
-    from usbldr.io.tables.csv_text import lacks_header
+    from usbldr.io.tables.csv_text import has_blank_columns, lacks_header
 
     if lacks_header(head):
         raise LogError("has no header: its first line holds numbers; insert a line with the column names", path=path)
+    if has_blank_columns(head):
+        why = "is a table with blanks between its columns, whose first row is not of as many numbers as there are names"
+        raise LogError(f"{why}; write commas between the columns", path=path)
     raise LogError(f"unknown format (starts with {head[:12]!r}); usbldr reads {accepted}", path=path)

@@ -78,8 +78,17 @@ def looks_like_csv(head: bytes) -> bool:
     if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
         return lines[0].startswith("#")
     header = lines[_header_place(lines)] if lines else ""
-    printable = header.replace("\t", " ").isprintable()
-    return _separator(header) in header and printable and any(char.isalpha() for char in header)
+    printable = header.replace("\t", " ").isprintable() and any(char.isalpha() for char in header)
+    return printable and (_separator(header) in header or has_blank_columns(head, whole=True))
+
+
+def has_blank_columns(head: bytes, whole: bool = False) -> bool:
+    """Return whether a file's first bytes are names between blanks, and a row with numbers; ``whole``: as many."""
+    lines = [line.lstrip(COMMENT).split() for line in head_lines(head) if line.strip()]
+    names, row = (*lines, [], [])[:2]
+    named = unnamed_columns(Path(), names) is None and not any(map(_is_value, names))  # else those of a format
+    numbers = sum(map(_is_value, row))
+    return named and (numbers == len(row) == len(names) > 1 if whole else len(names) > 1 and numbers > 0)
 
 
 def lacks_header(head: bytes) -> bool:

@@ -56,7 +56,8 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             item = content[path]
             _take(item, budget)
             if item.dtype.kind not in "biuf":
-                return np.ravel((item.asstr() if h5py.check_string_dtype(item.dtype) else item)[part])
+                values = np.ravel((item.asstr() if h5py.check_string_dtype(item.dtype) else item)[part])
+                return _texts(values) if values.dtype.kind in "SO" else values
             values = _unpacked(item[part], item.attrs)
             return clock.dates(values) if clock else values
 
@@ -86,7 +87,9 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
                 groups.setdefault(group, []).append((name, item.shape, partial(read_elements, path)))
                 dated.setdefault(group, set())
         elif records and column:
-            tables.append(Table(file, path, len(item), {name: partial(read, path, name) for name in item.dtype.names}))
+            columns = {name: partial(read, path, name) for name in item.dtype.names}
+            words = frozenset(name for name in columns if h5py.check_string_dtype(item.dtype[name]))
+            tables.append(Table(file, path, len(item), columns, texts=words))
         elif records and item.ndim:
             left_out[path] = f"its records have {item.ndim} dimensions, not one"
         elif h5py.check_string_dtype(item.dtype) and column:
@@ -116,6 +119,12 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
         refuse_objects(file, [f"{path} ({why})" for path, why in left_out.items()])
     return [replace(one, left_out=left_out) for one in tables]
+
+
+def _texts(values: Column) -> Column:
+    """Return texts, of which h5py leaves those of records as bytes."""
+    texts = [one.decode(errors="replace") if isinstance(one, bytes) else one for one in values.tolist()]
+    return np.array(texts, dtype=object)
 
 
 def _number(content: Any, reference: Any) -> float | None:

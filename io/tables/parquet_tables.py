@@ -64,6 +64,7 @@ def parquet_table(file: Path, name: str = "") -> Table:
         dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("TIMESTAMP", "DATE"))
         dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
         texts = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type == "STRING")
+        lists = dict.fromkeys(leaf.path.partition(".list.")[0] for leaf in leaves if leaf.max_repetition_level)
         rows = int(content.metadata.num_rows)
 
     def column(path: str) -> Column:
@@ -75,7 +76,9 @@ def parquet_table(file: Path, name: str = "") -> Table:
         return _values(arrow, read.column(0).combine_chunks())
 
     columns = {path: lambda path=path: column(path) for path in places}
-    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated, texts)
+    left_out = dict.fromkeys(lists, "it holds a list in each row; write the elements as columns")
+    lost = tuple(f"{one} (a list, not read)" for one in lists)
+    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated, texts, lost, left_out)
 
 
 def _values(arrow: Any, column: Any) -> Column:

@@ -147,7 +147,8 @@ class TableLog:
         table, sheet = self._tables[one.table], one.sheet
         if sheet is None or sheet.received is None:
             unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {PROPOSED}"
-            known = sheet and f"{table.topic} {sheet.problem if table.rows else 'has no rows'}"
+            beside = f"; beside these: {listed(table.unread)}" if table.unread else ""
+            known = sheet and f"{table.topic} {sheet.problem + beside if table.rows else 'has no rows'}"
             problem = known or unknown
             info = TopicInfo(topic, sheet.type if sheet else "", "table", 0, None, None, problem=problem)
             return one.described(replace(info, first_row=self._first_row(table)))

@@ -60,6 +60,9 @@ def matlab_4() -> bytes:
     return file.getvalue()
 
 
+ECHO = "is what ros2 topic echo prints; read the recording that it came from, or write its values as CSV"
+
+
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
@@ -76,6 +79,15 @@ def matlab_4() -> bytes:
          "is a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from"),
         (b"%% LOGSTART 1779105600\n%%%%(1)     TIME\n0.000      1.5\n",
          "is a table of all variables at equal times that MOOS writes (.aslog); read the .alog file beside it"),
+        (b"<html><body><table><tr><td>Time,Heading</td></tr>",
+         "is an HTML page, whatever its name; export the sheet as CSV"),
+        (b'<?xml version="1.0"?>\n<Workbook>', "is XML; export its values as CSV, with a line of names"),
+        (b'{"dvl": {"time_s": [' + b"1.5, " * 50_000 + b"2.5]}}\n",
+         "is JSON, but not of one object a record; write it so, or as CSV"),
+        (b"header:\n  stamp:\n    sec: 1\n---\n", ECHO),
+        (b"data: 1.5\n---\ndata: 2.5\n---\n", ECHO),
+        (b"time_s heading_deg\n1.5\n", "is a table with blanks between its columns, whose first row is not of as many "
+         "numbers as there are names; write commas between the columns"),
         (b"\x89MCAP0\nrest", "is an MCAP file whose " + CONVERTED),
         (b"\x89MCAP0\r\r\nrest", "is an MCAP file whose " + CONVERTED),
         (b"#ROSBAG V2.0\r\nrest", "is a ROS 1 bag whose " + CONVERTED),

@@ -399,6 +399,17 @@ def test_what_other_programs_write_around_a_table_is_none_of_it(tmp_path: Path, 
     assert read_log(tmp_path / "compass.csv").tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
 
 
+@pytest.mark.parametrize("mark", ["", "# ", "   "])
+def test_columns_may_be_parted_by_blanks(tmp_path: Path, mark: str) -> None:
+    rows = f"{mark}time_s heading_deg  forward_mps starboard_mps\n 0 1.5  NaN nan\n 0.5  NaN  1 0.25\n 1.0 2.5 1 0.25\n"
+    (tmp_path / "dive.txt").write_text(rows, encoding="utf-8")
+
+    log = read_log(tmp_path / "dive.txt")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
+    assert log.tables["dvl"]["starboard_mps"].tolist() == [0.25, 0.25]
+
+
 @pytest.mark.parametrize("between", ["# a remark", "% a remark, twice", "// a remark", ",", ",,", "  "])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_remarks_and_empty_rows_between_the_rows_are_no_loss(tmp_path: Path, between: str, end: str) -> None:

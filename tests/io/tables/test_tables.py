@@ -81,6 +81,28 @@ def test_texts_are_read_as_the_cells_of_csv_files(tmp_path: Path, form: str, not
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], numbers[:-1])
 
 
+def test_texts_in_an_array_of_records_are_read(tmp_path: Path) -> None:
+    rows = [(b"2020-09-13T12:26:40Z", "1.5"), (b"2020-09-13T12:26:41Z", "2.5")]
+    with h5py.File(tmp_path / "dive.h5", "w") as file:
+        file["compass"] = np.array(rows, dtype=[("time", "S24"), ("heading_deg", h5py.string_dtype())])
+
+    log = read_log(tmp_path / "dive.h5")
+
+    assert log.start_ns == 1_600_000_000 * SECOND
+    assert log.tables["compass"][["time_s", "heading_deg"]].to_numpy().tolist() == [[0.0, 1.5], [1.0, 2.5]]
+
+
+def test_a_column_of_lists_in_parquet_is_named(tmp_path: Path) -> None:
+    velocity = [[1.5, 0.0], [1.5, 0.0]]
+    pd.DataFrame({"time_ns": [T0, T0 + SECOND], "velocity": velocity}).to_parquet(tmp_path / "dvl.parquet")
+
+    log = open_log(tmp_path / "dvl.parquet")
+
+    (found,), (topic,) = log.findings(), log.topics()
+    assert found.text == "dvl.parquet: velocity is not read: it holds a list in each row; write the elements as columns"
+    assert topic.problem.endswith("; beside these: velocity (a list, not read)")
+
+
 def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> None:
     times = pd.array([T0 + 1, None, T0 + 3], dtype="Int64")
     pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
