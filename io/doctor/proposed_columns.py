@@ -31,7 +31,7 @@ from usbldr.io.tables.csv_sheets import (
     SINCE_NS,
     dated_columns,
     keys_since_1970,
-    named_days,
+    named_epoch,
     of_gps,
     side_columns,
 )
@@ -308,8 +308,8 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
         return "time_unix_s" if ISO.fullmatch(cell) else None
     if of_gps(column, cell):
         return None
-    if days := named_days(column):
-        return days
+    if epoch := named_epoch(column, cell):
+        return epoch
     units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
     own_clock = "time_s" if "time_s" in units and abs(float(cell)) * 1e9 < SINCE_NS else None
     return next((key for key in keys_since_1970(cell) if key in units), own_clock)

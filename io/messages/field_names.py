@@ -31,7 +31,7 @@ RULES: Sequence[Rule] = (
         "time",
         "time",
         "time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|sod|seconds?_of_(the_)?day|elapsed|"
-        "datenum|time_excel",
+        "datenum|time_excel|time_labview|x_value",  # the last is LabVIEW's
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(received|arrival)(_time|_unix)?"),

@@ -279,13 +279,19 @@ def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, int] | No
     cell = cells.get(column.name, "")
     if column.known or ISO.fullmatch(cell):
         return round(column.factor) if column.known else SECOND_NS, 0
-    key = named_days(column) or next(iter(keys_since_1970(cell)), None)
+    key = named_epoch(column, cell) or next(iter(keys_since_1970(cell)), None)
     return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
 
 
-def named_days(column: NamedColumn) -> str | None:
-    """Return the key of ``columns`` for the day numbers that a column is named for, None if for none."""
-    return next((key for key in AT_1970 if words_of(column.name).endswith(key.removeprefix("time_"))), None)
+def named_epoch(column: NamedColumn, cell: str) -> str | None:
+    """Return the key of ``columns`` for times from another year than 1970 that a column is named for, None if for none.
+
+    LabVIEW's X_Value may also count from the start of the measurement.
+    """
+    words = words_of(column.name)
+    if words == "x_value":
+        return "time_labview" if is_number(cell) and float(cell) >= AT_1970["time_labview"] else None
+    return next((key for key in AT_1970 if words.endswith(key.removeprefix("time_"))), None)
 
 
 def of_gps(column: NamedColumn, cell: str) -> bool:

@@ -139,7 +139,8 @@ def _with_point(cell: str) -> str:
 def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
     names, separator, lines, *_ = _begun(file)
-    return names, _cells(next((line for line in lines if line.strip()), ""), separator)
+    cells = _cells(next((line for line in lines if line.strip()), ""), separator)
+    return names, cells if separator in (",", None) else [_with_point(cell) for cell in cells]
 
 
 class _Begin(NamedTuple):

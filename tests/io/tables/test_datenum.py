@@ -79,3 +79,17 @@ def test_times_that_are_no_day_numbers_are_refused_in_one_sentence(tmp_path: Pat
     file = WRITERS["HDF5"](tmp_path, {"nav": nav})
     with pytest.raises(LogError, match="/nav: no value of the column t is a time before 2116 in its unit"):
         read(file)
+
+
+@pytest.mark.parametrize("columns", [{}, {"time_labview": "X_Value", "heading": "Heading (deg)"}])
+def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str]) -> None:
+    first = (FIRST - datetime(1904, 1, 1)).total_seconds()
+    head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t,\nTime_Pref\tAbsolute\n***End_of_Header***\n\n"
+    rows = "".join(f"{first + k / 4:.2f}\t{k}\n".replace(".", ",") for k in range(8))
+    file = tmp_path / "nav.lvm"
+    file.write_text(f"{head}X_Value\tHeading (deg)\n{rows}", encoding="utf-8")
+
+    log = read(file, **columns) if columns else read_log(file)
+
+    assert log.start_ns == T0
+    assert log.tables["compass"]["time_s"].tolist() == [k / 4 for k in range(8)]
