@@ -1,6 +1,5 @@
 """Units that the name of a column or field states: "DVL X [m/s]", "Heading (deg)", "stamp_ns"."""
 
-import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -137,7 +136,8 @@ def stated_degrees(text: str) -> float:
 def states_degrees(text: str) -> bool:
     """Return whether a text is an angle with a side or a degree sign."""
     with suppress(ValueError):
-        return not math.isnan(stated_degrees(text))
+        stated_degrees(text)
+        return True
     return False
 
 

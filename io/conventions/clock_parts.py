@@ -135,28 +135,25 @@ def _chosen(
     sensors: Mapping[str, _Sensor], first: _Sensor, part: str | int | None
 ) -> tuple[dict[str, RawRecords], Finding]:
     """Return the records of a part, or of all parts joined."""
-    stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
-    sizes = ", ".join(
-        f"{'back' if step.size_ns > 0 else 'forward'} by {abs(step.size_ns) / SECOND:.3f} s after {utc(step.before_ns)}"
-        for step in first.steps[:MOST_STEPS]
-    )
-    if len(first.steps) > MOST_STEPS and part is None:
-        once, count = sizes.partition(", ")[0], len(first.steps)
-        text = f"{', '.join(stepped)}: the clock goes {once}, and {count} times in all, as no clock does"
-        error = PartsError(f"{text}: the records are not in the order of their times; sort them", path=first.raw.log)
-        error.finding = _finding(first, text)
-        raise error
     last_ns = max(int(_clock(one)[-1]) for one in sensors.values() if one.steps)
     numbers = {role: _numbers(one, first.steps, last_ns) for role, one in sensors.items()}
     parts = _parts(sensors, numbers, first.steps)
     number = str(part) if part is not None else ""
+    stepped = sorted({one.raw.topic.name for one in sensors.values() if one.steps})
+    unordered = len(first.steps) > MOST_STEPS and part is None
+    sizes = ", ".join(
+        f"{'back' if step.size_ns > 0 else 'forward'} by {abs(step.size_ns) / SECOND:.3f} s after {utc(step.before_ns)}"
+        for step in (first.steps[:1] if unordered else first.steps)
+    )
     listed = "; ".join(f"part {k}: {utc(p.first_ns)} to {utc(p.last_ns)}" for k, p in enumerate(parts, start=1))
     if paused := [-step.size_ns for step in first.steps if -LONGEST_LOG_NS <= step.size_ns < 0]:
         why = "another recording, or dates to be read by time_format" if max(paused) > DAY else "another recording"
         sizes += f" (or all sensors pause there: {why})"
+    listed = f"{len(first.steps)} times in all, as no clock does" if unordered else listed
     text = f"{', '.join(stepped)}: the clock goes {sizes}, at record {first.steps[0].row + 1}; {listed}"
     if number != JOINED and number not in map(str, range(1, len(parts) + 1)):
         advice = f"choose one with --part N or part = N in the configuration; {JOINED} in place of N lets it count on"
+        advice = "the records are not in the order of their times: sort them" if unordered else advice
         if part is not None:
             raise UsageError(f"there is no part {part}: {text}; {advice}", path=first.raw.log)
         error = PartsError(f"{text}; {advice}", path=first.raw.log)

@@ -146,8 +146,7 @@ def grid_lines(log: Log, role: str) -> list[ConfigLine]:
     if "GRID-UNKNOWN" not in found:
         return []
     if code := utm_code(found.get("COLUMNS-BY-NAME", "")):
-        mark, needs = ("", "") if find_spec("pyproj") else ("# ", "; needs pip install 'usbldr[grid]'")
-        return [(f'{mark}grid = "{code}"', f"CHECK: by the names of its columns{needs}")]
+        return [(f'{"" if find_spec("pyproj") else "# "}grid = "{code}"', "CHECK: by the names of its columns")]
     return [('# grid = "EPSG:?"', "CHECK: state the code of the grid: EPSG:32631 is UTM zone 31 north")]
 
 

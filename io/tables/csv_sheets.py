@@ -318,10 +318,7 @@ def keys_since_1970(cell: str) -> list[str]:
 
 
 def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:
-    """Return why the columns of a sensor cannot be read, empty if they can.
-
-    A unit may be stated by the first cells, "45° 12.5' N"; beside letters of the sides, angles need none.
-    """
+    """Return why the columns of a sensor cannot be read, empty if they can; "45° 12.5' N" and sides state a unit."""
     for key, same in columns.items():
         if len(same) > 1 and key != "target":  # it may have a number and a name
             return f"has columns for the same quantity ({', '.join(column.name for column in same)}); {NAME_THEM}"

@@ -57,7 +57,12 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
             _take(item, budget)
             if item.dtype.kind not in "biuf":
                 values = np.ravel((item.asstr() if h5py.check_string_dtype(item.dtype) else item)[part])
-                return _texts(values) if values.dtype.kind in "SO" else values
+                if values.dtype.kind in "SO":  # h5py leaves the texts of records as bytes
+                    decoded = (
+                        one.decode(errors="replace") if isinstance(one, bytes) else one for one in values.tolist()
+                    )
+                    values = np.array(list(decoded), dtype=object)
+                return values
             values = _unpacked(item[part], item.attrs)
             return clock.dates(values) if clock else values
 
@@ -119,12 +124,6 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
         refuse_objects(file, [f"{path} ({why})" for path, why in left_out.items()])
     return [replace(one, left_out=left_out) for one in tables]
-
-
-def _texts(values: Column) -> Column:
-    """Return texts, of which h5py leaves those of records as bytes."""
-    texts = [one.decode(errors="replace") if isinstance(one, bytes) else one for one in values.tolist()]
-    return np.array(texts, dtype=object)
 
 
 def _number(content: Any, reference: Any) -> float | None:

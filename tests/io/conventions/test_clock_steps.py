@@ -258,7 +258,7 @@ def test_records_in_another_order_are_refused_in_a_short_sentence(tmp_path: Path
     with pytest.raises(PartsError) as stopped:
         read_log(as_csv(tmp_path, tables_of(times)))
 
-    assert stopped.value.text.endswith(": the records are not in the order of their times; sort them")
+    assert stopped.value.text.endswith("; the records are not in the order of their times: sort them")
     assert len(stopped.value.text) < 250
 
 
