@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from usbldr.io.reading.opening import Request
     from usbldr.io.reading.survey import Survey
 
-MAX_COLUMNS_SHOWN = 12  # of those that no sensor uses
+MAX_COLUMNS_SHOWN = 12  # [columns] of those that no sensor uses
 MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
 
 

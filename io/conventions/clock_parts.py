@@ -21,7 +21,7 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds, utc
 
 FEW = 2  # [records] of a slow topic within a stretch that is logged twice
-MOST_STEPS = 20  # of a clock in one log: more are records in another order
+MOST_STEPS = 20  # [steps] of a clock in one log: more are records in another order
 JOINED = "joined"
 
 

@@ -60,7 +60,7 @@ RULES: Sequence[Rule] = (
     Rule("usbl", "target", None, "(target|beacon|transponder)(_?(id|name|no|number|address))?"),
     Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
 )
-NEUTRAL: Mapping[Dimension, str] = {
+NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|bottom_track|bt|body|vehicle",
     "angle": "angle",
     "length": "position|pos|coordinate|distance",

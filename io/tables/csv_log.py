@@ -178,7 +178,8 @@ class CsvLog:
                 problem = f"{name} {NO_HEADER}"
             else:
                 problem = f"its columns match no sensor ({listed(source.header)}); {PROPOSED}"
-            return self._described(TopicInfo(topic, kind, "csv", 0, None, None, problem=problem), source)
+            info = TopicInfo(topic, kind, "csv", 0, None, None, problem=problem)
+            return source.shown.described(info, self._first_row(source))
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         times, faults = self._times(source, sheet.received)
         lines = self._own_rows(source, self._table(source.file).lines)
@@ -188,12 +189,12 @@ class CsvLog:
             self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
             problem = f"{source.file}: line {lines[min(faults)]}: {faults[min(faults)]}"
         info = TopicInfo(topic, sheet.type, "csv", *counted(times), fields, problem, is_shared=source.shown.is_shared)
-        return self._described(info, source) if source.shown.by_name else info
+        return source.shown.described(info, self._first_row(source)) if source.shown.by_name else info
 
-    def _described(self, info: TopicInfo, source: CsvSource) -> TopicInfo:
-        """Return a topic with the columns of its file, unless these have usbldr's own names."""
-        row = () if source.sensor else tuple(zip(plain_names(source.header), self._row(source.file), strict=False))
-        return source.shown.described(replace(info, first_row=row))
+    def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
+        """Return the columns and first cells of a file with one sensor."""
+        cells = () if source.sensor else self._row(source.file)
+        return tuple(zip(plain_names(source.header), cells, strict=False))
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
@@ -245,17 +246,12 @@ class CsvLog:
         parsed = numbers(cells, name, self._table(source.file).by_commas)
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
-    def _is_undated(self, source: CsvSource) -> bool:
-        """Return whether times of day without a date are the times of a topic."""
-        if source.sheet is None or source.sheet.received is None:
-            return False
-        cells = dict(zip(plain_names(source.header), self._row(source.file), strict=False))
-        return cells.get(source.sheet.received.column, "").startswith("1970-01-01T")
-
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and dates that have two readings."""
         found = [order.finding(self.path.name) for order in self._orders.values() if order.example]
-        undated = sorted({source.file.name for source in self._sources.values() if self._is_undated(source)})
+        timed = [(one, one.sheet.received) for one in self._sources.values() if one.sheet and one.sheet.received]
+        first = {one.file.name: dict(self._first_row(one)).get(clock.column, "") for one, clock in timed}
+        undated = sorted(name for name, cell in first.items() if cell.startswith("1970-01-01T"))
         found += [Finding("NO-DATE", f"{listed(undated)}: {UNDATED}")] if undated else []
         for topic, source in self._sources.items():
             found += source.shown.findings(topic) if topic in self._left_out else []

@@ -6,7 +6,7 @@ no value.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -151,7 +151,7 @@ class TableLog:
             known = sheet and f"{table.topic} {sheet.problem + beside if table.rows else 'has no rows'}"
             problem = known or unknown
             info = TopicInfo(topic, sheet.type if sheet else "", "table", 0, None, None, problem=problem)
-            return one.described(replace(info, first_row=self._first_row(table)))
+            return one.described(info, self._first_row(table))
         fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
         try:
             times, good = self._times(table, sheet.received)
@@ -163,7 +163,7 @@ class TableLog:
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         none = none if table.rows > len(times) == 0 else ""
         info = TopicInfo(topic, sheet.type, "table", *counted(times), fields, none, is_shared=one.is_shared)
-        return one.described(replace(info, first_row=self._first_row(table))) if one.by_name else info
+        return one.described(info, self._first_row(table)) if one.by_name else info
 
     def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
         """Return the columns, and the first value of those that may be times; the others are not read."""

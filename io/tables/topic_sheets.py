@@ -33,9 +33,9 @@ class TopicSheet(NamedTuple):
     is_shared: bool = False  # whether the table's rows hold other sensors, too
     unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table whose names tell
 
-    def described(self, info: TopicInfo) -> TopicInfo:
-        """Return a topic with its table and the columns that no sensor uses, if names tell what it is."""
-        return replace(info, table=self.table, unused=self.unused) if self.by_name else info
+    def described(self, info: TopicInfo, first_row: tuple[tuple[str, str], ...]) -> TopicInfo:
+        """Return a topic with its first row; with its table and the columns of no sensor if names tell what it is."""
+        return replace(info, first_row=first_row, table=self.table if self.by_name else "", unused=self.unused)
 
     def findings(self, topic: str) -> list[Finding]:
         """Report what the names of columns were taken for."""
