@@ -37,7 +37,7 @@ _SPELLINGS: Mapping[str, str] = {
     "deg": "degs degree degrees ° degt °t degtrue degreestrue degreet "
     "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
-    "degrees_east degree_east degrees_e degree_e degreese degreee",
+    "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",
     "rad": "rads radian radians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
     "dbar": "decibar decibars",

@@ -51,7 +51,7 @@ PLACES = (
     Rule("", "north_m", "length", "y|n"),
 )
 TARGET = re.compile(r"(^|_)target(_|$)")  # of a USBL system; of a controller it is where the vehicle should be
-YAW = Rule("compass", "heading_deg", "angle", "yaw")  # whose sense the doctor finds
+YAW = Rule("compass", "heading_deg", "angle", "yaw|kurs")  # whose sense the doctor finds; the second is German
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
 KEYS = {
     "x_mps": "x",

@@ -6,6 +6,7 @@ Only words whose meaning and sign are the same everywhere count: no yaw, sway or
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
+from unicodedata import normalize
 
 from usbldr.io.messages.topic_names import GPS_ITSELF, NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.units import Dimension, NamedUnit, named_unit
@@ -30,14 +31,14 @@ RULES: Sequence[Rule] = (
         "",
         "time",
         "time",
-        "time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|sod|seconds?_of_(the_)?day|elapsed|"
+        "time|(uhr)?zeit|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|sod|seconds?_of_(the_)?day|elapsed|"
         "datenum|time_excel|time_labview|x_value",  # the last is LabVIEW's
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(received|arrival)(_time|_unix)?"),
-    Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge"),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|right)"),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left)", -1.0),
+    Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge|voraus"),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|right|steuerbord)"),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left|backbord)", -1.0),
     Rule("dvl", "up_mps", "velocity", "(?<!down_)(up|upward)"),
     Rule("dvl", "up_mps", "velocity", "(?<!up_)(down|downward)", -1.0),
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
@@ -47,11 +48,13 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_t(rue)?)?|hdt"),
-    Rule("depth", "depth_m", "length", "depth"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_t(rue)?)?|hdt|steuerkurs"),
+    Rule("depth", "depth_m", "length", "depth|tiefe"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
     Rule("", "lon_deg", "angle", "lon|long|lng|longitude"),
+    Rule("", "lat_deg", "angle", "breite(ngrad)?", alone=False),  # of degrees; German also for a width and a length
+    Rule("", "lon_deg", "angle", "(lange|laenge)(ngrad)?", alone=False),
     Rule("", "east_m", "length", "east(ing)?"),
     Rule("", "north_m", "length", "north(ing)?"),
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
@@ -75,7 +78,7 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
 }
 """A sensor is there if all columns of one of these are."""
 OTHER = re.compile(
-    r"(^|_)(earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
+    r"(^|_)(set|target_(heading|hdg|depth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
     r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
 )
 """Words of columns that are no measurement of these sensors."""
@@ -104,8 +107,9 @@ class NamedColumn(NamedTuple):
 
 
 def words_of(label: str) -> str:
-    """Return a name in lower case, its words parted by "_": "DVL X", "dvlX" and "dvl.x" are dvl_x."""
-    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", label)
+    """Return a name in lower case, its words parted by "_": "DVL X", "dvlX" and "dvl.x" are dvl_x, "Länge" is lange."""
+    plain = label if label.isascii() else re.sub("[\u0300-\u036f]", "", normalize("NFKD", label))  # without accents
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", plain)
     return re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 GPS_ITSELF = r"gps|gnss|navsat|global_position"
 HINTS: Mapping[str, str] = {
     "dvl": r"dvl|doppler|velocity_report|bottom_?(track|lock)|nortek|a50|a125",
-    "compass": r"compass|heading|hdg|hdt|ahrs|imu|gyro",
+    "compass": r"[ck]ompass|(?:^|[/_ ])kurs|heading|hdg|hdt|ahrs|imu|gyro",
     "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/|"
     r"beacon|transponder",
     "gps": rf"{GPS_ITSELF}|fix",

@@ -118,6 +118,7 @@ def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
         ("DVL Fwd m/s", "DVL Stbd m/s", "HDG_T deg"),
         ("Vel Fwd [m/s]", "Vel Right [m/s]", "HDT, deg"),
         ("Forward Velocity BT (m/s)", "Starboard (body) [m/s]", "Heading Angle (deg)"),
+        ("DVL voraus (m/s)", "DVL Steuerbord (m/s)", "Steuerkurs (°)"),
     ],
 )
 def test_words_beside_a_quantity_that_add_nothing_do_not_hide_it(
@@ -445,6 +446,7 @@ def test_thousands_are_parted_by_any_other_mark_than_decimals(value: float, mark
     "header",
     ["t_s,Yaw (deg)", "t_s,Heading Rate (deg)", "t_s,Ship Heading (deg)", "t_s,Easting [m],Northing [m]",
      "t_s,Surge [m/s],Sway [m/s]", "t_s,Forward [m/s]", "t_s,x [m],y [m]", "t_s,Water X [m/s],Water Y [m/s]",
+     "t_s,Target Heading (deg)", "t_s,Länge [m],Breite [m]",
      "t_s,USBL true_east_m,USBL true_north_m", "t_s,Latitude (deg),Longitude (deg)"],
 )  # fmt: skip
 def test_names_that_could_mean_something_else_are_left_to_the_user(tmp_path: Path, header: str) -> None:
