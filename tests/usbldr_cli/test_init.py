@@ -153,12 +153,12 @@ def test_sensors_of_no_known_topic_are_asked_for(tmp_path: Path) -> None:
 
 
 def test_a_table_whose_columns_say_nothing_gets_a_file_to_complete(tmp_path: Path) -> None:
-    log = write_csv(tmp_path / "made", a="Zeit;vor;rechts;Kurs;Ost;Nord\n1;2;3;4;5;6")
+    log = write_csv(tmp_path / "made", a="Aika;eteen;oikea;suunta;itä;pohjoinen\n1;2;3;4;5;6")
 
     said, text = asked_in(log / "a.csv", tmp_path / "made.toml")
 
     assert "init" not in said
-    assert "#   /a: Zeit, vor, rechts, Kurs, Ost, Nord\n" in text
+    assert "#   /a: Aika, eteen, oikea, suunta, itä, pohjoinen\n" in text
     assert re.findall(r'^# \[(\w+)\]\n# topic = "/a"', text, re.MULTILINE) == ["dvl", "compass", "usbl"]
 
 
