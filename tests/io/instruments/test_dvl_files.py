@@ -176,7 +176,7 @@ def test_an_object_that_is_not_closed_costs_its_lines_alone(tmp_path: Path) -> N
 
 def test_settings_in_json_are_no_log(tmp_path: Path) -> None:
     (tmp_path / "settings.json").write_text(json.dumps({"usbl": {"x": 1}, "list": [{"a": 1}]}, indent=2), "utf-8")
-    with pytest.raises(LogError, match="unknown format"):
+    with pytest.raises(LogError, match="is JSON, but not of one object a record"):
         open_log(tmp_path / "settings.json")
 
 
