@@ -115,10 +115,7 @@ class CsvLog:
         return list(columns), [next(iter(column), "") for column in columns.values()]
 
     def _first_cells(self, file: Path) -> Sequence[str]:
-        """Return the first cell of each column that is not empty; dates and times as ISO text.
-
-        All rows are read for these, and if the first one has empty cells.
-        """
+        """Return the first filled cell of each column; dates and times as ISO text, for which all rows are read."""
         names, cells = self._begin(file)
         read = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
         read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)]

@@ -40,7 +40,7 @@ SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)"
 NAMED_ZONE = re.compile(r"(?:(?:UTC|GMT) ?|[\[(] ?)([+-])(\d{1,2})(?::?([0-5]\d))?(?!\d)", re.IGNORECASE)
 """A zone that a column's name states: "Time (UTC+2)", "Time [+02:00]"."""
 UNKNOWN_ZONE = re.compile(
-    r"[\[(] ?((?!UTC|GMT)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
+    r"[\[(] ?((?!UTC?|GMT)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
 )
 ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
