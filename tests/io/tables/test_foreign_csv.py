@@ -118,7 +118,7 @@ def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
         ("DVL Fwd m/s", "DVL Stbd m/s", "HDG_T deg"),
         ("Vel Fwd [m/s]", "Vel Right [m/s]", "HDT, deg"),
         ("Forward Velocity BT (m/s)", "Starboard (body) [m/s]", "Heading Angle (deg)"),
-        ("DVL voraus (m/s)", "DVL Steuerbord (m/s)", "Steuerkurs (°)"),
+        ("Geschwindigkeit voraus (m/s)", "Geschwindigkeit rechts (m/s)", "Steuerkurs (°)"),
     ],
 )
 def test_words_beside_a_quantity_that_add_nothing_do_not_hide_it(
