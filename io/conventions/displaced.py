@@ -149,11 +149,11 @@ class _Judge:
     def log_odds_against(self, one: Stretch) -> float:
         """Return the log odds of the fixes against the velocities of a stretch, 0 without fixes on both sides."""
         times_s, position_m = self._fixes.time_s, self._fixes.position_m
-        before, after = np.searchsorted(times_s, self._time_s[[one.first, one.end - 1]])
-        count = int(min(FIXES_BESIDE, before, len(times_s) - after))
+        before, after = np.searchsorted(times_s, self._time_s[[one.first, one.end - 1]]).tolist()
+        count = min(FIXES_BESIDE, before, len(times_s) - after)
         if not count:
             return 0.0
-        last, first = np.arange(after, after + count), np.arange(before - 1, before - 1 - count, -1)
+        last, first = after + np.arange(count), before - 1 - np.arange(count)
         rows = slice(int(self._row[first[-1]]), int(self._row[last[-1]]) + 1)
         without = self._velocity_mps[rows].copy()
         without[one.first - rows.start : one.end - rows.start] = self._without(one)
@@ -161,10 +161,16 @@ class _Judge:
         errors_m = list[Array]()
         for velocity in (self._velocity_mps[rows], without):
             way_m = self._way_m(rows, velocity)
-            errors_m.append(way_m[self._row[last] - rows.start] - way_m[self._row[first] - rows.start] - of_fixes_m)
-        error_m = np.median(errors_m, axis=1)  # (2 ways, 2)
+            between_m = way_m[self._row[last] - rows.start] - way_m[self._row[first] - rows.start]
+            errors_m.append(between_m - of_fixes_m if self.trusts_most else _lengths(between_m) - _lengths(of_fixes_m))
+        error_m = np.median(errors_m, axis=1)  # (2 ways, its axes)
         of_dr_m2 = self._dr_error2 * float(np.median(np.sum(of_fixes_m**2, axis=1)))
         variance_m2 = math.pi * self._fix_variance_m2 / count + of_dr_m2  # pi / 2: of a median
         of_both_m2 = variance_m2 + np.array([0.0, self._variance_m2ps2 * self._span_s(one) ** 2])
-        cost = np.sum(error_m**2, axis=1) / of_both_m2 + 2 * np.log(of_both_m2)
+        cost = np.sum(error_m**2, axis=1) / of_both_m2 + error_m.shape[1] * np.log(of_both_m2)
         return float(cost[0] - cost[1]) / 2
+
+
+def _lengths(ways_m: Array) -> Array:
+    """Return the lengths of n ways, (n, 1): all that counts if a convention may be wrong."""
+    return np.linalg.norm(ways_m, axis=1, keepdims=True)
