@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.reading.read import read_log
 from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario, scenario_names
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
 
 PAPER = find_scenario("paper")
@@ -85,21 +84,6 @@ def test_a_faulty_dive_reads_back_as_it_was_simulated(tmp_path: Path, name: str)
     np.testing.assert_array_equal(read.truth.time_s, written.truth.time_s)
     np.testing.assert_allclose(read.truth.position_m, written.truth.position_m, atol=1e-8)
     np.testing.assert_array_equal(read.truth.sd_m, written.truth.sd_m)
-
-
-@pytest.mark.parametrize("name", scenario_names())
-def test_every_scenario_reads_back_as_the_filters_are_given_it_in_memory(tmp_path: Path, name: str) -> None:
-    short = dataclasses.replace(find_scenario(name), duration_s=40.0)
-    written, configuration = write_scenario(short, 0, tmp_path / "dive.mcap")
-
-    read = read_log(tmp_path / "dive.mcap")
-
-    assert (read.configuration, read.parameters) == (configuration, written.parameters)
-    for sensor, table in written.tables.items():
-        pd.testing.assert_frame_equal(read.tables[sensor], table, rtol=0, atol=1e-8 if sensor == "gps" else 1e-11)
-    reported = tomllib.loads(configuration.read_text(encoding="utf-8"))
-    for section in ("dvl", "compass", "usbl"):
-        assert not {"scale_error", "mount_deg", "bias_deg", "latency_s", "head"} & set(reported[section])
 
 
 def test_a_sensor_that_never_spoke_has_no_table() -> None:

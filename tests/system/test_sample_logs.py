@@ -2,10 +2,8 @@
 
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -72,29 +70,3 @@ def test_every_sample_reads_whole_with_its_configuration_and_truth(name: str) ->
     assert not any(finding.lost_data for finding in log.findings)
     assert log.truth is not None
     assert log.truth.kind == "simulated"
-
-
-def test_the_lawnmower_is_one_dive_in_three_formats() -> None:
-    mcap, *others = (read_log(SAMPLES / name) for name in ("lawnmower.mcap", "lawnmower.bag", "lawnmower_csv"))
-
-    for other in others:
-        for sensor, table in mcap.tables.items():
-            pd.testing.assert_frame_equal(other.tables[sensor], table, rtol=0, atol=LAST_BITS_M)
-
-
-def test_the_turn_is_a_stretch_of_the_lawnmower() -> None:
-    whole, turn = read_log(SAMPLES / "lawnmower.mcap"), read_log(SAMPLES / "lawnmower_turn_db3")
-
-    for sensor, table in turn.tables.items():
-        absolute_s = table["time_s"] + (turn.start_ns - whole.start_ns) / 1e9
-        found = whole.tables[sensor].set_index(np.round(whole.tables[sensor]["time_s"], 6)).loc[np.round(absolute_s, 6)]
-        names = [column for column in table.columns if column not in ("time_s", "received_s", "valid")]
-        np.testing.assert_allclose(table[names], found[names], atol=1e-7)
-
-
-def test_no_configuration_gives_an_error_of_a_sensor_away() -> None:
-    for file in SAMPLES.rglob("*usbldr.toml"):
-        stated = tomllib.loads(file.read_text())
-        for sensor in ("dvl", "compass", "usbl"):
-            reported = {key for key, value in stated[sensor].items() if value not in (0.0, [0.0, 0.0, 0.0])}
-            assert not reported & {"bias_deg", "mount_deg", "scale_error", "latency_s", "declination_deg"}, file

@@ -312,17 +312,6 @@ def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:
     assert 0 < se < mean
 
 
-def test_a_folder_of_definitions_is_looked_for_beside_the_baseline(gate: Path) -> None:
-    definition = gate.parent / "msgs" / "our_msgs" / "msg" / "Compass.msg"
-    definition.parent.mkdir(parents=True)
-    definition.write_text("float64 heading\n")
-    _spoil(gate, 'filter = "dr"', 'filter = "dr"\nmsg_path = "msgs"')
-
-    run = _check(gate)
-
-    assert (run.returncode, run.stderr) == (0, ""), run.stdout
-
-
 @pytest.mark.parametrize("key", ["msg_path", "msg-path"])
 def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_beside(
     tmp_path: Path, key: str

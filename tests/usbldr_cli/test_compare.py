@@ -132,27 +132,6 @@ def test_many_logs_have_a_line_each_and_one_figure(dive: Path, tmp_path: Path) -
     output_of("compare", *logs, "-f", "usbl", "--seeds", 1, "-j", 1, "-o", out, "--force")
 
 
-def test_replay_and_compare_give_the_same_numbers(compared: Path, dive: Path, tmp_path: Path) -> None:
-    output_of("replay", dive, "--filter", "ckf", "-o", tmp_path / "run")
-
-    metrics = json.loads((tmp_path / "run" / "report.json").read_text())["metrics"]
-
-    for name in ("mean_abs_east_m", "rmse_horizontal_m", "nees_mean", "nis_mean_usbl"):
-        assert content(compared)["rows"][0][name] == metrics[name]
-
-
-def test_the_number_of_jobs_changes_no_bit(dive: Path) -> None:
-    units = [Job(str(dive), m, dataclasses.replace(CHOICES, seed=k)) for m in ("pf", "cpf") for k in (0, 1)]
-
-    one, two = run_jobs(units, LocalProcesses(1)), run_jobs(units, LocalProcesses(2))
-
-    def reported(outcomes: list[Any]) -> list[dict[str, float]]:
-        return [dict(outcome.metrics) for outcome in outcomes]
-
-    assert reported(one) == reported(two)
-    assert reported(one)[0] != reported(one)[1]  # another seed, other draws
-
-
 def test_of_a_scenario_each_seed_is_a_dive_and_a_missing_log_is_a_sentence(tmp_path: Path) -> None:
     units = [Job("paper", "usbl", dataclasses.replace(CHOICES, seed=k)) for k in (0, 1, 0)]
     missing = Job(str(tmp_path / "nothing"), "usbl", CHOICES)

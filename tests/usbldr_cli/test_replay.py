@@ -143,14 +143,3 @@ def test_a_report_says_how_it_was_made(dive: Path) -> None:
 
 def _inputs(dive: Path, truth: Path) -> dict[str, Path]:
     return {"log": dive, "configuration": dive.parent / "paper.usbldr.toml", "truth": truth}
-
-
-def test_two_runs_differ_in_their_wall_times_alone(dive: Path) -> None:
-    reports = []
-    for _ in range(2):
-        replay(dive, "-f", "adf", "--end", "60", "--plots", "none", "--force")
-        reports.append(_report(dive.parent / "run"))
-
-    first, second = ({key: value for key, value in one.items() if key != "timing"} for one in reports)
-    assert first == second
-    assert list(reports[0]["timing"]) == ["filter_time_s"]

@@ -3,17 +3,8 @@
 import numpy as np
 import pytest
 
-from recordings import SECOND
-from usbldr.io.conventions.time_series import TimeSeries, bracketing, unwrap
+from usbldr.io.conventions.time_series import bracketing, unwrap
 from usbldr.io.messages import layouts
-
-
-def test_between_records_one_interpolates_and_beyond_them_nothing_is_known() -> None:
-    samples = TimeSeries(np.array([0, 2, 10], dtype=np.int64) * SECOND, np.array([[0.0], [4.0], [20.0]]))
-    asked = np.array([-1, 0, 1, 2, 5, 10, 11], dtype=np.int64) * SECOND
-
-    np.testing.assert_array_equal(samples.at(asked)[:, 0], [np.nan, 0, 2, 4, 10, 20, np.nan])
-    np.testing.assert_array_equal(samples.at(asked, 3.0)[:, 0], [np.nan, 0, 2, 4, np.nan, 20, np.nan])
 
 
 def test_the_records_beside_the_wanted_times_give_what_all_records_give() -> None:

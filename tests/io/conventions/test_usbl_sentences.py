@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pymap3d
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -84,16 +83,10 @@ def test_what_no_manual_settles_is_refused_with_the_reason(tmp_path: Path, body:
     assert said.endswith("(--usbl none: replay without usbl)")
 
 
-@pytest.mark.parametrize("orientation", "NG")
-def test_radians_of_a_hipap_are_latitude_and_longitude(tmp_path: Path, orientation: str) -> None:
-    lat, lon = math.radians(44.986366), math.radians(-93.5761859)
-
-    log = logged(tmp_path, f"PSIMSSB,122640.00,B01,A,,R,{orientation},M,{lat:.12f},{lon:.12f},3.0,1.5,N,,", toml=LAKE)
-
-    assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
-
-
+RADIANS = f"{math.radians(44.986366):.12f},{math.radians(-93.5761859):.12f}"
 GEODETIC = {
+    f"PSIMSSB,122640.00,B01,A,,R,N,M,{RADIANS},3.0,1.5,N,,": "usbl",
+    f"PSIMSSB,122640.00,B01,A,,R,G,M,{RADIANS},3.0,1.5,N,,": "usbl",
     "PSIMSSB,122640.00,B01,A,,D,G,M,4459.181960,N,09334.571154,W,3.0,1.5,N,,": "usbl",
     "PEVOSSB,122640.00,2,1,G,T,R,44.986366,-93.5761859,-3.0,1.5,-30,180,,": "usbl",
     "PSONLLD,122640.00,2401,A,44.986366,-93.5761859,999.916,5.33,5.33,0.00,0.62,,,,": "usbl",
@@ -142,13 +135,6 @@ def test_every_orientation_of_every_maker_is_turned_to_east_and_north(tmp_path: 
     toml = f"[usbl]\nhead = {{ east_m = 100.0, north_m = 200.0, heading_deg = {EAST_30_NORTH_40[body]} }}\n"
 
     assert places(logged(tmp_path, body, toml=toml))[0] == pytest.approx([130, 240])
-
-
-def test_a_magnetic_heading_by_hdm_stays_magnetic_and_that_is_said(tmp_path: Path) -> None:
-    log = logged(tmp_path, "HCHDM,35.25,M", toml="")
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [35.25]
-    assert "HEADING-MAGNETIC" in {finding.code for finding in log.findings}
 
 
 LONG = [
@@ -206,19 +192,3 @@ def test_the_angles_of_an_evologics_head_are_turned_to_those_that_it_states() ->
     east, north, high = attitude_matrix(*np.array(heading_pitch_roll(ANGLES, 7))[:, None])[0] @ seen
 
     assert (math.atan2(north, east), math.asin(high)) == pytest.approx((east_north, up), abs=DIGITS)
-
-
-@pytest.mark.parametrize("heading_deg", [0.0, 123.0, 271.5])
-def test_a_hipap_head_up_is_starboard_and_forward_of_the_bow(tmp_path: Path, heading_deg: float) -> None:
-    """100.1 m to port and 50.5 m ahead of a ship, turned by scipy and placed by pymap3d."""
-    ship = ["GPGGA,102449.00,5119.837686,N,00050.099577,W,2,12,0.6,0.0,M,48.0,M,,", f"HEHDT,{heading_deg},T"]
-    fix = "PSIMSSB,102449.231,M23,A,,C,H,M,-100.10,50.50,200.20,1.436,N,,"
-    later = [body.replace("102449.00", "102450.00") for body in ship]
-    lines = [f"{T0_S + k} {sentence(body)}" for k, bodies in enumerate(([*ship], [fix, *later])) for body in bodies]
-    toml = on_map(*SHIP) + '[usbl]\nhead = { topic = "/GPGGA", heading_topic = "/HEHDT" }\n'
-    log = logged_nmea(tmp_path, *lines, toml=toml)
-
-    north, east, _ = Rotation.from_euler("z", heading_deg, degrees=True).apply([50.5, -100.1, 200.2])
-    lat, lon, _ = pymap3d.ned2geodetic(north, east, 0.0, *SHIP, 0.0)
-    expected = pymap3d.geodetic2enu(lat, lon, 0.0, *SHIP, 0.0)[:2]
-    assert places(log)[0] == pytest.approx(expected, abs=0.002)

@@ -14,8 +14,7 @@ import pytest
 from commands import findings, output_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
-from recordings import SECOND, T0, Row, point, write_csv, yaw
-from usbldr.filters.errors import LogError
+from recordings import SECOND, T0, Row, point, write_csv
 from usbldr.filters.identification.identification import Identification, SensorErrorEvidence
 from usbldr.filters.models.parameters import Parameters
 from usbldr.io.doctor.cross_check import convention_warnings, cross_check
@@ -224,18 +223,6 @@ def test_two_topics_for_a_role_are_an_error_and_the_one_with_more_messages_is_ex
     assert "ROLE-UNDECIDED: 2 topics could be the usbl" in done.output
     assert "doctor uses /usbl" in done.output
     assert "HEADING-CHECKED" in done.output
-
-
-def test_a_log_without_a_sensor_is_ill_and_one_that_is_none_is_unreadable(tmp_path: Path) -> None:
-    none = tmp_path / "none.mcap"
-    none.write_bytes(b"no log at all")
-
-    missing = run("doctor", written(tmp_path, [row for row in curved_dive() if row[1] != "/dvl"]))
-    unreadable = run("doctor", none)
-
-    assert missing.return_value == 1
-    assert "SENSOR-MISSING: no dvl data (sensors in this log: compass, usbl)" in missing.output
-    assert isinstance(unreadable.exception, LogError)
 
 
 def test_a_heading_logged_later_than_the_dvl_is_found(tmp_path: Path) -> None:
@@ -475,18 +462,6 @@ def test_a_transponder_ahead_is_a_lever_arm_and_no_latency_until_it_is_stated(tm
     assert json.loads(proposed[1]) == pytest.approx([0.0, -3.0, 0.0], abs=0.3)  # DVL minus transponder
     assert set(ill) & SENSOR_ERRORS == {"DVL-LEVER"}
     assert not set(cured) & SENSOR_ERRORS
-
-
-def test_a_magnetic_heading_is_found_as_a_turn_that_the_declination_takes_off(tmp_path: Path) -> None:
-    """At 12 degrees of declination, east positive, a magnetic compass reads 12 degrees less."""
-    rows = [
-        yaw(row[0], float(np.degrees(yaw_rad(row))) + 12.0) if row[1] == "/imu" else row
-        for row in curved_dive(gps=True)
-    ]
-    log = written(tmp_path, rows)
-
-    assert findings(log)["DVL-MOUNT"]["worst"] == pytest.approx(12.0, abs=1.0)
-    assert "HEADING-CHECKED" in cured_by(log, "[compass]\ndeclination_deg = 12.0\n")
 
 
 def test_settings_are_parsed_once_and_messages_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -249,12 +249,13 @@ def test_rmc_repeats_the_position_of_gga_and_is_used_if_that_is_missing(tmp_path
     assert alone.start_ns == T0
 
 
-# the last is magnetic 30, deviation 2 west, variation 7.25 east
-@pytest.mark.parametrize("body", ["HEHDT,35.25,T", "GPTHS,35.25,A", "HCHDG,30.0,2.0,W,7.25,E"])
-def test_headings_are_degrees_clockwise_from_true_north(tmp_path: Path, body: str) -> None:
+# the last but one is magnetic 30, deviation 2 west, variation 7.25 east
+@pytest.mark.parametrize("body", ["HEHDT,35.25,T", "GPTHS,35.25,A", "HCHDG,30.0,2.0,W,7.25,E", "HCHDM,35.25,M"])
+def test_headings_are_degrees_clockwise_from_north_and_a_magnetic_one_is_said(tmp_path: Path, body: str) -> None:
     log = logged_nmea(tmp_path, f"1600000000 {sentence(body)}")
 
     assert log.tables["compass"]["heading_deg"][0] == pytest.approx(35.25)
+    assert ("HEADING-MAGNETIC" in codes(log)) == ("HDM" in body)
 
 
 SOUTH = GAPS_WEST.partition("*")[0].replace(",N,", ",S,")
@@ -337,17 +338,6 @@ def test_a_file_of_sentences_is_recognised_by_its_content(tmp_path: Path) -> Non
     assert log.format == "NMEA text"
     assert [topic.name for topic in log.topics()] == ["/GPGGA", "/PTSAG"]
     assert log.topics()[0].first_ns == T0 + SECOND // 2
-
-
-@pytest.mark.parametrize("cut", range(1, 24))
-def test_a_file_cut_anywhere_gives_what_is_whole(tmp_path: Path, cut: int) -> None:
-    """Also if the cut leaves a shorter number: 12 of 123.5 is not a heading."""
-    whole = "".join(f"{1600000000 + k} {sentence('HEHDT,123.5,T')}\n" for k in range(3))
-    (tmp_path / "cut.txt").write_text(whole[:-cut], encoding="utf-8")
-
-    heading = read_log(tmp_path / "cut.txt").tables["compass"]["heading_deg"]
-
-    assert heading.tolist() == [123.5] * (3 if cut == 1 else 2)
 
 
 def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> None:

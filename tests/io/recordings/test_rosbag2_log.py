@@ -2,7 +2,6 @@
 
 import shutil
 import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -163,16 +162,6 @@ def test_a_folder_that_is_no_recording_is_named(tmp_path: Path, files: list[str]
         named(folder, "dive_0.db3")
 
     assert refusal(LogError, open_log, folder) == f"{folder}: {sentence}"
-
-
-def test_messages_compressed_one_by_one_are_read(tmp_path: Path) -> None:
-    file = five(tmp_path)
-    with closing(sqlite3.connect(file)) as database, database:
-        for number, data in database.execute("SELECT id, data FROM messages").fetchall():
-            packed = zstandard.ZstdCompressor().compress(data)
-            database.execute("UPDATE messages SET data = ? WHERE id = ?", (packed, number))
-
-    assert x_of(file) == [0, 1, 2, 3, 4]
 
 
 def compressed(folder: Path, storage: StoragePlugin, mode: CompressionMode) -> Path:
