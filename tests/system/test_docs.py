@@ -1,14 +1,28 @@
-"""README and tutorial are held to the commands: each runs, in order, in one folder, and prints what the page shows."""
+"""The pages of the documentation are held to the program: commands, output, names, types and the Python interface."""
 
 import doctest
+import inspect
+import json
 import re
+import shlex
 import shutil
+import tomllib
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner
+from ruamel.yaml import YAML
 
+import usbldr
 from checkout import ROOT
+from commands import command, options_of
+from recordings import T0, define, write_mcap
+from usbldr.filters.replay.methods import METHODS
+from usbldr.io.messages import registry
+from usbldr.io.messages.layouts import MessageLayout
+from usbldr.io.reading.read import read_log
 from usbldr_cli.main import COMMANDS, cli
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -65,3 +79,203 @@ def test_the_help_lists_every_command_and_the_exit_codes() -> None:
         assert re.search(rf"^\s+{name}\s", done.output, re.MULTILINE)
     for code in ("0 good", "1 a check failed", "2 wrong usage", "3 the log is unreadable", "130 interrupted"):
         assert code in done.output
+
+
+PAGES = {
+    name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("features", "troubleshooting", "ci", "findings", "configuration")
+}
+
+
+def found(pattern: str, page: str) -> list[Any]:
+    return sorted(set(re.findall(pattern, PAGES[page])))
+
+
+@pytest.mark.parametrize("line", found(r"`usbldr ([^`]+)`", "features"))
+def test_every_command_among_the_features_has_its_options(line: str) -> None:
+    name, *words = line.split()
+    assert {word for word in words if re.fullmatch(r"--?[a-z][a-z-]*", word)} <= options_of(name)
+
+
+@pytest.mark.parametrize("option", found(r"`(--[a-z-]+)", "features"))
+def test_every_option_among_the_features_is_one_of_a_command(option: str) -> None:
+    assert any(option in options_of(name) for name in COMMANDS)
+
+
+def test_every_filter_is_among_the_features() -> None:
+    row = next(line for line in PAGES["features"].splitlines() if "`--filter dr`" in line)
+    listed = set(re.findall(r"`(?:--filter )?([a-z]+)`", row.split("|")[2]))
+    elsewhere = {"aekf", "afukf", "pf-wekf"}
+    assert listed == set(METHODS) - elsewhere
+
+
+def test_every_code_of_the_symptoms_is_one_of_a_finding() -> None:
+    codes = set(found(r"`([A-Z]+(?:-[A-Z]+)+|[A-Z]{5,})`", "troubleshooting"))
+    assert len(codes) > 15
+    assert codes <= set(found(r"`([A-Z-]+)`", "findings"))
+
+
+@pytest.mark.parametrize("option", found(r"`(--[a-z-]+)", "troubleshooting"))
+def test_every_option_of_the_symptoms_is_one_of_replay(option: str) -> None:
+    assert option in options_of("replay")
+
+
+FILTERS = {"adf", "cpf"}
+REPORTED = {"heading", "calibrated", "recovery", "noise", "whiteness", "evidence", "provenance", "diverged", "compare"}
+"""Lines of a report and words of tables."""
+
+
+@pytest.mark.parametrize("key", found(r"`([a-z]+(?:_[a-z]+)*)(?: = [^`]*)?`", "troubleshooting"))
+def test_every_key_of_the_symptoms_is_explained(key: str) -> None:
+    assert key in FILTERS | REPORTED or re.search(rf"`{key}\b", PAGES["configuration"])
+
+
+def test_the_workflows_for_ci_are_yaml_and_keep_what_failed() -> None:
+    blocks = re.findall(r"```yaml\n(.*?)```", PAGES["ci"], re.DOTALL)
+    github, gitlab = (YAML(typ="safe").load(block) for block in blocks)
+
+    steps = github["jobs"]["gate"]["steps"]
+    assert any("GITHUB_STEP_SUMMARY" in step.get("run", "") and step["if"] == "always()" for step in steps)
+    (upload,) = [step for step in steps if "upload-artifact" in step.get("uses", "")]
+    assert gitlab["gate"]["artifacts"]["reports"]["junit"] == "gate.xml"
+    assert upload["with"]["path"] == gitlab["gate"]["artifacts"]["paths"][0]
+
+
+def test_the_checks_of_a_terminal_and_of_both_services_take_their_options() -> None:
+    lines = re.findall(r"(?:^\$|- run:|    -) usbldr (check|baseline) (.*)$", PAGES["ci"], re.MULTILINE)
+
+    assert [name for name, _ in lines] == ["baseline", "check", "check", "check"]
+    for name, words in lines:
+        assert command(name).make_context(name, shlex.split(words)).params
+
+
+DOC = (ROOT / "docs" / "types.md").read_text(encoding="utf-8")
+SPEED = "float64 forward\nfloat64 port\nfloat64 up\n"
+define(
+    {
+        "acme_msgs/msg/Speed": SPEED,
+        "acme_msgs/msg/BottomLock": "std_msgs/Header header\nacme_msgs/Speed speed\nint32 status\nfloat64 sigma\n",
+    }
+)
+
+
+def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = DOC[DOC.index("## A new type") : DOC.index("## A new sentence")]
+    (shown,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (layout,) = msgspec.convert(tomllib.loads(shown)["layout"], list[MessageLayout])
+    monkeypatch.setattr(registry, "LAYOUTS", {**registry.LAYOUTS, "dvl": (layout,)})
+    values = {"header.stamp": T0, "speed.forward": 150.0, "speed.port": -20.0, "status": 1, "sigma": 2.0}
+    rows = [(T0 + k, "/acme", "acme_msgs/msg/BottomLock", {**values, "status": 1 - k}) for k in range(2)]
+
+    file = write_mcap(tmp_path / "dive.mcap", rows)
+    (tmp_path / "usbldr.toml").write_text('[dvl]\nsd_mps = "message"', encoding="utf-8")
+    table = read_log(file).tables["dvl"]
+
+    assert (table["starboard_mps"].iloc[0], table["forward_mps"].iloc[0]) == pytest.approx((0.2, 1.5))
+    assert table["sd_mps"].iloc[0] == pytest.approx(0.02)
+
+
+def cells(heading: str, column: int) -> list[str]:
+    """Return one column of the tables under a heading of the page."""
+    part = DOC[DOC.index(heading) :].split("\n## ")[0]
+    rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("| ")]
+    return [row[column] for row in rows]
+
+
+def names(cell: str) -> set[str]:
+    """Return the types that a cell names, without their packages, in lower case; a name with a suffix is a topic's."""
+    words = re.findall(r"`([A-Za-z0-9_./]+)`", cell)
+    return {word.rpartition("/")[2].rpartition(".")[2].lower() for word in words}
+
+
+def test_every_type_that_the_page_names_is_known_and_every_type_that_is_read_stands_there() -> None:
+    known = {layout.type for layouts in registry.LAYOUTS.values() for layout in layouts if not layout.unsupported}
+    named = set[str]().union(*map(names, cells("## What is read", 0)))
+
+    assert named - {"compass_hdg", "rel_alt"} <= known
+    assert known - {*registry.LAYOUTS, "psonlld_ship", "ptsag_ship"} <= named
+
+
+SENSORS = {"DVL": "dvl", "heading": "compass", "USBL": "usbl", "GPS": "gps", "depth": "depth"}
+FOUND = {"by type": "by type", "with a name": "by type and name", "named": "only when named"}
+
+
+def test_each_type_is_found_the_way_that_the_page_says() -> None:
+    role = ""
+    for kind, found in zip(cells("## What is read", 0), cells("## What is read", 1), strict=True):
+        role = SENSORS.get(kind, role)
+        for name in names(kind) - {"compass_hdg"} if found in FOUND else ():
+            ways = {layout.recognised for layout in registry.LAYOUTS[role] if layout.type == name}
+            assert FOUND[found] in ways, f"{role} {name}"
+
+
+def test_every_refusal_stands_on_the_page_and_no_other() -> None:
+    layouts = [layout for layouts in registry.LAYOUTS.values() for layout in layouts if layout.unsupported]
+    starred = {layout.unsupported for layout in layouts if layout.recognised == "only when named"}
+    types, sentences = cells("## What is refused", 0)[1:], cells("## What is refused", 1)[1:]  # without the heading
+
+    assert set(sentences) == {layout.unsupported for layout in layouts}
+    assert {why for kind, why in zip(types, sentences, strict=True) if kind.endswith("*")} == starred
+    for layout in layouts:
+        assert layout.type in names(types[sentences.index(layout.unsupported)]), layout.type
+
+
+def test_every_file_that_the_page_names_is_there() -> None:
+    for name in re.findall(r"`((?:io|tests)/[a-z_/]+\.py)`", DOC):
+        assert (ROOT / name).is_file(), name
+
+
+PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("name", usbldr.__all__)
+def test_the_page_describes_every_public_name(name: str) -> None:
+    assert re.search(rf"`(usbldr\.)?{name}\b", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL))
+
+
+@pytest.mark.parametrize("call", re.findall(r"^\| `(\w+\([^`]*\))` →", PAGE, re.MULTILINE))
+def test_a_signature_is_that_of_the_function(call: str) -> None:
+    name, arguments = call[:-1].split("(", 1)
+    signature = inspect.signature(getattr(usbldr, name))
+    stated = [] if arguments == "..." else re.split(r", (?=\w+(?:=|,|$))", arguments)
+    names = list(signature.parameters)
+
+    assert [one.split("=")[0] for one in stated] == [one for one in names if one != "progress"][: len(stated)]
+    optional = {name for name, one in signature.parameters.items() if one.default is not one.empty}
+    assert {one.split("=")[0] for one in stated if "=" in one} <= optional
+    assert arguments == "..." or {*names} - {one.split("=")[0] for one in stated} <= optional
+
+
+@pytest.mark.parametrize(("name", "cell"), re.findall(r"^\| `([A-Z]\w+)` \| (.*) \|$", PAGE, re.MULTILINE))
+def test_what_a_type_holds_are_its_attributes(name: str, cell: str) -> None:
+    kind = getattr(usbldr, name)
+    fields = {*dir(kind), *getattr(kind, "__annotations__", ()), *usbldr.__all__, "None", "auto"}
+
+    assert {*re.findall(r"`([a-z_]\w*)`", cell)} - fields == set()
+
+
+def test_every_block_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(ROOT)
+    blocks = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(block, names)
+    assert "adf: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file: file.stem)
+def test_every_cell_of_a_notebook_runs_and_none_keeps_its_output(
+    notebook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        assert cell["outputs"] == []
+        exec("".join(cell["source"]), names)
+    assert "mean" in capsys.readouterr().out
+
+
+def test_there_are_notebooks() -> None:
+    assert [file.stem for file in NOTEBOOKS] == ["first_log", "own_filter"]

@@ -1,12 +1,15 @@
-"""Conventions are not judged by fixes that no interpretation fits."""
+"""Conventions are judged by what the messages say, and not by fixes that no interpretation fits."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from curved import FLIPPED, curved_dive, written
+from commands import findings
+from curved import CONVENTIONS, FLIPPED, changed, curved_dive, written
+from recordings import HEADER, SECOND, T0, Row, define
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
@@ -46,3 +49,75 @@ def test_a_wrong_heading_is_still_named_beside_a_current(tmp_path: Path, imu: st
     codes = {one.code for one in convention_warnings(log, timeline(log))}
 
     assert ("HEADING-CONVENTION" in codes) == (imu == "NED")
+
+
+DEPTH_M = 12.0
+TYPES = {
+    "seatrac_of_doctor/msg/ModemRec": HEADER
+    + "uint8 src_id\nbool includes_position\nint16 position_easting\nint16 position_northing\nint16 position_depth\n",
+    "usbllong_of_doctor/msg/AcousticModemUSBLLONG": HEADER + "float32 E\nfloat32 N\nfloat32 D\n",
+    "riptide_of_doctor/msg/Depth": HEADER + "float32 depth\n",
+}
+define(TYPES)
+SEATRAC, USBLLONG, DEPTH = TYPES
+AT_ORIGIN = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0 }\n"
+
+
+def told_by(kind: str, row: Row) -> Row:
+    """Return a fix of the dive as another type tells it, with its depth counted down."""
+    e, n = row[3]["point.x"], row[3]["point.y"]
+    values: dict[str, Any] = {"E": e, "N": n, "D": DEPTH_M}
+    if kind == SEATRAC:
+        raws = zip(("easting", "northing", "depth"), (e, n, DEPTH_M), strict=True)
+        values = {"includes_position": True} | {f"position_{axis}": round(10 * value) for axis, value in raws}
+    return row[0], row[1], kind, {"header.stamp": row[3]["header.stamp"], **values}
+
+
+def deep(rows: list[Row]) -> list[Row]:
+    times = range(T0, T0 + 300 * SECOND, SECOND)
+    depths = [(ns, "/depth", DEPTH, {"header.stamp": ns, "depth": DEPTH_M}) for ns in times]
+    return sorted([*rows, *depths], key=lambda row: row[0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "dive", "named"),
+    [
+        (SEATRAC, {}, {}),
+        (USBLLONG, {}, {}),
+        (SEATRAC, {"dvl": "FRD", "imu": "NED"}, {"DVL-AXES": "ENU", "HEADING-CONVENTION": "ENU"}),
+        (SEATRAC, {"gravity": -9.8}, {"CONVENTION-CONTRADICTED": "gravity"}),
+    ],
+)
+def test_a_type_settles_the_map_and_no_depth_mirrored_sensor_or_gravity_undoes_it(
+    tmp_path: Path, kind: str, dive: dict[str, Any], named: dict[str, str]
+) -> None:
+    rows = [told_by(kind, row) if row[1] == "/usbl" else row for row in curved_dive(**dive)]
+
+    found = findings(written(tmp_path, deep(rows), AT_ORIGIN))
+
+    assert set(found) & CONVENTIONS == set(named)
+    assert all(words in found[code]["text"] for code, words in named.items())
+    if "DVL-AXES" not in named:
+        assert "excluded by: the fixes are ENU by their type" in found["CONVENTION-CHECKED"]["text"]
+
+
+@pytest.mark.parametrize(
+    ("values", "code", "words"),
+    [
+        ({"point__z": DEPTH_M}, "MAP-FRAME", "depth: the fixes have z"),
+        ({"point__z": -DEPTH_M}, "CONVENTION-CHECKED", "depth: the fixes have z"),
+        ({"header__frame_id": "combined_map"}, "CONVENTION-UNDECIDED", "nothing in the log decides"),
+        ({"header__frame_id": "menu"}, "CONVENTION-UNDECIDED", "nothing in the log decides"),
+        ({"header__frame_id": "worldEnu"}, "CONVENTION-CHECKED", 'excluded by: frame_id "worldEnu"'),
+        ({"header__frame_id": "map_enu"}, "CONVENTION-CHECKED", 'excluded by: frame_id "map_enu"'),
+    ],
+)
+def test_where_no_type_settles_the_frame_the_sign_of_depth_or_a_whole_word_of_its_name_does(
+    tmp_path: Path, values: dict[str, Any], code: str, words: str
+) -> None:
+    rows = changed(curved_dive(), "/usbl", **values)
+
+    found = findings(written(tmp_path, deep(rows) if "point__z" in values else rows))
+
+    assert words in found[code]["text"]
+    assert ("MAP-FRAME" in found) == (code == "MAP-FRAME")

@@ -1,4 +1,4 @@
-"""Files of one dive, each with its own clock, are one log."""
+"""Files of one dive, each with its own clock, are one log; tables that follow each other are one topic."""
 
 from pathlib import Path
 
@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import refusal
-from recordings import T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
+from logs import codes, refusal
+from recordings import SECOND, T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.reading.opening import Request
@@ -89,15 +89,6 @@ def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(log.tables[sensor], table)
 
 
-def test_messages_and_csv_files_can_be_one_dive(tmp_path: Path) -> None:
-    vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
-    ship = write_csv(tmp_path / "ship", usbl=f"time_ns,east_m,north_m\n{T0},1,2\n{T0 + 10**9},3,4")
-
-    log = joined(vehicle, ship)
-
-    np.testing.assert_array_equal(log.tables["usbl"][["east_m", "north_m"]], [[1, 2], [3, 4]])
-
-
 def test_the_digest_changes_with_the_file_joined(tmp_path: Path) -> None:
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
     one, other = (write_bag(tmp_path / f"{k}.bag", of(SHIP, k)) for k in (0, 1))
@@ -113,9 +104,115 @@ def test_a_joined_file_that_is_missing_is_named(tmp_path: Path) -> None:
     assert refusal(LogError, joined, vehicle, "nowhere.bag") == "nowhere.bag: no such file or folder"
 
 
-def test_an_unknown_key_of_a_file_is_refused(tmp_path: Path) -> None:
-    vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
-    (tmp_path / "usbldr.toml").write_text('[[file]]\npath = "vehicle.mcap"\nclock_s = 1\n', encoding="utf-8")
+COUNT = 40
+COMPASS = "time_ns,heading_deg\n" + "".join(f"{T0 + k * SECOND},{k}\n" for k in range(COUNT))
 
-    with pytest.raises(UsageError, match="clock_s"):
-        read_log(vehicle)
+
+def velocities(start: int, end: int, shift_s: int = 0) -> str:
+    rows = "".join(f"{T0 + (k + shift_s) * SECOND},{1 + k / 100},0.5\n" for k in range(start, end))
+    return f"time_ns,forward_mps,starboard_mps\n{rows}"
+
+
+def forward_mps(log: Log) -> list[float]:
+    return log.tables["dvl"]["forward_mps"].tolist()
+
+
+WHOLE = [1 + k / 100 for k in range(COUNT)]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("dvl_001", "dvl_002", "dvl_003"),
+        ("dvl", "dvl-2", "dvl 3"),
+        ("dvl_20200913T12", "dvl_20200913T13", "dvl"),
+        ("dvl", "continued", "rest_of_dvl"),
+    ],
+)
+def test_tables_that_follow_each_other_are_one_topic(tmp_path: Path, names: tuple[str, str, str]) -> None:
+    parts = dict(zip(names, (velocities(0, 15), velocities(15, 16), velocities(16, COUNT)), strict=True))
+
+    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, **parts))
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+    assert log.provenance["dvl"].topic == f"/{names[0]}"
+    assert log.provenance["dvl"].used == log.provenance["dvl"].messages == COUNT
+    assert [(one.code, one.text, one.level) for one in log.findings if one.code == "TOPIC-PARTS"] == [
+        ("TOPIC-PARTS", f"/{names[0]}: read as one topic with /{names[1]}, /{names[2]}: they follow each other", "info")
+    ]
+
+
+def test_columns_in_another_order_are_the_same_columns(tmp_path: Path) -> None:
+    later = velocities(15, COUNT).splitlines()
+    other = "\n".join(",".join(line.split(",")[k] for k in (0, 2, 1)) for line in later)
+
+    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=other))
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+
+
+@pytest.mark.parametrize(("overlap", "joined"), [(2, True), (12, False)])
+def test_of_records_that_two_parts_have_those_of_the_first_are_taken(
+    tmp_path: Path, overlap: int, joined: bool
+) -> None:
+    folder = write_csv(
+        tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15 - overlap, COUNT)
+    )
+
+    if joined:
+        log = read_log(folder)
+        assert forward_mps(log) == pytest.approx(WHOLE)
+        assert codes(log)["TOPIC-PARTS"].endswith(
+            "of times that two of them have, the records of the earlier one are read"
+        )
+    else:  # two instruments beside each other
+        with pytest.raises(UsageError, match="2 topics could be the dvl"):
+            read_log(folder)
+
+
+def test_a_part_may_be_added_and_the_first_may_be_named(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15))
+    (file,) = write_csv(tmp_path / "more", dvl_2=velocities(15, COUNT)).glob("*.csv")
+
+    log = read_log(folder, Request(joined=(str(file),), topics={"dvl": "dvl_1"}))
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+
+
+def test_a_part_that_is_named_is_read_alone(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15, COUNT))
+
+    assert forward_mps(read_log(folder, Request(topics={"dvl": "/dvl_2"}))) == pytest.approx(WHOLE[15:])
+
+
+def test_tables_of_several_sensors_follow_each_other_sensor_by_sensor(tmp_path: Path) -> None:
+    head = "Time [s],Heading [deg],DVL Forward [m/s],DVL Starboard [m/s]\n"
+    rows = [f"{T0 / SECOND + k:.1f},{k},{1 + k / 100},0.5\n" for k in range(COUNT)]
+    folder = write_csv(tmp_path / "dive", dive_001=head + "".join(rows[:15]), dive_002=head + "".join(rows[15:]))
+
+    log = read_log(folder)
+
+    assert forward_mps(log) == pytest.approx(WHOLE)
+    np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], np.arange(COUNT))
+
+
+def test_a_table_of_the_ship_or_of_computed_values_is_no_part(tmp_path: Path) -> None:
+    parts = {"dvl": velocities(0, 15), "dvl_ship": velocities(15, 25), "dvl_filtered": velocities(25, COUNT)}
+
+    assert forward_mps(read_log(write_csv(tmp_path / "dive", compass=COMPASS, **parts))) == pytest.approx(WHOLE[:15])
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        velocities(10, COUNT),
+        velocities(15, COUNT, 700),
+        velocities(15, COUNT).replace(",0.5", ",0.5,1").replace("starboard_mps", "starboard_mps,valid"),
+    ],
+    ids=["overlap", "pause", "columns"],
+)
+def test_tables_that_overlap_or_are_far_apart_or_have_other_columns_are_a_choice(tmp_path: Path, second: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=second)
+
+    with pytest.raises(UsageError, match="2 topics could be the dvl"):
+        read_log(folder)

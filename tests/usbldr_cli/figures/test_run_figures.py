@@ -25,10 +25,13 @@ from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import draw as draw_all
 from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.overlay import coincident_text
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
 from usbldr_cli.figures.style import broken_at_gaps, in_style, save
 from usbldr_cli.figures.track import track_figure
+from usbldr_cli.runs.job_store import Trace
+from usbldr_cli.runs.seed_table import ComparisonRow
 
 PAPER = find_scenario("paper")
 
@@ -341,3 +344,25 @@ def test_a_line_is_broken_where_epochs_were_left_out() -> None:
 
     assert np.isnan(t).tolist() == [False, False, True, False, False]
     assert np.isnan(values).all(axis=1).tolist() == [False, False, True, False, False]
+
+
+TIME_S = np.arange(200.0)
+TRUTH_M = np.column_stack([TIME_S, np.zeros(200)])
+ERROR_M = np.column_stack([np.zeros(200), np.sin(TIME_S)])
+
+
+def of(name: str, error_m: np.ndarray) -> tuple[ComparisonRow, Trace]:
+    return ComparisonRow("dive", name, name, (0,), ()), Trace(TIME_S, TRUTH_M + error_m, TRUTH_M)
+
+
+def test_tracks_closer_than_a_line_is_wide_are_said_to_coincide() -> None:
+    apart_m = np.where(TIME_S[:, None] < 5, 1.0, 0.0)  # for 2 % of the time
+    traces = [
+        of("ekf", 0.9 * ERROR_M),
+        of("adf", ERROR_M),
+        of("cpf", 1.005 * ERROR_M + apart_m),
+        of("dr", ERROR_M),
+    ]
+
+    assert coincident_text(traces) == "; adf, cpf coincide (95 % of the time)"  # dr is no filter
+    assert coincident_text(traces[:2]) == ""

@@ -1,9 +1,10 @@
-"""Workers that are killed from outside: their runs are repeated, and a run that always dies ends the command."""
+"""Workers that are killed from outside, and what is kept of a run that is prepared."""
 
 import os
 import signal
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -14,12 +15,16 @@ from pathlib import Path
 
 import pytest
 
+from checkout import SAMPLES
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.session import open_log
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import executors
 from usbldr_cli.runs.executors import LocalProcesses
+from usbldr_cli.runs.one_run import RunPlan, on_epochs, prepare_run
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Job
 
@@ -68,3 +73,18 @@ def test_runs_that_always_die_end_the_command_with_a_sentence(monkeypatch: pytes
         run_jobs([Job("dive", "cpf", CHOICES)] * 6, LocalProcesses(4))
 
     assert counts == [4, 2, 1]  # fewer at once, because memory may have run out
+
+
+def test_headings_end_when_the_run_is_prepared() -> None:
+    choices = RunChoices(2, None, 0, None, None, "none", "start", 5.0, 1.0)
+    path = SAMPLES / "paper.mcap"
+    log = open_log(path, DEFAULT_REQUEST)
+    records = weakref.ref(log.tables["compass"])
+
+    plan = RunPlan(str(path), "adf", choices)
+
+    log, epochs, *_ = prepare_run(plan, log, on_epochs(plan, log)).without_headings()
+
+    assert records() is None
+    assert log.tables["compass"].empty
+    assert epochs.yaw_count.sum() == log.provenance["compass"].used
