@@ -79,9 +79,7 @@ def test_the_lost_bottom_lock_of_tanana_is_found(field_logs: Path, name: str) ->
 
 @pytest.mark.parametrize("log", LOGS)
 @pytest.mark.long
-def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(
-    field_logs: Path, tmp_path: Path, log: str
-) -> None:
+def test_what_init_writes_for_a_field_log_replays_and_leaves_no_error(field_logs, tmp_path, log):
     config = tmp_path / "found.toml"
     options = ["--config", str(config), "--filter", "dr", "--output", str(tmp_path / "run"), "--truth", "none"]
 

@@ -145,9 +145,7 @@ def test_gps_of_turbot_lies_as_far_from_the_map_before_and_after_the_dive(field_
         ("stpere_marina", STPERE.format("/dvl/compass_heading"), "dvl_compass_fitted", "heading_offset_deg"),
     ],
 )
-def test_dead_reckoning_turned_onto_the_truth_is_theirs(
-    field_logs: Path, tmp_path: Path, name: str, toml: str, reference: str, angle: str
-) -> None:
+def test_dead_reckoning_turned_onto_the_truth_is_theirs(field_logs, tmp_path, name, toml, reference, angle):
     theirs = expected(field_logs, name)["reference"][f"dead_reckoning_{reference}"]
     log = read(field_logs, tmp_path, name, toml)
     line = timeline(log)

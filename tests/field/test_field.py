@@ -69,9 +69,7 @@ def test_cpf_with_the_transponder_as_the_vehicle_is_within_seventy_centimetres_o
 
 
 @pytest.mark.long
-def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_error(
-    field_logs: Path, tmp_path: Path
-) -> None:
+def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_error(field_logs, tmp_path):
     expected = json.loads((field_logs / "stpere_marina" / "expected.json").read_text())
     report = replay(field_logs, tmp_path, "stpere_marina", "--filter", "cpf", "--dr-from", "first-gps")
 

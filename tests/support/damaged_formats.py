@@ -22,19 +22,7 @@ import moos_recordings as moos
 import table_recordings as tables
 from blueos_recordings import delta, write_blueos
 from pd45_recordings import write_pd45
-from recordings import (
-    SECOND,
-    T0,
-    Row,
-    point,
-    sentence,
-    twist,
-    write_bag,
-    write_csv,
-    write_mcap,
-    write_rosbag2,
-    yaw,
-)
+from recordings import SECOND, T0, Row, point, sentence, twist, write_bag, write_csv, write_mcap, write_rosbag2, yaw
 
 COUNT = 60  # [messages] of each topic
 ROWS = 500  # of each table: more than its description

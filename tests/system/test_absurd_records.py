@@ -141,9 +141,7 @@ def test_pictures_of_odd_logs_are_drawn_without_a_warning(tmp_path: Path, monkey
         ("/imu", "orientation.z", 1e200, "COMPASS-INVALID", "1 not a number"),
     ],
 )
-def test_a_record_of_another_world_is_left_out_and_counted(
-    tmp_path: Path, topic: str, field: str, value: float, code: str, cause: str
-) -> None:
+def test_a_record_of_another_world_is_left_out_and_counted(tmp_path, topic, field, value, code, cause):
     log = read_log(write_mcap(tmp_path / "dive.mcap", changed(topic, field, value, "one")))
 
     assert codes(log)[code].endswith(f"records are invalid and left out ({cause})")

@@ -142,9 +142,7 @@ def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.Da
 
 
 @pytest.mark.long
-def test_init_states_no_axes_that_the_names_of_columns_contradict(
-    dive: dict[str, pd.DataFrame], tmp_path: Path
-) -> None:
+def test_init_states_no_axes_that_the_names_of_columns_contradict(dive, tmp_path):
     names = METRIC | {
         sensor: METRIC[sensor] | {f"{name} Longitude [deg]": lambda table: -table["lon_deg"]}
         for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
@@ -164,9 +162,7 @@ def test_init_states_no_axes_that_the_names_of_columns_contradict(
 
 
 @pytest.mark.long
-def test_init_says_why_the_columns_that_it_would_propose_cannot_be_used(
-    dive: dict[str, pd.DataFrame], tmp_path: Path
-) -> None:
+def test_init_says_why_the_columns_that_it_would_propose_cannot_be_used(dive, tmp_path):
     in_um = {
         name: lambda table, own=own: 1e6 * table[own]
         for name, own in (("Fwd", "forward_mps"), ("Stbd", "starboard_mps"))

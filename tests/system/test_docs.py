@@ -37,9 +37,7 @@ def commands(text: str) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md", "docs/real_log.md"])
 @pytest.mark.long
-def test_every_command_of_a_page_prints_what_the_page_shows(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_command_of_a_page_prints_what_the_page_shows(page, tmp_path, monkeypatch):
     shutil.copytree(ROOT / "docs" / "real_log", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     runner = CliRunner()
@@ -265,9 +263,7 @@ def test_every_block_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: p
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file: file.stem)
-def test_every_cell_of_a_notebook_runs_and_none_keeps_its_output(
-    notebook: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_cell_of_a_notebook_runs_and_none_keeps_its_output(notebook, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
     names: dict[str, object] = {}

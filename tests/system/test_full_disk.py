@@ -4,7 +4,6 @@ import errno
 import os
 import resource
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -38,9 +37,7 @@ def _replay(place: Path, *options: str) -> list[object]:
         pytest.param(lambda place: ["export", DIVE, "--output", place / "dive"], id="csv"),
     ],
 )
-def test_a_disk_that_is_full_is_one_sentence_and_leaves_nothing(
-    tmp_path: Path, command: Callable[[Path], list[object]]
-) -> None:
+def test_a_disk_that_is_full_is_one_sentence_and_leaves_nothing(tmp_path, command):
     words = [*USBLDR, *map(str, command(tmp_path))]
     done = subprocess.run(words, capture_output=True, text=True, preexec_fn=_limited, check=False)
 

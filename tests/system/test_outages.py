@@ -88,9 +88,7 @@ def at_most(seeds: int) -> float:
 
 
 @pytest.mark.parametrize(("sensor", "start_s", "lasts_s"), [*SHORT, *LONG])
-def test_no_filter_claims_more_than_it_knows_while_a_sensor_is_silent_and_after(
-    sensor: str, start_s: float, lasts_s: float
-) -> None:
+def test_no_filter_claims_more_than_it_knows_while_a_sensor_is_silent_and_after(sensor, start_s, lasts_s):
     for method, seeds in (("adf", 12), ("ekf", 4), ("cpf", 4)):
         found = dives(scenario((sensor,), start_s, lasts_s), method, seeds)
         end_s = start_s + lasts_s
@@ -149,9 +147,7 @@ def test_without_dvl_or_compass_the_sigma_grows_between_two_fixes_and_on_the_who
 @pytest.mark.parametrize(
     ("sensors", "lasts_s"), [(("dvl",), 60.0), (("compass",), 60.0), (("usbl",), 60.0), (("dvl", "usbl"), 20.0)]
 )
-def test_no_fix_moves_the_track_further_than_its_own_covariances_explain(
-    sensors: tuple[str, ...], lasts_s: float
-) -> None:
+def test_no_fix_moves_the_track_further_than_its_own_covariances_explain(sensors, lasts_s):
     """A jump has the covariance that the fix took away; 11 in 1000 of a right filter's lie beyond 3 sigma.
 
     The odd fix that may be an outlier moves the track and takes nearly nothing away, so only its prior bounds it.

@@ -48,9 +48,7 @@ def test_the_recipe_makes_the_files_that_are_shipped_and_no_others(made_again: P
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_the_recipe_makes_the_same_bytes_or_where_libraries_differ_the_same_records(
-    made_again: Path, name: str
-) -> None:
+def test_the_recipe_makes_the_same_bytes_or_where_libraries_differ_the_same_records(made_again, name):
     parts = [file for file in _files(SAMPLES) if file.parts[0] == name]
     if parts and all((made_again / file).read_bytes() == (SAMPLES / file).read_bytes() for file in parts):
         return

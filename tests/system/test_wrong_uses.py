@@ -88,9 +88,7 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         ("init dive_db3 --config any.toml -o a.toml", 2, "any.toml: no such configuration file"),
     ],
 )
-def test_a_wrong_use_is_answered_in_one_sentence(
-    ask: Callable[..., Answer], tmp_path: Path, line: str, code: int, wanted: str
-) -> None:
+def test_a_wrong_use_is_answered_in_one_sentence(ask, tmp_path, line, code, wanted):
     before = sorted(tmp_path.rglob("*"))
 
     found, said = ask(*line.split(" "))

@@ -99,9 +99,7 @@ def _moved(baseline: Path, metric: str, factor: float) -> None:
         ("lower", None, "MISSING"),
     ],
 )
-def test_a_metric_beyond_its_limit_is_a_regression_unless_that_is_better(
-    direction: str, new: float | None, verdict: str
-) -> None:
+def test_a_metric_beyond_its_limit_is_a_regression_unless_that_is_better(direction, new, verdict):
     metric = Metric(value=10.0, abs=0.5, rel=0.05, direction=direction)  # pyright: ignore[reportArgumentType]
 
     assert compare_metric("anything", metric, new).verdict == verdict
@@ -313,9 +311,7 @@ def test_a_scenario_with_seeds_has_standard_errors(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["msg_path", "msg-path"])
-def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_beside(
-    tmp_path: Path, key: str
-) -> None:
+def test_an_option_may_be_spelt_as_on_the_command_line_and_still_name_what_lies_beside(tmp_path, key):
     (tmp_path / "msgs").mkdir()
 
     stated = stated_options(tmp_path, {key: ["msgs", "gone"], "dvl": "msgs"})

@@ -143,9 +143,7 @@ def test_a_gps_without_a_place_on_earth_stays_on_the_plane(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(("start_s", "skipped", "kept"), [(0.0, 2, 3), (0.5, 1, 3), (1.5, 0, 3), (3.5, 0, 2)])
-def test_gps_rows_that_are_no_truth_are_none_in_the_export(
-    tmp_path: Path, start_s: float, skipped: int, kept: int
-) -> None:
+def test_gps_rows_that_are_no_truth_are_none_in_the_export(tmp_path, start_s, skipped, kept):
     t = [T0 + k * 10**9 for k in range(6)]
     rows = "\n".join(f"{time},{k},{k % 2},0.5" for k, time in enumerate(t) if k != 3)
     folder = write_csv(

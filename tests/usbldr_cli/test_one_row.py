@@ -4,7 +4,6 @@ import contextlib
 import json
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -59,9 +58,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("own")
-def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(tmp_path, monkeypatch):
     monkeypatch.setattr("usbldr_cli.figures.run_figures.run_pictures", run_pictures)
     done = commands.run("replay", DIVE, "-f", "last-fix", "--calibrate", "none", "-o", str(tmp_path / "run"))
 

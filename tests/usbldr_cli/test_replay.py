@@ -93,9 +93,7 @@ def test_the_configuration_is_parsed_once(dive: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize(("calibrate", "knows_later"), [("auto", True), ("none", False)])
 @pytest.mark.long
-def test_a_run_by_arrival_says_if_it_was_identified_from_the_whole_log(
-    dive: Path, calibrate: str, knows_later: bool
-) -> None:
+def test_a_run_by_arrival_says_if_it_was_identified_from_the_whole_log(dive, calibrate, knows_later):
     said = replay(dive, "-f", "ekf", "--end", "120", "--calibrate", calibrate, "--order", "arrival").output
 
     report = (dive.parent / "run" / "report.md").read_text()

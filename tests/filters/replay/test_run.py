@@ -188,9 +188,7 @@ def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
 
 
 @pytest.mark.parametrize("stage", ["prior", "smooth"])
-def test_a_covariance_that_breaks_down_at_any_stage_is_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, stage: str
-) -> None:
+def test_a_covariance_that_breaks_down_at_any_stage_is_one_sentence(monkeypatch, stage):
     def breaks_down(*_: object) -> None:
         np.linalg.cholesky(np.zeros((2, 2)))
 

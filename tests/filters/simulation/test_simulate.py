@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -54,9 +53,7 @@ def test_sensors_without_noise_tell_the_truth() -> None:
         ({"misalignment_rad": 0.1}, [math.cos(0.1) + math.sin(0.1), math.cos(0.1) - math.sin(0.1)]),
     ],
 )
-def test_a_dvl_of_positive_scale_reads_too_fast_and_one_turned_counter_clockwise_sees_surge_as_starboard(
-    error: dict[str, float], seen: list[float]
-) -> None:
+def test_a_dvl_of_positive_scale_reads_too_fast_and_one_turned_counter_clockwise_sees_surge_as_starboard(error, seen):
     """The paper's vehicle goes 1 m/s to starboard and 1 m/s ahead."""
     value = simulate(_with(_without_noise(PAPER), "dvl", **error), 0).dvl.value
 
@@ -118,9 +115,7 @@ def test_the_lawnmower_is_slow_late_interrupted_and_struck() -> None:
         ("gps", {"bias_m": (0.5, -0.25)}, [0.5, -0.25]),
     ],
 )
-def test_a_positive_bias_is_in_every_record_of_its_sensor_and_in_no_other(
-    sensor: str, bias: dict[str, Any], added: list[float]
-) -> None:
+def test_a_positive_bias_is_in_every_record_of_its_sensor_and_in_no_other(sensor, bias, added):
     plain, biased = simulate(TURNING, 2), simulate(_with(TURNING, sensor, **bias), 2)
 
     for name in ("dvl", "compass", "usbl", "gps"):

@@ -169,9 +169,7 @@ def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path)
         ([water_linked(T0, {"velocity.x": 0.0, "velocity.y": 0.0})], "", [True]),  # at rest, and it says so
     ],
 )
-def test_a_dvl_record_is_valid_if_its_own_word_and_the_configuration_say_so(
-    tmp_path: Path, rows: list[Row], toml: str, valid: list[bool]
-) -> None:
+def test_a_dvl_record_is_valid_if_its_own_word_and_the_configuration_say_so(tmp_path, rows, toml, valid):
     assert list(logged(tmp_path, rows, f"[dvl]\n{toml}").tables["dvl"]["valid"]) == valid
 
 
@@ -256,9 +254,7 @@ SECTION, LOG = "{folder}/usbldr.toml: [{section}] ", "{folder}/dive.mcap: "
          SECTION + "surface_pa: /depth holds depths, to which it does not apply"),
     ],
 )  # fmt: skip
-def test_what_the_records_refute_is_one_sentence_with_its_file(
-    tmp_path: Path, rows: list[Row], toml: str, fault: type[Exception], said: str
-) -> None:
+def test_what_the_records_refute_is_one_sentence_with_its_file(tmp_path, rows, toml, fault, said):
     expected = said.format(folder=tmp_path, section=toml[1:].partition("]")[0])
     assert refusal(fault, logged, tmp_path, rows, toml) == expected
 

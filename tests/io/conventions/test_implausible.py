@@ -90,9 +90,7 @@ def lost(log: Log) -> dict[str, list[float]]:
 @pytest.mark.parametrize(
     ("role", "columns", "to_s"), [("dvl", VELOCITY, 360), ("compass", ["heading_deg"], 360), ("dvl", VELOCITY, np.inf)]
 )
-def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(
-    dive: Log, role: str, columns: list[str], to_s: float
-) -> None:
+def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(dive, role, columns, to_s):
     log = stuck(dive, role, columns, 300, to_s)
 
     assert found(log) == ["STUCK"]
@@ -100,9 +98,7 @@ def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(
 
 
 @pytest.mark.parametrize(("step_deg", "stops"), [(0.01, True), (0.1, True), (2.0, False)])
-def test_a_coarse_compass_is_stuck_if_it_repeats_itself_for_longer_than_rounding_explains(
-    dive: Log, step_deg: float, stops: bool
-) -> None:
+def test_a_coarse_compass_is_stuck_if_it_repeats_itself_for_longer_than_rounding_explains(dive, step_deg, stops):
     rounded = np.round(dive.tables["compass"][["heading_deg"]].to_numpy() / step_deg) * step_deg
 
     log = stuck(changed(dive, "compass", ["heading_deg"], rounded), "compass", ["heading_deg"], 300, 360)
@@ -165,9 +161,7 @@ def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> N
 @pytest.mark.parametrize(
     ("from_s", "to_s", "decimals"), [(300, 360, 9), (300, 300.2, 9), (0, 50, 9), (700, np.inf, 9), (300, 360, 2)]
 )
-def test_valid_zeros_between_velocities_at_cruise_are_left_out(
-    dive: Log, from_s: float, to_s: float, decimals: int
-) -> None:
+def test_valid_zeros_between_velocities_at_cruise_are_left_out(dive, from_s, to_s, decimals):
     zeros = within(dive, "dvl", from_s, to_s)
     velocity = np.round(dive.tables["dvl"][VELOCITY].to_numpy() * ~zeros[:, None], decimals)
     log = changed(dive, "dvl", VELOCITY, velocity)
@@ -208,9 +202,7 @@ def with_velocities(dive: Log, wrong: Mask, velocity_mps: tuple[float, float], s
 @pytest.mark.parametrize(
     ("velocity_mps", "share"), [((0.0, -1.0), 1.0), ((0.8, 0.3), 1.0), ((0.0, 0.0), 0.01), ((0.01, 0.02), -1.0)]
 )
-def test_velocities_that_no_vehicle_reaches_and_leaves_are_left_out(
-    dive: Log, from_s: float, to_s: float, velocity_mps: tuple[float, float], share: float
-) -> None:
+def test_velocities_that_no_vehicle_reaches_and_leaves_are_left_out(dive, from_s, to_s, velocity_mps, share):
     """They are nearly 0, of another target, or of the wrong sign, and still noisy."""
     wrong = within(dive, "dvl", from_s, to_s)
     log = with_velocities(dive, wrong, velocity_mps, share)
@@ -228,9 +220,7 @@ def test_velocities_that_no_vehicle_reaches_and_leaves_are_left_out(
         ([(200, 400), (300, 400)], (0.0, 1.0)),  # one step up, another one up, then down by both
     ],
 )
-def test_velocities_that_a_vehicle_may_have_stay(
-    dive: Log, spans_s: list[tuple[float, float]], velocity_mps: tuple[float, float]
-) -> None:
+def test_velocities_that_a_vehicle_may_have_stay(dive, spans_s, velocity_mps):
     log = dive
     for span_s in spans_s:
         log = with_velocities(log, within(dive, "dvl", *span_s), velocity_mps)

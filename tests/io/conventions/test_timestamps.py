@@ -1,6 +1,5 @@
 """Order, repeats and zero stamps: what becomes of records that share a moment."""
 
-from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from logs import codes, logged, logged_nmea
-from recordings import SECOND, T0, Row, point, sentence, twist, yaw
+from recordings import SECOND, T0, point, sentence, twist, yaw
 from usbldr.filters.errors import LogError
 
 
@@ -45,9 +44,7 @@ def test_late_fixes_are_sorted_by_stamp_and_keep_their_arrival(tmp_path: Path) -
          "/usbl: 1 of 2 records have another's stamp and other values; all are kept"),
     ],
 )  # fmt: skip
-def test_records_of_one_stamp_are_one_or_averaged_or_as_fixes_all_kept(
-    tmp_path: Path, rows: list[Row], columns: Mapping[str, list[float]], code: str, said: str
-) -> None:
+def test_records_of_one_stamp_are_one_or_averaged_or_as_fixes_all_kept(tmp_path, rows, columns, code, said):
     log = logged(tmp_path, rows)
 
     ((_, table),) = log.tables.items()

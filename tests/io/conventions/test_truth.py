@@ -182,9 +182,7 @@ def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str)
          '{toml}: frame = "NED": /gps/fix holds latitudes and longitudes'),
     ],
 )  # fmt: skip
-def test_a_truth_that_cannot_be_read_is_one_sentence(
-    tmp_path: Path, toml: str, text: str, option: str | None, fault: type[LogError], said: str
-) -> None:
+def test_a_truth_that_cannot_be_read_is_one_sentence(tmp_path, toml, text, option, fault, said):
     file = tmp_path / ("slam.tum" if text.startswith("#") else "t.csv")
     file.write_text(text, encoding="utf-8")
     names = {"log": "dive.mcap", "toml": "usbldr.toml", "gone": "gone.txt", "file": file.name}
@@ -198,9 +196,7 @@ def test_a_truth_that_cannot_be_read_is_one_sentence(
 
 
 @pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
-def test_odometry_has_the_heading_and_the_velocity_of_the_truth(
-    tmp_path: Path, frame: str, yaws_deg: tuple[float, float], left: float
-) -> None:
+def test_odometry_has_the_heading_and_the_velocity_of_the_truth(tmp_path, frame, yaws_deg, left):
     """Bow 60, then 50 degrees from north; 2 m/s ahead and 0.5 m/s to port, y to port in ENU and to starboard in NED."""
     rows: list[Row] = []
     for k, yaw_deg in enumerate(yaws_deg):
@@ -295,9 +291,7 @@ def test_the_frame_of_a_local_truth_is_checked_against_the_fixes(tmp_path: Path,
     ("name", "kind"),
     [("/nav/slam", "slam"), ("/sim/pose", "simulated"), ("/pose", "other"), ("/ground_truth/pose", "other")],
 )
-def test_a_stated_frame_of_the_truth_is_not_checked_and_its_kind_follows_from_its_name(
-    tmp_path: Path, name: str, kind: str
-) -> None:
+def test_a_stated_frame_of_the_truth_is_not_checked_and_its_kind_follows_from_its_name(tmp_path, name, kind):
     request = Request(truth=name, truth_frame="ENU")
     log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("NED", name)), request)
 

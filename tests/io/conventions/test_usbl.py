@@ -103,9 +103,7 @@ def test_latitudes_of_the_usbl_are_told_from_those_of_the_gps_by_name_and_place_
          "or beacon = {{...}} if the vehicle carries the head"),
     ],
 )  # fmt: skip
-def test_a_fix_that_cannot_be_placed_is_one_sentence(
-    tmp_path: Path, row: Row | None, toml: str, fault: type[Exception], said: str
-) -> None:
+def test_a_fix_that_cannot_be_placed_is_one_sentence(tmp_path, row, toml, fault, said):
     with pytest.raises(fault) as found:
         logged(tmp_path, [row], toml) if row else logged_csv(tmp_path, toml, usbl=f"{PLACES}\n0,10,90")
 
@@ -156,9 +154,7 @@ PER_DEG = math.pi / 180
         ("sd_m\n0,1,2,0.5", "", 0.25, 0, 0.25),
     ],
 )
-def test_the_noise_of_a_fix_is_that_of_the_configuration_or_else_of_the_record(
-    tmp_path: Path, row: Row | str, toml: str, ee: float, en: float, nn: float
-) -> None:
+def test_the_noise_of_a_fix_is_that_of_the_configuration_or_else_of_the_record(tmp_path, row, toml, ee, en, nn):
     of_csv = isinstance(row, str)
     log = logged_csv(tmp_path, toml, usbl=f"time_ns,east_m,north_m,{row}") if of_csv else logged(tmp_path, [row], toml)
 
@@ -205,9 +201,7 @@ def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_
     ("key", "start_s", "time_s", "received_s"),
     [("latency_s = 0.2", 0, -0.2, 0.5), ("latency_s = -1.5", 0, 1.5, 1.5), ('time = "log"', 0.5, 0, 0)],
 )
-def test_a_fix_is_older_by_its_latency_and_its_arrival_stays_or_is_its_time(
-    tmp_path: Path, key: str, start_s: float, time_s: float, received_s: float
-) -> None:
+def test_a_fix_is_older_by_its_latency_and_its_arrival_stays_or_is_its_time(tmp_path, key, start_s, time_s, received_s):
     rows = [point(T0 + k * SECOND, 1.0, 2.0, delay_s=0.5) for k in range(2)]
 
     log = logged(tmp_path, rows, f"[usbl]\n{key}")

@@ -37,11 +37,7 @@ ROLLED_IMU = (
     T0,
     "/ship/imu",
     IMU,
-    {
-        "header.stamp": T0,
-        "orientation.x": math.sin(math.pi / 12),
-        "orientation.w": math.cos(math.pi / 12),
-    },
+    {"header.stamp": T0, "orientation.x": math.sin(math.pi / 12), "orientation.w": math.cos(math.pi / 12)},
 )
 SOUND = "[usbl]\nsound_speed_scale = 0.98\nhead = { east_m = 100.0, north_m = 0.0 }\n"
 
@@ -83,9 +79,7 @@ def anchored(east_m: float, heading_deg: float) -> list[Row]:
         ([point(T0, 50.0, 20.0)], SOUND + 'relative_to = "map"', [50, 20]),
     ],
 )  # fmt: skip
-def test_a_fix_from_a_head_lies_where_the_head_was_and_turns_with_its_bow(
-    tmp_path: Path, rows: list[Row], toml: str, east_north_m: list[float]
-) -> None:
+def test_a_fix_from_a_head_lies_where_the_head_was_and_turns_with_its_bow(tmp_path, rows, toml, east_north_m):
     log = logged(tmp_path, rows, toml)
 
     assert places(log)[0] == pytest.approx(east_north_m, abs=1e-3)

@@ -45,9 +45,7 @@ def warned(log: Path, config: str = "none") -> dict[str, Finding]:
         *((each, True, 3600) for each in TOPICS),
     ],
 )
-def test_a_clock_that_was_set_is_named_and_undone_by_its_key(
-    tmp_path: Path, sensor: str, log_time_too: bool, step_s: int
-) -> None:
+def test_a_clock_that_was_set_is_named_and_undone_by_its_key(tmp_path, sensor, log_time_too, step_s):
     """Also by an hour, after which nothing lies within the time of the other sensors."""
     rows = curved_dive()
     clean = written(tmp_path / "clean", rows)

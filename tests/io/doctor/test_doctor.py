@@ -44,9 +44,7 @@ def replayed(log: Path, *options: str) -> str:
         ({"gps": True, "straight": True}, {"CONVENTION-UNOBSERVABLE": "does not distinguish"}),
     ],
 )
-def test_a_convention_is_named_if_the_log_decides_it_and_no_other(
-    tmp_path: Path, dive: Mapping[str, Any], named: Mapping[str, str]
-) -> None:
+def test_a_convention_is_named_if_the_log_decides_it_and_no_other(tmp_path, dive, named):
     found = findings(written(tmp_path, **dive))
 
     assert set(found) & CONVENTIONS == set(named)

@@ -88,9 +88,7 @@ def deep(rows: list[Row]) -> list[Row]:
         (SEATRAC, {"gravity": -9.8}, {"CONVENTION-CONTRADICTED": "gravity"}),
     ],
 )
-def test_a_type_settles_the_map_and_no_depth_mirrored_sensor_or_gravity_undoes_it(
-    tmp_path: Path, kind: str, dive: dict[str, Any], named: dict[str, str]
-) -> None:
+def test_a_type_settles_the_map_and_no_depth_mirrored_sensor_or_gravity_undoes_it(tmp_path, kind, dive, named):
     rows = [told_by(kind, row) if row[1] == "/usbl" else row for row in curved_dive(**dive)]
 
     found = findings(written(tmp_path, deep(rows), AT_ORIGIN))

@@ -73,9 +73,7 @@ def reported(log: Log, found: Identification) -> Mapping[str, Finding]:
         ("compass-clock", "COMPASS-CLOCK", ("1.00 ± 0.20 s early", "latency_s = -1.00 under [compass]")),
     ],
 )
-def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_it(
-    log: Log, key: str, code: str, words: tuple[str, ...]
-) -> None:
+def test_an_error_is_told_with_its_sigma_its_evidence_and_the_key_that_removes_it(log, key, code, words):
     found = reported(log, identification(explanation(key)))
 
     assert set(found) == {code}
@@ -105,9 +103,7 @@ def test_only_what_every_explanation_contains_has_a_finding_of_its_own(log: Log)
 
 
 @pytest.mark.parametrize(("delay_s", "late_s"), [(2.0, "0.60"), (2.4, None), (3.0, None), (np.nan, None)])
-def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass_are_late(
-    log: Log, delay_s: float, late_s: str | None
-) -> None:
+def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass_are_late(log, delay_s, late_s):
     """They are valid 2.6 s after their stamps, known to 0.1 s: four sigma are 0.4 s."""
     table = log.tables["usbl"]
     arriving = replace(log, tables={**log.tables, "usbl": table.assign(received_s=table["time_s"] + delay_s)})
@@ -128,9 +124,7 @@ def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass
     ],
 )
 @pytest.mark.long
-def test_the_doctor_names_the_error_of_a_dive_and_no_other(
-    log: Log, usual: set[str], kind: str, fault: str, code: str, worst: float
-) -> None:
+def test_the_doctor_names_the_error_of_a_dive_and_no_other(log, usual, kind, fault, code, worst):
     found = examine_log(without_implausible(damaged(log, Drill("one", (fault_of(kind, fault),)), 0))).findings
 
     named = [one for one in found if one.code not in usual]
@@ -160,9 +154,7 @@ def test_gross_errors_are_told_from_a_heavy_tail_be_they_few_and_far_or_many(sha
 
 
 @pytest.mark.parametrize(("ratio", "reported"), [(0.5, True), (0.7, False), (1.4, False), (1.6, True)])
-def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(
-    log: Log, ratio: float, reported: bool
-) -> None:
+def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(log, ratio, reported):
     parameters = replace(log.parameters, usbl_sd_scale=0.8)  # as configured
     found = Identification(replace(parameters, usbl_sd_scale=0.8 * ratio))
 

@@ -260,9 +260,7 @@ def test_a_folder_named_parquet_is_one_table_in_parts(tmp_path: Path) -> None:
         ("ship_compass", "Time [s],Heading [cdeg]\n1,2\n", "has a column Heading [cdeg] without a known unit"),
     ],
 )
-def test_a_table_of_a_sensor_that_cannot_be_read_beside_the_one_that_is_read_is_a_loss(
-    tmp_path: Path, name: str, text: str, why: str
-) -> None:
+def test_a_table_of_a_sensor_that_cannot_be_read_beside_the_one_that_is_read_is_a_loss(tmp_path, name, text, why):
     folder = write_csv(dive(tmp_path / "dive"), imu_raw="t,ax\n1,2\n", dvl_settings="key,value\nrange,20\n")
     assert not any(finding.lost_data for finding in read_log(folder).findings)
     write_csv(folder, **{name: text})

@@ -58,9 +58,7 @@ BOMBS: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_what_decompresses_to_too_much_is_refused_or_left_out_and_said(
-    tmp_path: Path, bomb: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_decompresses_to_too_much_is_refused_or_left_out_and_said(tmp_path, bomb, monkeypatch):
     file = BOMBS[bomb](tmp_path)
     monkeypatch.setenv(VARIABLE, "0.01")
     tracemalloc.start()
@@ -159,9 +157,7 @@ def test_a_definition_without_end_is_named(sentence: str) -> None:
 
 
 @pytest.mark.parametrize(("factor_text", "what"), [("0.01", "has more than 20 topics"), ("0.0001", "more than 0 kB")])
-def test_too_many_topics_or_definitions_are_refused(
-    tmp_path: Path, factor_text: str, what: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_topics_or_definitions_are_refused(tmp_path, factor_text, what, monkeypatch):
     count = 21 if "topics" in what else 0
     file = tmp_path / "a.mcap"
     with file.open("wb") as stream:

@@ -3,7 +3,6 @@
 import gc
 import struct
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -66,9 +65,7 @@ def test_a_telemetry_log_is_a_dive(tmp_path: Path) -> None:
     ("write", "module", "logs"),
     [(write_tlog, "dialects.v20.ardupilotmega", "telemetry logs"), (write_bin, "DFReader", "onboard logs")],
 )
-def test_without_pymavlink_the_sentence_names_the_extra(
-    tmp_path: Path, write: Callable[[Path], Path], module: str, logs: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_pymavlink_the_sentence_names_the_extra(tmp_path, write, module, logs, monkeypatch):
     file = write(tmp_path / "dive")
     monkeypatch.setitem(sys.modules, f"pymavlink.{module}", None)
 

@@ -207,9 +207,7 @@ GGA = "GPGGA,122640.00,4500.000,{},00700.000,{},{},10,0.8,1.0,M,48.0,M,,"
         ("GPGNS,122640.00,4500.000,N,00700.000,E,{},10,0.8,1.0,48.0,,", ["NAN"], ["NEN"]),
     ],
 )
-def test_a_position_that_was_not_measured_or_has_no_hemisphere_is_left_out(
-    tmp_path: Path, body: str, good: Sequence[str], bad: Sequence[str]
-) -> None:
+def test_a_position_that_was_not_measured_or_has_no_hemisphere_is_left_out(tmp_path, body, good, bad):
     log = logged_nmea(tmp_path, *timed(*(sentence(body.format(*one)) for one in (good, bad))))
 
     assert len(log.tables["gps"]) == 1
@@ -273,9 +271,7 @@ RANGER_NORTH_M = 9.125e-4 * 111258  # metres a degree at 51.33
         ([SOUTH], on_map(-27 - 18.19917 / 60, -17 - 47.61373 / 60), [0, 0], "/PTSAG"),
     ],
 )
-def test_a_fix_is_that_of_the_target_where_its_maker_counts_it_from(
-    tmp_path: Path, sentences: list[str], toml: str, east_north_m: list[float], topic: str
-) -> None:
+def test_a_fix_is_that_of_the_target_where_its_maker_counts_it_from(tmp_path, sentences, toml, east_north_m, topic):
     """A HiPAP north-up has x north and y east of the head; no reply and the ships of others are no fixes."""
     log = logged_nmea(tmp_path, *timed(*sentences), toml=toml)
 

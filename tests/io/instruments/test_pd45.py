@@ -131,9 +131,7 @@ def test_the_first_and_the_last_day_are_days_like_others(tmp_path: Path, day: st
 
 
 @pytest.mark.parametrize("block", [1, 87, 88, 1000])
-def test_ensembles_across_the_blocks_in_which_a_file_is_looked_through_are_whole(
-    tmp_path: Path, block: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ensembles_across_the_blocks_in_which_a_file_is_looked_through_are_whole(tmp_path, block, monkeypatch):
     parts = [b"\x7d" * 30, *pd45_ensembles(5), b"\x7d\x01\x56\x00" * 20]
     (tmp_path / "a.pd5").write_bytes(b"".join(parts[1:20] + parts[:1] + parts[20:]))
     monkeypatch.setattr("usbldr.io.instruments.ensembles.BLOCK_BYTES", block)

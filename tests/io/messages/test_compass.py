@@ -75,9 +75,7 @@ SOUTH_EAST_WHEN_NAMED: dict[str, Mapping[str, Any]] = {
 
 
 @pytest.mark.parametrize("kind", [*SOUTH_EAST, *SOUTH_EAST_WHEN_NAMED])
-def test_a_heading_is_read_by_its_own_convention_and_what_is_no_compass_only_if_named(
-    tmp_path: Path, kind: str
-) -> None:
+def test_a_heading_is_read_by_its_own_convention_and_what_is_no_compass_only_if_named(tmp_path, kind):
     rows = [row(kind, (SOUTH_EAST | SOUTH_EAST_WHEN_NAMED)[kind])]
 
     log = logged(tmp_path, rows, topics={"compass": "/heading"} if kind in SOUTH_EAST_WHEN_NAMED else {})

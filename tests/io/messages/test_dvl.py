@@ -91,9 +91,7 @@ NOT_USED: list[tuple[str, str, Mapping[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("cause", "kind", "change"), NOT_USED)
-def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(
-    tmp_path: Path, cause: str, kind: str, change: Mapping[str, Any]
-) -> None:
+def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(tmp_path, cause, kind, change):
     good = FORWARD_2_STARBOARD_1[kind]
 
     log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, 1)])
@@ -159,9 +157,7 @@ def test_a_useless_topic_does_no_harm_beside_a_dvl(tmp_path: Path) -> None:
         (ODOMETRY, "twist.twist.linear", "child_frame_id", "base_link_frd", "FRD"),
     ],
 )
-def test_axes_that_nobody_states_are_those_of_the_frame(
-    tmp_path: Path, kind: str, velocity: str, named_in: str, frame: str, axes: str
-) -> None:
+def test_axes_that_nobody_states_are_those_of_the_frame(tmp_path, kind, velocity, named_in, frame, axes):
     values = {f"{velocity}.x": 2.0, f"{velocity}.y": 1.0, "header.frame_id": "odom", named_in: frame}
 
     log = logged(tmp_path, [record("/dvl/velocity", kind, values)])

@@ -103,9 +103,7 @@ FIXES: dict[str, tuple[Mapping[str, Any], Mapping[str, Any], str]] = {  # in Ber
         ((120.5, 121.5), (6445.0, 6446.5), None),  # may be degrees, and latitude and longitude exchanged
     ],
 )
-def test_angles_that_can_only_be_degrees_and_minutes_are_read_as_such(
-    tmp_path: Path, lat: tuple[float, float], lon: tuple[float, float], expected: list[list[float]] | None
-) -> None:
+def test_angles_that_can_only_be_degrees_and_minutes_are_read_as_such(tmp_path, lat, lon, expected):
     rows = [row("sensor_msgs/msg/NavSatFix", place("", *one), k) for k, one in enumerate(zip(lat, lon, strict=True))]
 
     log = logged(tmp_path, rows)
@@ -250,9 +248,7 @@ SIGMA: list[tuple[str, Mapping[str, Any]]] = [  # 0.5 m for each axis
 
 
 @pytest.mark.parametrize(("kind", "values"), SIGMA)
-def test_each_kind_states_its_accuracy_in_its_own_way_and_a_known_covariance_beats_an_estimate(
-    tmp_path: Path, kind: str, values: Mapping[str, Any]
-) -> None:
+def test_each_kind_states_its_accuracy_in_its_own_way_and_a_known_covariance_beats_an_estimate(tmp_path, kind, values):
     log = logged(tmp_path, [row(kind, {**FIXES[kind][0], **values})], topics={"gps": "/gps"})
 
     assert log.tables["gps"]["sd_m"].iloc[0] == pytest.approx(0.5, rel=1e-4)

@@ -96,9 +96,7 @@ COMPASSES: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {  # 200 
 
 
 @pytest.mark.parametrize("kind", COMPASSES)
-def test_headings_of_each_driver_count_as_it_sends_them_and_invalid_ones_are_left_out(
-    tmp_path: Path, kind: str
-) -> None:
+def test_headings_of_each_driver_count_as_it_sends_them_and_invalid_ones_are_left_out(tmp_path, kind):
     values, change = COMPASSES[kind]
     invalid = [row(kind, {**values, **change}, 1)] if change else []
 

@@ -82,9 +82,7 @@ COMPUTED = ("/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel",
         ([topic("/dvl/twist", DVL.type, TWIST, count=0)], {}, {}, {}),
     ],
 )
-def test_a_sensor_is_the_topic_that_is_named_or_else_the_best_by_type_and_name(
-    topics: list[TopicInfo], options: dict[str, str], configured: dict[str, str], expected: dict[str, str]
-) -> None:
+def test_a_sensor_is_the_topic_that_is_named_or_else_the_best_by_type_and_name(topics, options, configured, expected):
     roles = choose_roles(LOG, topics, options, configured)
 
     assert taken(roles) == expected
@@ -183,9 +181,7 @@ UNREAD = topic("/gps/fix", GPS.type, (), problem="encoding json is not supported
          "/gps/fix cannot be read as gps: encoding json is not supported"),
     ],
 )  # fmt: skip
-def test_a_topic_that_is_named_and_cannot_be_used_is_an_error_that_lists_the_others(
-    topics: list[TopicInfo], options: dict[str, str], fault: type[Exception], said: str
-) -> None:
+def test_a_topic_that_is_named_and_cannot_be_used_is_an_error_that_lists_the_others(topics, options, fault, said):
     (found,) = choose_roles(LOG, topics, options, {}).unresolved.values()
 
     assert isinstance(found, fault)

@@ -125,9 +125,7 @@ def test_a_local_position_is_east_and_north_of_any_sensor(tmp_path: Path, kind: 
          r"as usbl \(only "),
     ],
 )  # fmt: skip
-def test_messages_that_hold_no_fix_or_have_an_unknown_layout_are_refused(
-    tmp_path: Path, kind: str, toml: str, said: str
-) -> None:
+def test_messages_that_hold_no_fix_or_have_an_unknown_layout_are_refused(tmp_path, kind, toml, said):
     with pytest.raises(UsageError, match=said):
         logged(tmp_path, [row(kind, {})], HEAD + toml)
 
@@ -230,9 +228,7 @@ NO_REPLIES = ("OWAY", "OWAYU", "MSG_REQ", "MSG_RESP", "MSG_REQU", "MSG_REQX", ""
            "1 of range or angle alone") for kind in NO_REPLIES),
     ],
 )  # fmt: skip
-def test_what_a_system_marks_as_no_fix_is_left_out(
-    tmp_path: Path, kind: str, values: Mapping[str, Any], changes: list[Mapping[str, Any]], used: list[int], said: str
-) -> None:
+def test_what_a_system_marks_as_no_fix_is_left_out(tmp_path, kind, values, changes, used, said):
     rows = [row(kind, {**values, **change}, k) for k, change in enumerate(changes)]
 
     log = logged(tmp_path, rows, EASTWARD if kind == HOLOOCEAN else HEAD)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from logs import only, refusal
-from recordings import SECOND, T0, Row, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
+from recordings import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.log import COLUMNS
 from usbldr.io.reading.read import Request, read_log, require
@@ -57,9 +57,7 @@ def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> N
         (short_dive(), 60, " (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"),
     ],
 )
-def test_a_log_without_messages_says_so_and_if_it_was_cut(
-    tmp_path: Path, rows: list[Row], cut: int | None, why: str
-) -> None:
+def test_a_log_without_messages_says_so_and_if_it_was_cut(tmp_path, rows, cut, why):
     file = write_mcap(tmp_path / "dive.mcap", rows)
     file.write_bytes(file.read_bytes()[:cut])
 
@@ -175,9 +173,7 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
         (PLACE, PLACE, "[map]\norigin_lat_deg = 45.3\norigin_lon_deg = 7.0", None),
     ],
 )  # fmt: skip
-def test_places_that_cannot_be_of_one_dive_are_told(
-    tmp_path: Path, usbl: tuple[float, float], gps: tuple[float, float], toml: str, sentence: str | None
-) -> None:
+def test_places_that_cannot_be_of_one_dive_are_told(tmp_path, usbl, gps, toml, sentence):
     places = ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
     fixes = [fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in places]
     (tmp_path / "usbldr.toml").write_text(toml)

@@ -161,9 +161,7 @@ def by_hand(file: Path, *messages: bytes) -> BagLog:
 
 @pytest.mark.parametrize("more", [(), (b"latching=1",), (CONNECTION,)], ids=["plain", "a fourth field", "one twice"])
 @pytest.mark.parametrize("order", list(permutations((b"op=\2", CONNECTION, TIME))))
-def test_the_fields_of_a_message_come_in_any_order_with_others_between(
-    tmp_path: Path, order: tuple[bytes, ...], more: tuple[bytes, ...]
-) -> None:
+def test_the_fields_of_a_message_come_in_any_order_with_others_between(tmp_path, order, more):
     header = fields(*order[:1], *more, *order[1:])
 
     log = by_hand(tmp_path / "a.bag", *(record(header, struct.pack("<d", 30.0 + k)) for k in range(3)))

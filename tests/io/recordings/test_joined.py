@@ -152,9 +152,7 @@ def test_columns_in_another_order_are_the_same_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("overlap", "joined"), [(2, True), (12, False)])
-def test_of_records_that_two_parts_have_those_of_the_first_are_taken(
-    tmp_path: Path, overlap: int, joined: bool
-) -> None:
+def test_of_records_that_two_parts_have_those_of_the_first_are_taken(tmp_path, overlap, joined):
     folder = write_csv(
         tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15 - overlap, COUNT)
     )

@@ -74,9 +74,7 @@ def counts(log: McapLog) -> dict[str, int]:
 
 @pytest.mark.parametrize("summary", [True, False])
 @pytest.mark.parametrize(("chunked", "compression"), CONTAINERS)
-def test_every_kind_of_container_gives_the_same_columns(
-    tmp_path: Path, chunked: bool, compression: CompressionType, summary: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_kind_of_container_gives_the_same_columns(tmp_path, chunked, compression, summary, monkeypatch):
     file = written(tmp_path / "a.mcap", compression, chunked, 4096, summary)
     if chunked and summary:  # a file that agrees with its index is not scanned
         monkeypatch.setattr("usbldr.io.recordings.mcap_log.McapScan", None)
@@ -154,9 +152,7 @@ def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize("damaged", [0, 3])  # the first chunk holds the definitions
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 @pytest.mark.parametrize("where", ["head", "middle"])
-def test_a_destroyed_chunk_costs_only_its_own_messages(
-    tmp_path: Path, compression: CompressionType, damaged: int, where: str
-) -> None:
+def test_a_destroyed_chunk_costs_only_its_own_messages(tmp_path, compression, damaged, where):
     file = written(tmp_path / "a.mcap", compression, True, 8192)
     chunk = chunks_of(file)[damaged]
     middle = chunk.chunk_start_offset + chunk.chunk_length // 2
@@ -216,9 +212,7 @@ def test_messages_that_the_statistics_count_and_the_data_lack_are_reported(tmp_p
 @pytest.mark.parametrize("chunked", [True, False])
 @pytest.mark.parametrize("statistics", [True, False])
 @pytest.mark.parametrize("damaged", [True, False])
-def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(
-    tmp_path: Path, chunked: bool, statistics: bool, damaged: bool
-) -> None:
+def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(tmp_path, chunked, statistics, damaged):
     file = tmp_path / "a.mcap"
     with file.open("wb") as stream:
         writer = Writer(stream, use_chunking=chunked, repeat_schemas=False, use_statistics=statistics, chunk_size=100)

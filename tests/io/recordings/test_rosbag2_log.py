@@ -131,9 +131,7 @@ def named(folder: Path, *names: str) -> Path:
          "metadata.yaml names old_0.db3, which is missing; dive_0.db3 is read instead"),
     ],
 )  # fmt: skip
-def test_a_missing_part_is_lost_data_and_a_renamed_one_is_not(
-    tmp_path: Path, numbers: tuple[int, ...], names: tuple[str, ...], code: str, text: str
-) -> None:
+def test_a_missing_part_is_lost_data_and_a_renamed_one_is_not(tmp_path, numbers, names, code, text):
     folder = parts(tmp_path / "dive", *numbers)
     if names:
         named(folder, *(f"{name}.db3" for name in names))

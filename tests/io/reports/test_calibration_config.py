@@ -182,9 +182,7 @@ def test_a_configuration_of_any_form_is_changed_in_place(dive: Path, own: str, k
         (("-f", "adf", "--calibrate", "none"), "no sensor errors are estimated; add --calibrate auto"),
     ],
 )
-def test_without_an_error_to_write_it_says_so_before_it_runs(
-    dive: Path, tmp_path: Path, options: tuple[str, ...], sentence: str
-) -> None:
+def test_without_an_error_to_write_it_says_so_before_it_runs(dive, tmp_path, options, sentence):
     file, run = tmp_path / "next.toml", tmp_path / "run"
 
     said = refusal(UsageError, output_of, "replay", dive, *options, "--write-calibration", file, "-o", run)

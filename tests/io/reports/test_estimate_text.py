@@ -3,13 +3,7 @@ import pytest
 
 from usbldr.filters.identification.identification import ErrorEstimate, NoiseChange, SensorErrorEvidence
 from usbldr.filters.models.calibration import EstimatedError
-from usbldr.io.reports.estimate_text import (
-    error_text,
-    evidence_text,
-    fixed_errors_text,
-    noise_changes_text,
-    with_sigma,
-)
+from usbldr.io.reports.estimate_text import error_text, evidence_text, fixed_errors_text, noise_changes_text, with_sigma
 
 
 @pytest.mark.parametrize(

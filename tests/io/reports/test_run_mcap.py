@@ -151,9 +151,7 @@ def test_a_damaged_log_is_not_merged_but_judged(tmp_path: Path) -> None:
         ("mcap.writer.Writer.add_message", StorageError, "cannot be written (Input/output error)"),
     ],
 )
-def test_a_fault_of_the_disk_is_that_of_the_log_or_that_of_the_copy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_fault: str, raised: type[Exception], said: str
-) -> None:
+def test_a_fault_of_the_disk_is_that_of_the_log_or_that_of_the_copy(tmp_path, monkeypatch, at_fault, raised, said):
     def fail(*_: object, **__: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 

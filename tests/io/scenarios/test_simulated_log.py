@@ -25,7 +25,7 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
 from usbldr.io.writers.write_log import log_format_of
 
-PAPER, LAWNMOWER = find_scenario("paper"), find_scenario("lawnmower")
+PAPER = find_scenario("paper")
 SHORT = dataclasses.replace(
     PAPER,
     duration_s=20.0,
@@ -186,9 +186,7 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, name: str) -> None
     ("there", "name", "said"),
     [("dive.usbldr.toml", "dive.mcap", r"dive\.usbldr\.toml: exists already"), ("file", "file/dive.mcap", "cannot")],
 )
-def test_the_users_own_configuration_and_a_file_where_a_folder_must_be_stay(
-    tmp_path: Path, there: str, name: str, said: str
-) -> None:
+def test_the_users_own_configuration_and_a_file_where_a_folder_must_be_stay(tmp_path, there, name, said):
     (tmp_path / there).write_text("schema = 1\n")
 
     with pytest.raises(UsageError, match=said):

@@ -357,12 +357,7 @@ def of(name: str, error_m: np.ndarray) -> tuple[ComparisonRow, Trace]:
 
 def test_tracks_closer_than_a_line_is_wide_are_said_to_coincide() -> None:
     apart_m = np.where(TIME_S[:, None] < 5, 1.0, 0.0)  # for 2 % of the time
-    traces = [
-        of("ekf", 0.9 * ERROR_M),
-        of("adf", ERROR_M),
-        of("cpf", 1.005 * ERROR_M + apart_m),
-        of("dr", ERROR_M),
-    ]
+    traces = [of("ekf", 0.9 * ERROR_M), of("adf", ERROR_M), of("cpf", 1.005 * ERROR_M + apart_m), of("dr", ERROR_M)]
 
     assert coincident_text(traces) == "; adf, cpf coincide (95 % of the time)"  # dr is no filter
     assert coincident_text(traces[:2]) == ""

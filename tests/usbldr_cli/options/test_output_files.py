@@ -189,9 +189,7 @@ def test_a_link_stays_a_link_and_a_pipe_is_written_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("log", "name"), [(".", "day.1"), ("..", "cruise"), ("../day.1", "day.1"), ("dive.mcap", "dive")]
 )
-def test_results_are_named_after_the_log_also_if_it_is_the_current_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: str, name: str
-) -> None:
+def test_results_are_named_after_the_log_also_if_it_is_the_current_folder(tmp_path, monkeypatch, log, name):
     folder = tmp_path / "cruise" / "day.1"
     folder.mkdir(parents=True)
     (folder / "dive.mcap").touch()

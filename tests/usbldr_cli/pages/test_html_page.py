@@ -174,9 +174,7 @@ Object.assign(document.body.dataset, { zoomed, back, hidden: drawn() < before })
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
 @pytest.mark.parametrize("flags", [(), ("--force-dark-mode", "--window-size=500,900")], ids=["light", "dark"])
-def test_a_browser_draws_the_figures_zooms_says_numbers_and_hides_series(
-    folder: Path, tmp_path: Path, flags: tuple[str, ...]
-) -> None:
+def test_a_browser_draws_the_figures_zooms_says_numbers_and_hides_series(folder, tmp_path, flags):
     used = tmp_path / "used.html"
     used.write_text((folder / "report.html").read_text(encoding="utf-8").replace("</body>", USE), encoding="utf-8")
 

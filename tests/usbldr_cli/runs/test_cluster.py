@@ -113,9 +113,7 @@ def asked(address: str) -> WorkerChoices:
 
 
 @pytest.mark.long
-def test_a_worker_that_is_killed_half_way_changes_no_bit(
-    address: str, workers: list[subprocess.Popen[bytes]], log: Path, tmp_path: Path
-) -> None:
+def test_a_worker_that_is_killed_half_way_changes_no_bit(address, workers, log, tmp_path):
     units = [Job(str(log), "cpf", replace(CHOICES, seed=seed)) for seed in range(8)]
     units.append(replace(units[0], log=str(tmp_path / "nothing")))  # a fault is a result, and is not tried again
     stores = [tmp_path / name for name in ("there", "here")]
@@ -146,9 +144,7 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(
 
 
 @pytest.mark.usefixtures("workers")
-def test_compare_runs_there_and_a_second_time_takes_what_is_stored(
-    address: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compare_runs_there_and_a_second_time_takes_what_is_stored(address, log, tmp_path, monkeypatch):
     monkeypatch.chdir(log.parent)  # a name that means nothing in the folder of a worker
     words = ("compare", "dive", "-f", "usbl,ekf", "-q", "-o", tmp_path / "out", "--scheduler", address)
 
@@ -161,9 +157,7 @@ def test_compare_runs_there_and_a_second_time_takes_what_is_stored(
 
 
 @pytest.mark.usefixtures("workers")
-def test_a_worker_of_another_version_refuses_and_names_both(
-    address: str, log: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_of_another_version_refuses_and_names_both(address, log, monkeypatch):
     here = installed()._replace(version="9.9.9")
     monkeypatch.setattr(worker_checks, "installed", lambda: here)
 

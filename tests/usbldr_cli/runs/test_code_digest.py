@@ -29,9 +29,7 @@ def package(tmp_path: Path) -> Path:
         ("kernel/_kernel.pyi", True, False),
     ],
 )
-def test_every_file_that_makes_results_counts_and_no_other(
-    package: Path, file: str, compiled: bool, counts: bool
-) -> None:
+def test_every_file_that_makes_results_counts_and_no_other(package, file, compiled, counts):
     before, of_the_other = digest_of(package, compiled=compiled), digest_of(package, compiled=not compiled)
     (package / file).write_text("changed")
     assert (digest_of(package, compiled=compiled) != before) == counts
