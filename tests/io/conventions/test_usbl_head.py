@@ -119,15 +119,6 @@ def test_what_places_the_head_cannot_judge_the_filter(tmp_path: Path) -> None:
         logged(tmp_path, rows, f'{FROM_SHIP}[gps]\ntopic = "/ship/fix"')
 
 
-def test_the_ships_first_fix_is_the_origin_where_there_is_no_other(tmp_path: Path) -> None:
-    log = logged(tmp_path, [ship(T0, 0.0, 0.0), point(T0, 3.0, 4.0)], '[usbl]\nhead = { topic = "/ship/fix" }')
-
-    assert log.origin is not None
-    assert log.origin.lat_deg == pytest.approx(45.0)
-    assert places(log)[0] == pytest.approx([3, 4])
-    assert "MAP-UNKNOWN" not in codes(log)
-
-
 def test_what_would_mend_a_ships_heading_is_a_key_of_the_head(tmp_path: Path) -> None:
     seconds = [T0 + k * SECOND for k in range(4)]
     rows = [ship(t, 0.0, 0.0) for t in seconds] + [point(T0 + SECOND, 3.0, 4.0)]

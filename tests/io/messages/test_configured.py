@@ -229,25 +229,6 @@ columns = { time_unix_ms = "utc_ms", heading = "hdg" }
         logged_csv(tmp_path, toml.replace('"utc_ms", heading', '"hdg", heading'), nav=sheet)
 
 
-def test_quaternions_are_columns_of_a_compass(tmp_path: Path) -> None:
-    half = np.radians(30.0) / 2
-    sheet = f"t,a,b,c,d\n{T0},0,0,{np.sin(half)},{np.cos(half)}\n{T0 + SECOND},0,0,0,1"
-    columns = '{ time_ns = "t", qx = "a", qy = "b", qz = "c", qw = "d" }'
-    for convention, headings in (("ENU", [60.0, 90.0]), ("NED", [30.0, 0.0])):
-        log = logged_csv(tmp_path, f'[compass]\ncolumns = {columns}\nconvention = "{convention}"', ahrs=sheet)
-
-        np.testing.assert_allclose(log.tables["compass"]["heading_deg"], headings, atol=1e-9)
-
-
-def test_a_target_is_a_column_of_the_usbl(tmp_path: Path) -> None:
-    sheet = f"t,e,n,who\n{T0},1,2,B01\n{T0 + SECOND},3,4,B02\n{T0 + 2 * SECOND},5,6,B02"
-    toml = '[usbl]\ncolumns = { time_ns = "t", x = "e", y = "n", target = "who" }\ntarget = "B02"'
-
-    log = logged_csv(tmp_path, toml, fixes=sheet)
-
-    np.testing.assert_array_equal(log.tables["usbl"][["east_m", "north_m"]], [[3, 4], [5, 6]])
-
-
 def test_the_clock_offset_of_a_file_moves_times_in_every_unit(tmp_path: Path) -> None:
     write_mcap(tmp_path / "dive.mcap", rows())
     toml = CONFIGURATION + '[[file]]\npath = "dive.mcap"\nclock_offset_s = 1.5\n'

@@ -35,14 +35,6 @@ def taken(roles: Roles) -> dict[str, str]:
     return {role: choice.topic.name for role, choice in roles.chosen.items()}
 
 
-def test_the_usual_topics_are_recognised() -> None:
-    roles = choose_roles(LOG, [USBL, GPS, IMU_DATA, DVL], {}, {})
-
-    assert taken(roles) == {"dvl": "/dvl/twist", "compass": "/imu/data", "usbl": "/usbl/point", "gps": "/gps/fix"}
-    assert {choice.chosen_by for choice in roles.chosen.values()} == {"type and name"}
-    assert roles.unresolved == {}
-
-
 HDG = topic("/mavros/global_position/compass_hdg", "std_msgs/msg/Float64", ("data",))
 MAVROS_IMU = topic("/mavros/imu/data", IMU_DATA.type, IMU)
 RAW, NAMELESS = topic("/imu/data_raw", IMU_DATA.type, IMU), topic("/sensor_7", IMU_DATA.type, IMU)
@@ -51,12 +43,18 @@ SHIP_GPS, SHIP_USBL = topic("/ship/gps", GPS.type, GPS.fields), topic("/ship/usb
 SENTENCE = ("x", "y", "target", "fix_status")
 OFFSET, BOW = (topic(f"/{kind}", f"nmea/{kind}", SENTENCE) for kind in ("PEVOSSB_E", "PTSAX"))
 DEGREES = topic("/PTSAG", "nmea/PTSAG", ("lat_deg", "lon_deg", "target", "fix_status"))
+OF_BOAT = (("dvl", DVL), ("imu", IMU_DATA), ("gps", GPS))
+BOAT = [topic(f"/boat/{name}", like.type, like.fields) for name, like in OF_BOAT]
 COMPUTED = ("/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel", "/twist", "/sim/dvl/usbl")
 
 
 @pytest.mark.parametrize(
     ("topics", "options", "configured", "expected"),
     [
+        ([USBL, GPS, IMU_DATA, DVL], {}, {},
+         {"dvl": "/dvl/twist", "compass": "/imu/data", "usbl": "/usbl/point", "gps": "/gps/fix"}),
+        # on a boat with its own DVL the word distinguishes nothing
+        (BOAT, {}, {}, {"dvl": "/boat/dvl", "compass": "/boat/imu", "gps": "/boat/gps"}),
         # what is computed or nameless is no sensor
         *(([topic(name, DVL.type, TWIST), topic(name, USBL.type, POINT)], {}, {}, {}) for name in COMPUTED),
         # a name that suggests the sensor beats a type alone; raw data come after those with orientation
@@ -81,13 +79,15 @@ COMPUTED = ("/odometry/filtered", "/ekf/usbl", "/usbl/ground_truth", "/cmd_vel",
         ([HDG, MAVROS_IMU], {"depth": HDG.name}, {}, {"compass": MAVROS_IMU.name, "depth": HDG.name}),
         ([topic("/dvl/twist", DVL.type, TWIST, count=0)], {}, {}, {}),
     ],
-)
+)  # fmt: skip
 def test_a_sensor_is_the_topic_that_is_named_or_else_the_best_by_type_and_name(topics, options, configured, expected):
     roles = choose_roles(LOG, topics, options, configured)
 
     assert taken(roles) == expected
-    assert all(choice.chosen_by == "option" for role, choice in roles.chosen.items() if role in options)
-    assert roles.findings == () or not options
+    for role, choice in roles.chosen.items():
+        by = "configuration" if role in configured else "type and name"
+        assert choice.chosen_by == ("option" if role in options else by)
+    assert roles.findings == () if options else "ROLE-SHIP" not in {finding.code for finding in roles.findings}
 
 
 def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
@@ -224,17 +224,6 @@ def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
         "/ship/gps: not used as gps, because of the name taken for a sensor of the ship; "
         "a sensor of the vehicle is chosen with --gps TOPIC or with topic under [gps]"
     )
-
-
-def test_on_a_boat_with_its_own_dvl_the_word_distinguishes_nothing() -> None:
-    names = ("/boat/dvl", "/boat/imu", "/boat/gps")
-    kinds = (DVL.type, IMU_DATA.type, GPS.type)
-    topics = [topic(*one) for one in zip(names, kinds, (DVL.fields, IMU, GPS.fields), strict=True)]
-
-    roles = choose_roles(LOG, topics, {}, {})
-
-    assert taken(roles) == dict(zip(("dvl", "compass", "gps"), names, strict=True))
-    assert roles.findings == ()
 
 
 @given(first=st.integers(1, 9), second=st.integers(1, 9), other=st.sampled_from(["TwistStamped", "String"]))

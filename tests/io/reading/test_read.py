@@ -27,18 +27,6 @@ def test_a_short_dive_becomes_canonical_tables(tmp_path: Path) -> None:
     assert {role: (p.messages, p.used) for role, p in log.provenance.items()} == counts
 
 
-def test_the_configuration_beside_the_log_is_read_and_named(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", short_dive())
-    (tmp_path / "usbldr.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
-
-    beside, ignored = read_log(file), read_log(file, Request(configuration="none"))
-
-    assert beside.configuration == tmp_path / "usbldr.toml"
-    assert beside.tables["compass"]["sd_deg"].iloc[0] == 2.0
-    assert ignored.configuration is None
-    assert ignored.tables["compass"]["sd_deg"].iloc[0] == 0.3
-
-
 def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "dive.mcap", [yaw(T0, 0), point(T0, 1, 2)])
     log = read_log(file)

@@ -32,19 +32,6 @@ def joined(log: Path, *others: Path | str) -> Log:
     return read_log(log, Request(joined=tuple(map(str, others))))
 
 
-def test_two_files_are_one_dive(tmp_path: Path) -> None:
-    whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
-    vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
-    ship = write_bag(tmp_path / "ship.bag", of(SHIP))
-
-    log = joined(vehicle, ship)
-
-    assert log.format == "MCAP + ROS 1 bag"
-    assert log.start_ns == whole.start_ns
-    for sensor, table in whole.tables.items():
-        pd.testing.assert_frame_equal(log.tables[sensor], table)
-
-
 def test_a_clock_offset_is_subtracted_from_stamps_and_log_times(tmp_path: Path) -> None:
     """The ship's clock shows 2.5 s more than the vehicle's: clock_offset_s = 2.5."""
     whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
@@ -67,14 +54,6 @@ def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> 
     offset(tmp_path, "ship.mcap", 2.5)
 
     assert read_log(vehicle).tables["gps"]["time_s"].tolist() == [0.0]
-
-
-def test_the_log_itself_may_have_the_wrong_clock(tmp_path: Path) -> None:
-    file = write_mcap(tmp_path / "dive.mcap", of(VEHICLE + SHIP, -3_000_000_000))
-    offset(tmp_path, "dive.mcap", -3.0)
-
-    assert read_log(file).start_ns == T0
-    assert read_log(file, Request("none")).start_ns == T0 - 3_000_000_000
 
 
 def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:

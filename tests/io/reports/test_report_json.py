@@ -209,15 +209,6 @@ def leave_a_run(target: Path, text: str = "old", force: bool = False) -> None:
         (folder / "report.json").write_text(json.dumps({"tool": {"name": "usbldr"}, "files": ["track.csv"]}))
 
 
-def test_a_run_directory_appears_only_when_it_is_complete(tmp_path: Path) -> None:
-    with run_directory(tmp_path / "deep" / "out") as folder:
-        assert not (tmp_path / "deep" / "out").exists()
-        (folder / "a").write_text("a")
-
-    assert (tmp_path / "deep" / "out" / "a").read_text() == "a"
-    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["out"]
-
-
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, ZeroDivisionError])
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, fault: type[BaseException]) -> None:
     def interrupted() -> None:

@@ -16,13 +16,12 @@ from commands import interrupt, output_of
 from logs import refusal
 from recordings import decoded
 from usbldr.filters.errors import UsageError
-from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.simulation.scenario import Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.log import COLUMNS
 from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
+from usbldr.io.scenarios.simulated_log import START_NS, simulated_log
 from usbldr.io.writers.write_log import log_format_of
 
 PAPER = find_scenario("paper")
@@ -145,26 +144,6 @@ def test_the_configuration_states_noise_start_and_conventions(tmp_path: Path) ->
     angles_deg = {"heading_deg": math.degrees(2.2e-4), "turn_rate_dps": math.degrees(2.2e-5)}
     assert {key: process.pop(key) for key in angles_deg} == pytest.approx(angles_deg, rel=1e-14)
     assert process == {"position_m": 0.0022, "uncalibrated_m": 0.067, "velocity_mps": 2.2e-3}
-
-
-def test_every_noise_family_has_its_keys() -> None:
-    noisy = dataclasses.replace(
-        PAPER,
-        dvl=dataclasses.replace(PAPER.dvl, noise=StudentT(dof=5.0)),
-        compass=dataclasses.replace(PAPER.compass, noise=Contamination(share=0.1, sd=math.radians(20.0))),
-        usbl=dataclasses.replace(PAPER.usbl, noise=Mixture(per_scalar=False)),
-        start=None,
-    )
-    plain = dataclasses.replace(PAPER, dvl=dataclasses.replace(PAPER.dvl, noise=Gaussian()))
-
-    stated = tomllib.loads(configuration_text(noisy, 0, {}))
-
-    assert stated["dvl"]["noise"] == {"kind": "student-t", "dof": 5.0, "per": "record"}
-    assert stated["compass"]["noise"] == {"kind": "contamination", "share": 0.1, "sd_deg": 20.0, "per": "record"}
-    assert stated["usbl"]["noise"]["per"] == "record"
-    assert "start" not in stated
-    noise = tomllib.loads(configuration_text(plain, 0, {}))["dvl"]["noise"]
-    assert noise == {"kind": "gaussian", "per": "scalar"}
 
 
 @pytest.mark.parametrize("name", ["dive.mcap", "dive.bag", "dive.db3", "dive_db3", "dive"])

@@ -71,13 +71,6 @@ def test_a_key_that_would_not_act_is_refused_by_name(tmp_path: Path, text: str, 
     assert refusal(UsageError, parse_configuration, read_document(file), file) == f"{file}: {sentence}"
 
 
-def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
-    file = written(tmp_path, "[dvl\n")
-
-    with pytest.raises(UsageError, match="is not valid TOML"):
-        parse_configuration(read_document(file), file)
-
-
 @pytest.mark.parametrize("file", FIELD, ids=lambda file: file.stem)
 def test_the_field_configurations_are_accepted(file: Path) -> None:
     assert parse_configuration(read_document(file), file).truth.max_gap_s in (5.0, 30.0)
@@ -112,11 +105,6 @@ def test_a_folder_may_carry_its_configuration_inside(tmp_path: Path) -> None:
 
     inside.touch()
     assert find_configuration(log, None) == inside
-
-
-def test_an_absent_configuration_is_a_usage_error(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"gone\.toml: no such configuration file"):
-        find_configuration(tmp_path, "gone.toml")
 
 
 def test_without_keys_a_run_has_the_default_assumptions(tmp_path: Path) -> None:

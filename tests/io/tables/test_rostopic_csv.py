@@ -95,13 +95,6 @@ def test_messages_without_header_are_timed_by_log_time(tmp_path: Path) -> None:
     assert log.start_ns == T0
 
 
-def test_a_stamp_that_was_never_set_is_replaced_by_log_time(tmp_path: Path) -> None:
-    log = read_log(write_csv(tmp_path / "dive", dvl=TWIST.replace(f",{STAMP},", ",0,")))
-
-    assert log.start_ns == STAMP + 3
-    assert "ZERO-STAMP" in [finding.code for finding in log.findings]
-
-
 def test_two_files_of_one_topic_are_an_error(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl=TWIST)
     (folder / "dvl.txt").write_bytes((folder / "dvl.csv").read_bytes())
