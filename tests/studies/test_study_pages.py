@@ -1,4 +1,4 @@
-"""The commands of docs/studies, and what the scripts of benchmarks/field change and move."""
+"""The commands of docs/studies, what the scripts of benchmarks change, and that peers solve the same problem."""
 
 import math
 import re
@@ -13,11 +13,15 @@ from checkout import ROOT
 from commands import command
 from field.defaults import ABLATIONS, MODULES, SENSITIVITY, constants
 from field.moved_truth import moved_onto_fixes
+from speed.kalman_peers import filterpy_ekf
+from speed.peers import dive, moved
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay import prior
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Truth
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
@@ -74,3 +78,11 @@ def test_no_change_leaves_a_run_as_it_is(line: Timeline) -> None:
         starts = any(not np.array_equal(one, other) for one, other in zip(begun, usual, strict=True))
         assert starts or not name.startswith("start."), name
         assert changed_line is not line or reported != given or asked or starts or change.settings, name
+
+
+def test_the_ekf_of_filterpy_gives_the_track_of_ours() -> None:
+    work = dive(60.0)
+
+    ours = run("ekf", work.line, work.log.parameters, FilterSettings(guard=False)).position_m
+
+    assert np.abs(filterpy_ekf(work, moved) - ours).max() < 1e-6

@@ -1,4 +1,4 @@
-"""Logs of IMC messages, written and decoded by imcpy."""
+"""Logs of IMC messages, written and decoded by imcpy; units and signs are those that IMC.xml states."""
 
 import gzip
 from pathlib import Path
@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imc_recordings import COUNT, definitions, imcpy, messages, sent, write_lsf
+from imc_recordings import COUNT, definitions, imcpy, messages, sent, write_lsf, write_messages
+from logs import codes
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
-from usbldr.io.reading.read import read_log
+from usbldr.io.log import Log
+from usbldr.io.reading.read import Request, read_log
 
 
 def test_the_numbers_of_all_messages_are_those_of_imcpy(tmp_path: Path) -> None:
@@ -90,3 +92,77 @@ def test_a_velocity_is_valid_if_its_horizontal_part_is(tmp_path: Path, bits: int
     (tmp_path / "Data.lsf").write_bytes(b"".join(sequence))
 
     assert list(read_log(tmp_path / "Data.lsf").tables["dvl"]["valid"]) == [k != 2 or bits == 7 for k in range(9)]
+
+
+LAT, LON = 0.7184, -0.1519  # [rad] off Porto
+START_S = T0 / SECOND
+
+
+def dive(folder: Path, kind: str, *sequence: dict[str, Any], **topics: str) -> Log:
+    """Write messages of one kind, one a second, and read them."""
+    file = write_messages(folder, [sent(kind, START_S + k, 5, **fields) for k, fields in enumerate(sequence)])
+    return read_log(file, Request(topics=topics))
+
+
+def fix_of_gps(east_rad: float = 0.0, bits: int = 7, kind: int = 0) -> dict[str, Any]:
+    own = imcpy.GpsFix
+    place = {"lat": LAT, "lon": LON + east_rad, "hacc": 3.0, "satellites": 9, "cog": 1.0, "sog": 2.0}
+    return place | {"validity": own.ValidityBits(bits), "type": own.TypeEnum(kind)}
+
+
+def test_a_gps_fix_is_in_radians_and_valid_if_its_position_is(tmp_path: Path) -> None:
+    fixes = [fix_of_gps(), fix_of_gps(1e-6), fix_of_gps(9.0, bits=3), fix_of_gps(2e-6, bits=4)]
+
+    table = dive(tmp_path, "GpsFix", *fixes).tables["gps"]
+
+    np.testing.assert_allclose(table["lat_deg"], np.degrees(LAT), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(table["lon_deg"], np.degrees(LON + np.array([0, 1e-6, 2e-6])), rtol=0, atol=1e-12)
+    assert table["time_s"].tolist() == [0.0, 1.0, 3.0]
+
+
+@pytest.mark.parametrize(("name", "read"), [("STANDALONE", 1), ("DIFFERENTIAL", 1), ("SIMULATION", 1),
+                                            ("DEAD_RECKONING", 0), ("MANUAL_INPUT", 0)])  # fmt: skip
+def test_a_position_that_was_not_measured_is_no_gps_fix(tmp_path: Path, name: str, read: int) -> None:
+    kind = int(getattr(imcpy.GpsFix.TypeEnum, name))
+
+    log = dive(tmp_path, "GpsFix", fix_of_gps(), fix_of_gps(1e-6, kind=kind), fix_of_gps(2e-6))
+
+    assert len(log.tables["gps"]) == 2 + read
+    assert ("GPS-INVALID" in codes(log)) != bool(read)
+
+
+@pytest.mark.parametrize(("kind", "more"), [("UsblFix", {"target": 31}),
+                                            ("UsblFixExtended", {"target": "lauv-1", "accuracy": 2.5})])  # fmt: skip
+def test_usbl_fixes_are_in_radians(tmp_path: Path, kind: str, more: dict[str, Any]) -> None:
+    log = dive(tmp_path, kind, *({"lat": LAT + k * 1e-7, "lon": LON, **more} for k in range(5)))
+
+    table = log.tables["usbl"]
+    radius_m = 6_378_137.0 * (1 - 0.00669438) / (1 - 0.00669438 * np.sin(LAT) ** 2) ** 1.5  # of the meridian, WGS 84
+    north_m = table["north_m"].to_numpy()
+    np.testing.assert_allclose(north_m - north_m[0], np.arange(5) * 1e-7 * radius_m, rtol=0, atol=1e-3)
+
+
+def test_a_heading_turns_clockwise_from_north_in_radians(tmp_path: Path) -> None:
+    angles = [{"psi": psi, "psi_magnetic": 3.0, "theta": 0.2, "phi": 0.1} for psi in (0.0, np.pi / 2, -np.pi / 2)]
+
+    table = dive(tmp_path, "EulerAngles", *angles).tables["compass"]
+
+    np.testing.assert_allclose(table["heading_deg"] % 360, [0, 90, 270], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["WaterVelocity", "EstimatedState"])
+def test_what_is_no_measurement_over_ground_is_not_used(tmp_path: Path, kind: str) -> None:
+    fields = {"validity": imcpy.WaterVelocity.ValidityBits(7)} if kind == "WaterVelocity" else {"lat": LAT, "u": 1.0}
+
+    assert dive(tmp_path, kind, fields, fields).tables == {}
+
+
+def test_a_bit_that_is_none_is_no_field(tmp_path: Path) -> None:
+    file = write_messages(tmp_path, [sent("GpsFix", START_S, 5, **fix_of_gps(bits=5))])
+
+    (topic,) = open_log(file).topics()
+
+    flags = [path for path in topic.fields if path.startswith("validity.")]
+    assert flags == ["validity.VALID_DATE", "validity.VALID_TIME", "validity.VALID_POS"]
+    values = read_whole(open_log(file), {topic.name: flags})[topic.name].columns
+    assert [values[flag][0] for flag in flags] == [True, False, True]

@@ -1,6 +1,10 @@
 import dataclasses
+import hashlib
+import os
 import re
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,7 +32,7 @@ from usbldr_cli.figures.health import innovation_figure, particle_figure
 from usbldr_cli.figures.overlay import coincident_text
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
-from usbldr_cli.figures.style import broken_at_gaps, in_style, save
+from usbldr_cli.figures.style import broken_at_gaps, in_style, save, titled_figure
 from usbldr_cli.figures.track import track_figure
 from usbldr_cli.runs.job_store import Trace
 from usbldr_cli.runs.seed_table import ComparisonRow
@@ -361,3 +365,31 @@ def test_tracks_closer_than_a_line_is_wide_are_said_to_coincide() -> None:
 
     assert coincident_text(traces) == "; adf, cpf coincide (95 % of the time)"  # dr is no filter
     assert coincident_text(traces[:2]) == ""
+
+
+DRAWING = """
+import sys
+from pathlib import Path
+from usbldr_cli.figures.style import in_style, save, titled_figure
+with in_style():
+    figure = titled_figure("title", "detail", 4, 3)
+    figure.subplots().plot([0, 1], [0, 1])
+    save(figure, Path("figure.png"))
+"""
+
+
+def test_settings_of_matplotlib_in_the_folder_or_of_the_user_change_no_figure(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text("axes.facecolor: red\nlines.linewidth: 20\nno such line\n")
+    user = tmp_path / "user"
+    user.write_text("figure.facecolor: blue\nsavefig.dpi: 10\ntext.usetex: true\n")
+
+    command = [sys.executable, "-P", "-c", DRAWING]
+    done = subprocess.run(command, cwd=tmp_path, env={**os.environ, "MATPLOTLIBRC": str(user)}, capture_output=True)
+
+    with in_style():
+        figure = titled_figure("title", "detail", 4, 3)
+        figure.subplots().plot([0, 1], [0, 1])
+        save(figure, tmp_path / "expected.png")
+    assert (done.returncode, done.stderr) == (0, b"")
+    drawn, expected = (hashlib.sha256((tmp_path / f"{name}.png").read_bytes()) for name in ("figure", "expected"))
+    assert drawn.hexdigest() == expected.hexdigest()
