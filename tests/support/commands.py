@@ -7,6 +7,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,17 @@ from click import ClickException, Command, Context
 from click.testing import CliRunner, Result
 
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.scenarios.files import write_scenario
+from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.main import cli, one_line
 
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]
+
+
+def write_short(file: Path, scenario: str, seconds: float, seed: int = 0) -> Path:
+    """Write the beginning of a shipped scenario as a log."""
+    write_scenario(replace(find_scenario(scenario), duration_s=seconds), seed, file)
+    return file
 
 
 def command(name: str) -> Command:

@@ -1,6 +1,5 @@
 """The command that writes a first baseline: it passes, its rows state their options, and files are found beside it."""
 
-import dataclasses
 import os
 import shutil
 import tomllib
@@ -9,17 +8,13 @@ from pathlib import Path
 import pytest
 
 from checkout import SAMPLES
-from commands import finished
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
+from commands import finished, write_short
 
 
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a dive of 200 s with one turn in it."""
-    file = tmp_path_factory.mktemp("made") / "dive.mcap"
-    write_scenario(dataclasses.replace(find_scenario("lawnmower"), duration_s=200.0), 0, file)
-    return file
+    return write_short(tmp_path_factory.mktemp("made") / "dive.mcap", "lawnmower", 200.0)
 
 
 @pytest.mark.long

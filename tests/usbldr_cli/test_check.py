@@ -13,18 +13,14 @@ import numpy as np
 import pytest
 
 from checkout import ROOT
-from commands import findings, finished
+from commands import findings, finished, write_short
 from usbldr.filters.estimators import compiled
 from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.motion import PositionIncrement
 from usbldr.io.reports.markdown_report import markdown
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline
 from usbldr_cli.runs.baseline_rows import stated_options
 from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, page, summary, table
-
-LAWNMOWER = find_scenario("lawnmower")
 
 ROWS = """\
 schema = 1
@@ -59,7 +55,7 @@ def _check(*arguments: object) -> subprocess.CompletedProcess[str]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a dive of 200 s, one turn in it, and a baseline whose values are those of today."""
     folder = tmp_path_factory.mktemp("made")
-    write_scenario(dataclasses.replace(LAWNMOWER, duration_s=200.0), 0, folder / "dive.mcap")
+    write_short(folder / "dive.mcap", "lawnmower", 200.0)
     (folder / "baseline.toml").write_text(ROWS)
     run = _check(folder / "baseline.toml", "--update")
     assert (run.returncode, run.stderr) == (0, "")

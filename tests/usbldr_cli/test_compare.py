@@ -8,18 +8,14 @@ from typing import Any
 
 import pytest
 
-from commands import interrupt, output_of, run
+from commands import interrupt, output_of, run, write_short
 from logs import refusal
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.executors import LocalProcesses
 from usbldr_cli.runs.jobs import relevant_choices
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Job
-
-PAPER = find_scenario("paper")
 
 CHOICES = RunChoices(
     particles=10, gate=None, seed=0, start=None, end=None, align="none", dr_from="start", fast_hz=5.0, slow_hz=1.0
@@ -28,9 +24,7 @@ CHOICES = RunChoices(
 
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("logs") / "dive"
-    write_scenario(dataclasses.replace(PAPER, duration_s=30.0), 1, folder)
-    return folder
+    return write_short(tmp_path_factory.mktemp("logs") / "dive", "paper", 30.0, 1)
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +168,7 @@ def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Pa
 
 def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
     dive = tmp_path / "dive"
-    write_scenario(dataclasses.replace(PAPER, duration_s=20.0), 1, dive)
+    write_short(dive, "paper", 20.0, 1)
     unit = Job(str(dive), "ekf", dataclasses.replace(CHOICES, calibrate="none"))  # else the log corrects the sigma
     store = tmp_path / "units"
     store.mkdir()

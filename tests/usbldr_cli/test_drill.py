@@ -1,6 +1,5 @@
 """usbldr drill on a short dive: what it reports, writes, keeps and refuses."""
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -8,10 +7,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from commands import output_of, run
+from commands import output_of, run, write_short
 from usbldr.filters.errors import LogError
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.tables.run_table import WIDTH
 
 SUITE = """
@@ -31,9 +28,7 @@ faults = ["drop dvl@0:"]
 
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("logs") / "dive"
-    write_scenario(dataclasses.replace(find_scenario("square"), duration_s=100.0), 1, folder)
-    return folder
+    return write_short(tmp_path_factory.mktemp("logs") / "dive", "square", 100.0, 1)
 
 
 @pytest.fixture(scope="module")

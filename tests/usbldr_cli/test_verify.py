@@ -2,16 +2,13 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import Result
 
-from commands import output_of, run
+from commands import output_of, run, write_short
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.runs.repeat_run import Difference, Verification
 
 
@@ -19,7 +16,7 @@ from usbldr_cli.runs.repeat_run import Difference, Verification
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a log and the run directory of its first minute."""
     folder = tmp_path_factory.mktemp("verify")
-    write_scenario(replace(find_scenario("paper"), duration_s=100.0), 0, folder / "paper.mcap")
+    write_short(folder / "paper.mcap", "paper", 100.0)
     options = ("-f", "ekf", "--gate", "0.99", "--end", "60", "--noise", "usbl=student-t:4", "--plots", "none")
     output_of("replay", folder / "paper.mcap", *options, "-o", folder / "run")
     return folder

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import output_of
+from commands import output_of, write_short
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.influence import compare_without, influences, most_influential, without_fix
 from usbldr.filters.models.noise import Gaussian
@@ -131,7 +131,7 @@ def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method
 
 
 def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> None:
-    write_scenario(replace(find_scenario("square"), duration_s=60.0), 3, tmp_path / "dive")
+    write_short(tmp_path / "dive", "square", 60.0, 3)
 
     printed, folder = replayed(tmp_path / "dive", "adf", "--leave-one-out", "5")
 
@@ -146,7 +146,7 @@ def test_terminal_and_report_show_the_largest_effect_first(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("method", ["dr", "pf"])
 def test_a_method_that_tells_of_no_shift_cannot_leave_one_out(tmp_path: Path, method: str) -> None:
-    write_scenario(replace(find_scenario("square"), duration_s=20.0), 3, tmp_path / "dive")
+    write_short(tmp_path / "dive", "square", 20.0, 3)
 
     with pytest.raises(UsbldrError, match=f"{method} does not report the effect of each fix"):
         replayed(tmp_path / "dive", method, "--leave-one-out", "1")

@@ -15,21 +15,14 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_sentences import WORD_LINE, find_sentences
 from usbldr.io.formats.detect import open_log
-from usbldr.io.log import Log
 from usbldr.io.reading.inputs import input_files
-from usbldr.io.reading.read import Request, read_log
+from usbldr.io.reading.read import Request
 
 # the example of Water Linked's serial protocol, and that of Nortek's manual
 RECORDED_GGA = "$GPGGA,075617.34,7002.968962,N,02938.350607,E,2,12,0.6,-0.52,M,20.34,M,7.0,0907*6F"
 WRZ = "wrz,0.120,-0.400,2.000,y,1.30,1.855,1e-07;0;1.4;0;1.2;0;0.2;0;1e+09,7,14,123.00,1*50"
 PNORBT7 = "$PNORBT7,1452244916.7508,1.234,-1.234,0.1234,0.1234,0.1234,12.34,23.45,23.45,23.45,23.45*39"
 HEAD = "head = { lat_deg = 45.0, lon_deg = 7.0 }\n"
-
-
-def text_log(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log:
-    (folder / "dive.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(folder / "dive.log", Request(topics=topics))
 
 
 @given(
@@ -61,7 +54,7 @@ def test_every_field_of_any_sentence_has_its_number(cells: list, name: str) -> N
     ],
 )
 def test_columns_name_any_field(tmp_path: Path, line: str, columns: str, forward_mps: float) -> None:
-    log = text_log(tmp_path, f"1600000000 {line}", toml=f"[dvl]\ncolumns = {{ {columns} }}\n")
+    log = logged_nmea(tmp_path, f"1600000000 {line}", toml=f"[dvl]\ncolumns = {{ {columns} }}\n")
 
     assert log.tables["dvl"]["forward_mps"].tolist() == pytest.approx([forward_mps])
 
@@ -85,7 +78,7 @@ def test_a_line_of_water_linkeds_serial_protocol_is_a_dvl_record(tmp_path: Path)
     stamped = WRZ.replace(",7,14,", f",{T0 // 1000},{T0 // 1000 + 100},").partition("*")[0]
     bad = stamped.replace(",y,", ",n,").replace(str(T0 // 1000), str(T0 // 1000 + 200_000), 1)
 
-    log = text_log(tmp_path, f"1600000000.1 {stamped}", f"1600000000.3 {bad}")
+    log = logged_nmea(tmp_path, f"1600000000.1 {stamped}", f"1600000000.3 {bad}")
 
     dvl = log.tables["dvl"]
     assert dvl[["forward_mps", "starboard_mps", "up_mps"]].to_numpy()[0] == pytest.approx([0.12, -0.4, -2.0])
@@ -97,7 +90,7 @@ def test_a_line_of_water_linkeds_serial_protocol_is_a_dvl_record(tmp_path: Path)
 def test_an_evologics_fix_is_east_and_north_of_the_head(tmp_path: Path) -> None:
     line = "USBLLONG,1600000001.0,1600000000.5,2,1,2,3,30.0,40.0,-5.0,0.0,0.0,1.57,20000,-30,200,0.25"
 
-    log = text_log(tmp_path, f"1600000001 {line}", toml=MAP + "[usbl]\n" + HEAD)
+    log = logged_nmea(tmp_path, f"1600000001 {line}", toml=MAP + "[usbl]\n" + HEAD)
 
     usbl = log.tables["usbl"]
     assert usbl[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([30, 40])

@@ -1,17 +1,15 @@
 """Logs behind a URL, in fsspec's memory and file systems."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from commands import write_short
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.drills.drill import Drill
 from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.reading.remote import is_url, local_log
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.session import is_simulated
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.drill_runs import DrillPlan
@@ -26,7 +24,7 @@ def dive(tmp_path: Path) -> Path:
     """A log with a configuration that names a truth file, beside one that nobody names."""
     file = tmp_path / "logs" / "dive.mcap"
     file.parent.mkdir()
-    write_scenario(replace(find_scenario("paper"), duration_s=20.0), 0, file)
+    write_short(file, "paper", 20.0)
     configuration = file.with_suffix(".usbldr.toml")
     configuration.write_text('schema = 1\n[truth]\nfile = "more/track.tum"\n')
     (file.parent / "more").mkdir()
@@ -90,7 +88,7 @@ def test_a_storage_whose_library_is_not_installed_is_a_sentence(monkeypatch: pyt
 
 def test_runs_and_drills_take_a_url_and_give_the_numbers_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "dive.mcap"
-    write_scenario(replace(find_scenario("paper"), duration_s=20.0), 0, file)
+    write_short(file, "paper", 20.0)
     choices = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
     drill = Drill("none", ())
 

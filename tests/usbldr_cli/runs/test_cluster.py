@@ -16,10 +16,8 @@ from typing import Any
 
 import pytest
 
-from commands import run
+from commands import run, write_short
 from usbldr.filters.errors import UsageError
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.worker_options import WorkerChoices
 from usbldr_cli.runs import cluster, run_jobs, worker_checks
@@ -61,9 +59,7 @@ def workers(address: str) -> Generator[list[subprocess.Popen[bytes]]]:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("logs") / "dive"
-    write_scenario(replace(find_scenario("paper"), duration_s=20.0), 0, folder)
-    return folder
+    return write_short(tmp_path_factory.mktemp("logs") / "dive", "paper", 20.0)
 
 
 def free_port() -> int:

@@ -16,10 +16,9 @@ from pathlib import Path
 import pytest
 
 from checkout import SAMPLES
+from commands import write_short
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.reading.opening import DEFAULT_REQUEST
-from usbldr.io.scenarios.files import write_scenario
-from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.session import open_log
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import executors
@@ -33,7 +32,7 @@ CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
 
 def test_runs_of_a_killed_worker_are_repeated_and_give_the_same_numbers(tmp_path: Path) -> None:
     log = tmp_path / "dive"
-    write_scenario(replace(find_scenario("paper"), duration_s=20.0), 0, log)
+    write_short(log, "paper", 20.0)
     units = [Job(str(log), "cpf", replace(CHOICES, seed=seed)) for seed in range(6)]
     (tmp_path / "store").mkdir()
     killed: list[int] = []
