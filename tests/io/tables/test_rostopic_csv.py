@@ -85,16 +85,6 @@ def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
     assert (records.received_ns[0], stamp, time) == (T0 + 5, T0, 123.5)
 
 
-def test_messages_without_header_are_timed_by_log_time(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", compass_hdg=f"%time,field.data\n{T0},90.5\n{T0 + 10},91")
-
-    log = read_log(folder)
-
-    assert list(log.tables["compass"]["heading_deg"]) == [90.5, 91.0]
-    assert "NO-HEADER" in [finding.code for finding in log.findings]
-    assert log.start_ns == T0
-
-
 def test_two_files_of_one_topic_are_an_error(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl=TWIST)
     (folder / "dvl.txt").write_bytes((folder / "dvl.csv").read_bytes())
