@@ -1,7 +1,6 @@
 """A session in Python gives the numbers and the files of the command line, to the last bit."""
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 
 import usbldr
 from checkout import SAMPLES
-from commands import output_of
+from commands import output_of, report_of
 from usbldr.io.reports.locate import read_smoothed_run
 from usbldr.io.reports.run import ScoredTrack
 from usbldr.io.scenarios.files import write_scenario
@@ -26,7 +25,7 @@ def numbers(metrics: Mapping[str, float | None]) -> dict[str, float]:
 def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:
     folder = tmp_path / "run"
     output_of("replay", log, *options, "-o", folder)
-    return numbers(json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"])
+    return numbers(report_of(folder)["metrics"])
 
 
 @pytest.mark.parametrize(("name", "method"), [("paper.mcap", "cpf"), ("lawnmower.mcap", "adf")])

@@ -61,6 +61,15 @@ def finished(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess([str(one) for one in arguments], code, done.stdout, done.stderr + fault)
 
 
+def report_of(folder: Path) -> Any:
+    """Read report.json of a run as a parser does that knows no NaN and no infinity."""
+
+    def refuse(constant: str) -> float:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
+
+
 def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
     """Return code -> finding of the doctor."""
     found = json.loads(run("doctor", log, "--json", *options).output)["findings"]

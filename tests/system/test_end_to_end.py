@@ -1,16 +1,14 @@
 """The sample logs through the real command line: exit codes, files, strict JSON, nothing lost, nothing half-written."""
 
-import json
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 
 from checkout import SAMPLES
-from commands import USBLDR, interrupt
+from commands import USBLDR, interrupt, report_of
 from usbldr.filters.replay.methods import METHODS
 
 TURN = SAMPLES / "lawnmower_turn_db3"  # two minutes: quick
@@ -20,15 +18,6 @@ PICTURES = {"track.png", "errors.png", "error_cdf.png", "error_distance.png"}
 
 def _usbldr(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*USBLDR, *map(str, arguments)], capture_output=True, text=True, check=False)
-
-
-def _report(folder: Path) -> dict[str, Any]:
-    """Read report.json as a parser does that knows no NaN and no infinity."""
-
-    def refuse(constant: str) -> float:
-        raise AssertionError(f"{constant} is not JSON")
-
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -44,7 +33,7 @@ def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) 
     names = {file.name for file in (tmp_path / "run").iterdir()}
     grids = ("track_fixes.csv", "errors_fixes.csv") if method == "usbl" else ("track_5hz.csv", "errors_1hz.csv")
     assert names >= TABLES | (PICTURES if drawn else set()) | set(grids)
-    report = _report(tmp_path / "run")
+    report = report_of(tmp_path / "run")
     assert {*report["files"], "report.json"} == names
     assert report["filter"] == method
     errors = pd.read_csv(tmp_path / "run" / grids[1])

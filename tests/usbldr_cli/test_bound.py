@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from checkout import SAMPLES
-from commands import output_of
+from commands import output_of, report_of
 from logs import refusal
 from usbldr.filters.bounds.dive_bounds import position_bound
 from usbldr.filters.errors import UsageError
@@ -30,7 +30,7 @@ def test_the_bound_is_that_of_the_model_that_the_filters_assume(tmp_path: Path) 
     paper = find_scenario("paper")
     log = simulated_log(paper, 3)
     want = position_bound(simulate(paper, 3), timeline(log), replace(log.parameters, calibrate=("scale",)))
-    bound = json.loads((tmp_path / "run" / "report.json").read_text(encoding="utf-8"))["bound"]
+    bound = report_of(tmp_path / "run")["bound"]
     shown = [line.split()[-3:] for line in said.splitlines() if line.startswith(("bound", "smoother bound"))]
     for k, (name, errors_m) in enumerate((("filter", want.filter_m), ("smoother", want.smoother_m))):
         least = bound[name]
@@ -46,7 +46,7 @@ def test_the_row_of_a_comparison_is_the_mean_of_the_seeds_own_bounds(tmp_path: P
     for seed in ("4", "5"):
         run = tmp_path / seed
         output_of("replay", dive, "-f", "ekf", "--seed", seed, "--bound", "-o", run)
-        alone.append(json.loads((run / "report.json").read_text(encoding="utf-8"))["bound"]["filter"])
+        alone.append(report_of(run)["bound"]["filter"])
 
     output_of("compare", dive, "-f", "dr,ekf,usbl", "--seed", 4, "--seeds", 2, "--bound", "-j", 1, "-o", out)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from checkout import SAMPLES
-from commands import findings, output_of, run
+from commands import findings, output_of, report_of, run
 from ship_dive import write_dive
 
 
@@ -21,7 +21,7 @@ def test_a_survey_is_calibrated_and_its_configuration_needs_no_more(survey, tmp_
     folder, file = tmp_path / "calibration", tmp_path / "found.toml"
     said = output_of("calibrate-usbl", survey, "-o", folder, "--write", file)
     assert "good: the fixes settle every error of the installation" in said
-    report = json.loads((folder / "report.json").read_text())
+    report = report_of(folder)
     assert set(report["files"]) | {"report.json"} == {path.name for path in folder.iterdir()}
     assert {one["name"]: one["open"] for one in report["parameters"]}["scale"] is False
     again = run("calibrate-usbl", survey, "--config", file, "--json")
@@ -127,7 +127,7 @@ def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its
         dive = write_dive(tmp_path / name, 1, seconds=400, heading_deg=heading_deg, scale=scale)
         out = str(tmp_path / f"{name}-run")
         run("replay", str(dive), "--filter", "adf", "--smooth", "--plots", "none", "--output", out)
-        drms_m.append(json.loads((Path(out) / "report.json").read_text())["fix_statistics"]["scatter"]["drms_m"])
+        drms_m.append(report_of(Path(out))["fix_statistics"]["scatter"]["drms_m"])
     assert drms_m[1] == pytest.approx(drms_m[0], rel=0.05)
 
 

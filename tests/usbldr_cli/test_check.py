@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from checkout import ROOT
-from commands import findings, finished, write_short
+from commands import findings, finished, report_of, write_short
 from usbldr.filters.estimators import compiled
 from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.motion import PositionIncrement
@@ -248,7 +248,7 @@ def test_a_failed_row_keeps_its_run_and_says_what_the_doctor_finds(gate: Path, t
     assert kept.name == "01-dive_adf"
     assert {"report.json", "errors_1hz.csv", "track_5hz.csv"} <= {file.name for file in kept.iterdir()}
     assert f"run kept in {kept}" in " ".join(run.stdout.split())
-    report = json.loads((kept / "report.json").read_text())
+    report = report_of(kept)
     assert report["filter"] == "adf"
     assert report["provenance"]["command"][:2] == ["usbldr", "check"]
     warned = [code for code, one in findings(gate.with_name("dive.mcap")).items() if one["level"] != "info"]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from commands import interrupt, output_of, run, write_short
+from commands import interrupt, output_of, report_of, run, write_short
 from logs import refusal
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.run_options import RunChoices
@@ -58,14 +58,14 @@ def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: P
     (tmp_path / "stated.toml").write_text(stated.replace("[compass]", "[compass]\nbias_deg = 2.5"))
     config, out = tmp_path / "stated.toml", tmp_path / "run"
     output_of("replay", dive, "-f", "ckf", "--config", config, "-o", out, "--plots", "none")
-    metrics = json.loads((tmp_path / "run" / "report.json").read_text())["metrics"]
+    metrics = report_of(tmp_path / "run")["metrics"]
     assert rows[1]["rmse_east_m"] == metrics["rmse_east_m"] != rows[0]["rmse_east_m"]
     assert "2 of 2 runs were finished" in run("compare", dive, "-f", "ckf", *sweep, "-o", tmp_path / "swept").stderr
 
 
 def test_a_run_with_a_stated_key_is_verified_and_checked_with_it(dive: Path, tmp_path: Path) -> None:
     output_of("replay", dive, "-f", "ckf", "--set", "usbl.sd_scale=4", "--plots", "none", "-o", tmp_path / "run")
-    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    report = report_of(tmp_path / "run")
     baseline = tmp_path / "baseline.toml"
     value = report["metrics"]["rmse_east_m"]
     baseline.write_text(
@@ -205,7 +205,7 @@ def test_finished_runs_are_compared_as_they_are_but_not_beside_a_log_or_without_
     reported = json.loads(output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "--json"))
 
     for row in reported["rows"]:
-        report = json.loads((tmp_path / row["filter"] / "report.json").read_text())
+        report = report_of(tmp_path / row["filter"])
         assert row["mean_abs_north_m"] == report["metrics"]["mean_abs_north_m"]
     ckf, usbl = (row["mean_horizontal_m"] for row in reported["rows"])
     assert reported["rows"][1]["mean_horizontal_m_difference"] == usbl - ckf

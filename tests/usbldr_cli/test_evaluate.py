@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import output_of, run
+from commands import output_of, report_of, run
 from logs import MAP
 from recordings import (
     FIX,
@@ -37,16 +37,12 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def report(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
-
-
 def judged(log: Path, name: object, *options: object) -> dict[str, Any]:
     return json.loads(output_of("evaluate", log, "--estimate", name, "--json", "-o", log.parent / "out", *options))
 
 
 def test_our_own_track_has_our_own_numbers(own: Path) -> None:
-    found, filtered = judged(own / "paper.mcap", own / "adf" / "track_5hz.csv"), report(own / "adf")
+    found, filtered = judged(own / "paper.mcap", own / "adf" / "track_5hz.csv"), report_of(own / "adf")
 
     for name in ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m", "matched", "shift_m"):
         assert found["metrics"][name] == pytest.approx(filtered["metrics"][name], abs=1e-4), name  # as written: 0.1 mm
@@ -77,7 +73,7 @@ def test_a_track_whose_east_and_north_are_exchanged_is_read_by_the_truth(own: Pa
 
     assert "read as NED" in done.stderr
     assert "[ESTIMATE-FRAME]" in done.stderr
-    metrics, filtered = report(own / "ned")["metrics"], report(own / "adf")["metrics"]
+    metrics, filtered = report_of(own / "ned")["metrics"], report_of(own / "adf")["metrics"]
     assert metrics["mean_horizontal_m"] == pytest.approx(filtered["mean_horizontal_m"], abs=1e-4)
     assert wrong["metrics"]["mean_horizontal_m"] > 100
 

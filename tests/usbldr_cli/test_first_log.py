@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import findings, output_of, run
+from commands import findings, output_of, report_of, run
 from curved import curved_dive
 from logs import MAP
 from recordings import Row, write_mcap
@@ -28,7 +28,7 @@ def replayed(folder: Path, name: str, rows: list[Row], toml: str = "", *options:
     log = write_mcap(folder / f"{name}.mcap", rows)
     (folder / f"{name}.usbldr.toml").write_text(toml, encoding="utf-8")
     run("replay", log, "--filter", "adf", "--output", folder / name, *options)
-    return json.loads((folder / name / "report.json").read_text())
+    return report_of(folder / name)
 
 
 def test_an_unknown_origin_moves_no_number_of_the_report(tmp_path: Path) -> None:

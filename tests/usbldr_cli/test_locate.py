@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from checkout import SAMPLES
-from commands import output_of, run
+from commands import output_of, report_of, run
 from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.reports.locate import BEFORE, OUTSIDE, SmoothedRun, located, radius
 
@@ -133,7 +133,7 @@ def test_places_err_as_the_track_does_on_the_sample_logs(name, tmp_path):
     stamps = truth[0].str.replace(".", "").rename("time_ns").astype("int64")
     stamps.to_csv(tmp_path / "times.csv", index=False)
     output_of("locate", tmp_path / "run", "--at", tmp_path / "times.csv", "-o", tmp_path / "found.csv")
-    found, report = pd.read_csv(tmp_path / "found.csv"), json.loads((tmp_path / "run" / "report.json").read_text())
+    found, report = pd.read_csv(tmp_path / "found.csv"), report_of(tmp_path / "run")
     for axis, column in (("east", 1), ("north", 2)):
         error_m = found[f"{axis}_m"] - truth[column]
         assert np.sqrt(np.mean(error_m**2)) == pytest.approx(report["metrics"][f"rmse_{axis}_m"], abs=1e-3)

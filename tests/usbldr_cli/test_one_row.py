@@ -62,7 +62,7 @@ def test_replay_runs_a_filter_that_is_one_row_and_draws_it_in_its_colour(tmp_pat
     monkeypatch.setattr("usbldr_cli.figures.run_figures.run_pictures", run_pictures)
     done = commands.run("replay", DIVE, "-f", "last-fix", "--calibrate", "none", "-o", str(tmp_path / "run"))
 
-    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    report = commands.report_of(tmp_path / "run")
     raw_m = report["reference_tracks"]["usbl"]["metrics"]["mean_horizontal_m"]
     assert done.exit_code == 0, done.output
     assert report["filter"] == "last-fix"

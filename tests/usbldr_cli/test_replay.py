@@ -1,21 +1,19 @@
 """What replay refuses and what it says aside from the table."""
 
 import hashlib
-import json
 import shutil
 import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import Result
 
 from checkout import SAMPLES
-from commands import output_of, run
+from commands import output_of, report_of, run
 from usbldr_cli.main import main
 
 
@@ -76,7 +74,7 @@ def test_a_quiet_run_still_warns(tmp_path: Path) -> None:
 
     done = run("replay", SAMPLES / "lawnmower_csv", *options)
 
-    warnings = json.loads((target / "report.json").read_text())["warnings"]
+    warnings = report_of(target)["warnings"]
     assert any("is far over-confident" in text for text in warnings)
     assert all(f"usbldr: {text}\n" in done.stderr for text in warnings)
     assert done.stdout.count("\n") == 1
@@ -113,11 +111,6 @@ def test_without_plots_nothing_is_drawn_and_matplotlib_is_not_imported(dive: Pat
     assert "## Figures" not in (out / "report.md").read_text()
 
 
-def _report(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((folder / "report.json").read_text())
-    return content
-
-
 def test_a_report_says_how_it_was_made(dive: Path) -> None:
     truth = dive.parent / "truth.csv"
     truth.write_text("time_ns,east_m,north_m\n1767225600000000000,0,0\n1767225601000000000,1,1\n", encoding="utf-8")
@@ -125,7 +118,7 @@ def test_a_report_says_how_it_was_made(dive: Path) -> None:
     words = tuple(map(str, ("replay", dive, "-f", "usbl", "--truth", truth, "--plots", "none", "-o", out)))
     assert run(*words).exit_code == 0
 
-    report = _report(dive.parent / "run")
+    report = report_of(dive.parent / "run")
 
     made = report["provenance"]
     assert made["command"] == ["usbldr", *words]

@@ -1,16 +1,14 @@
 """The fixes that a track hangs on: leaving one out really moves the track by what the table says."""
 
 import csv
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from commands import output_of, write_short
+from commands import output_of, report_of, write_short
 from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.influence import compare_without, influences, most_influential, without_fix
 from usbldr.filters.models.noise import Gaussian
@@ -103,17 +101,13 @@ def track(folder: Path) -> np.ndarray:
         return np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(text)])
 
 
-def report(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / "report.json").read_text())
-
-
 @pytest.mark.parametrize("method", ["adf", "cpf"])
 def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method: str) -> None:
     scenario = replace(find_scenario("square"), duration_s=60.0)
     for name in ("dive", "shorter"):
         write_scenario(scenario, 3, tmp_path / name)
     _, folder = replayed(tmp_path / "dive", method, "--leave-one-out", "2")
-    reported = report(folder)["leave_one_out"]
+    reported = report_of(folder)["leave_one_out"]
     first = reported[0]
     records = (tmp_path / "shorter" / "usbl.csv").read_text().splitlines(keepends=True)
     del records[1 + first["fix"]["row"]]
@@ -124,7 +118,7 @@ def test_replay_tells_what_a_log_without_the_record_gives(tmp_path: Path, method
     shift_m = np.hypot(*(track(folder) - track(other)).T)
     assert first["largest_shift_m"] == pytest.approx(shift_m.max(), abs=2e-3)
     assert first["mean_shift_m"] == pytest.approx(shift_m.mean(), abs=1e-3)
-    errors_m = [report(f)["metrics"]["mean_horizontal_m"] for f in (other, folder)]
+    errors_m = [report_of(f)["metrics"]["mean_horizontal_m"] for f in (other, folder)]
     assert first["error_change_m"] == pytest.approx(errors_m[0] - errors_m[1], abs=1e-9)
     assert first["largest_shift_m"] > 0.01
     assert len({one["fix"]["row"] for one in reported}) == 2

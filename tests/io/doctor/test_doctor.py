@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import findings, output_of, run
+from commands import findings, output_of, report_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv
@@ -91,7 +91,7 @@ def test_replay_warns_of_a_better_reading_and_changes_nothing(tmp_path: Path) ->
     assert done.return_value == 0
     assert "but NED fits better; dead-reckoning-to-fix residual: " in done.stderr
     assert done.stderr.count("[HEADING-CONVENTION]") == 1
-    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    report = report_of(tmp_path / "run")
     assert "HEADING-CONVENTION" in [finding["code"] for finding in report["findings"]]
     texts = [convention["text"] for convention in report["sensors"]["compass"]["conventions"]]
     assert "convention ENU (by type)" in texts

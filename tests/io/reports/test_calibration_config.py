@@ -1,6 +1,5 @@
 """What one dive found of its sensors serves the next: simulate +x, replay, replay with what was written, find 0."""
 
-import json
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from checkout import SAMPLES
-from commands import output_of
+from commands import output_of, report_of
 from logs import refusal
 from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
@@ -77,7 +76,7 @@ def simulated(folder: Path, section: str, wrong: dict[str, float]) -> Path:
 
 def calibrated(log: Path, key: str, run: Path, *options: str) -> dict[str, Any]:
     output_of("replay", str(log), "-f", "adf", "--calibrate", key, "-o", str(run), "-q", "--plots", "none", *options)
-    return json.loads((run / "report.json").read_text(encoding="utf-8"))["calibration"]
+    return report_of(run)["calibration"]
 
 
 @pytest.mark.parametrize("key", list(CASES))

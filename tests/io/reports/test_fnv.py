@@ -12,7 +12,7 @@ import pyarrow.parquet
 import pytest
 
 from checkout import SAMPLES
-from commands import output_of, run
+from commands import output_of, report_of, run
 from logs import refusal
 from usbldr.filters.errors import UsageError
 
@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_column_is_that_of_the_format(folder: Path) -> None:
     head, *lines = (folder / "track.fnv").read_text(encoding="utf-8").splitlines()
     track = pd.read_csv(folder / "track_5hz.csv")[::5].reset_index(drop=True)
-    start_ns = json.loads((folder / "report.json").read_text(encoding="utf-8"))["time_base"]["start_ns"]
+    start_ns = report_of(folder)["time_base"]["start_ns"]
 
     assert head.startswith("#")
     assert len(lines) == len(track)
@@ -50,7 +50,7 @@ def test_every_column_is_that_of_the_format(folder: Path) -> None:
 
 
 def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path) -> None:
-    own = json.loads((folder / "report.json").read_text(encoding="utf-8"))["metrics"]
+    own = report_of(folder)["metrics"]
 
     reported = output_of("evaluate", LOG, "-e", folder / "track.fnv", "--json", "-o", folder.parent / "judged")
 
@@ -68,7 +68,7 @@ def test_lines_of_mblist_are_read_as_a_truth(tmp_path: Path) -> None:
     options = ("-f", "dr", "--truth", tmp_path / "ship.fnv", "--plots", "none", "-q")
     output_of("replay", LOG, *options, "-o", tmp_path / "run")
 
-    report = json.loads((tmp_path / "run" / "report.json").read_text(encoding="utf-8"))
+    report = report_of(tmp_path / "run")
     assert report["truth"]["rows"] == 60
     assert report["metrics"]["matched"] == 60
 
@@ -99,7 +99,7 @@ def test_every_table_has_the_values_of_its_csv_file(tmp_path: Path) -> None:
         for name in read.column_names:
             for value, cell in zip(read[name].to_pylist(), (row[name] for row in written), strict=True):
                 assert _same(value, cell), (table.name, name, value, cell)
-    listed = json.loads((out / "report.json").read_text(encoding="utf-8"))["files"]
+    listed = report_of(out)["files"]
     assert {f"{table.stem}.parquet" for table in tables} <= set(listed)
 
 

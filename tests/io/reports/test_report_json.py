@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from commands import report_of
 from scored_runs import WHOLE, run_of, scored
 from uncalibrated import dive_without_calibration
 from usbldr.filters.errors import UsageError
@@ -47,13 +48,6 @@ def written(tmp_path: Path, run: Run) -> Path:
     return tmp_path / "out"
 
 
-def read_strictly(path: Path):
-    def refuse(constant: str) -> None:
-        raise AssertionError(f"{constant} is no JSON")
-
-    return json.loads(path.read_text(), parse_constant=refuse)
-
-
 def test_a_run_directory_holds_the_files_of_the_design(tmp_path: Path) -> None:
     out = written(tmp_path, a_run())
 
@@ -71,7 +65,7 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
     files = ["fixes.csv", "pose_5hz.csv", "report.json", "report.md", "track_5hz.csv"]
     assert sorted(path.name for path in out.iterdir()) == files
-    assert read_strictly(out / "report.json")["metrics"] is None
+    assert report_of(out)["metrics"] is None
     assert "paper has no truth" in (out / "report.md").read_text()
 
 
@@ -93,7 +87,7 @@ def test_a_far_over_confident_filter_says_what_to_try(evidence: tuple[SensorErro
 def test_report_json_is_strict_and_names_every_metric(tmp_path: Path) -> None:
     run = a_run(USBL)
 
-    report = read_strictly(written(tmp_path, run) / "report.json")
+    report = report_of(written(tmp_path, run))
 
     assert run.scored.report is not None
     assert list(report["metrics"].items()) == list(run.scored.report.flat().items())
@@ -108,7 +102,7 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
     outage = dataclasses.replace(TIMELINE, outages=(Outage("usbl", 10.0, 30.0),))
     run = dataclasses.replace(a_run(window=Window(4.0, 50.0), align="first"), log=reported, timeline=outage, seed=7)
 
-    report = read_strictly(written(tmp_path, run) / "report.json")
+    report = report_of(written(tmp_path, run))
 
     assert report["schema"] == 4
     assert report["log"]["sha256"] == LOG.sha256
@@ -130,7 +124,7 @@ def test_report_json_tells_where_the_numbers_come_from(tmp_path: Path) -> None:
 def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> None:
     doubt = Reacquisition(12.0, math.inf, 15.0, refused=3, jump_m=20.5, accepted=True)
 
-    report = read_strictly(written(tmp_path, a_run(dataclasses.replace(CKF, reacquisitions=(doubt,)))) / "report.json")
+    report = report_of(written(tmp_path, a_run(dataclasses.replace(CKF, reacquisitions=(doubt,)))))
 
     assert report["reacquisitions"] == [
         {"since_s": 12.0, "outage_s": None, "resolved_s": 15.0, "refused": 3, "jump_m": 20.5, "accepted": True}

@@ -15,7 +15,7 @@ import pytest
 from mcap.reader import make_reader
 
 from checkout import ROOT, SAMPLES
-from commands import output_of
+from commands import output_of, report_of
 from logs import refusal
 from recordings import decoded
 from usbldr.filters.errors import LogError, StorageError, UsageError
@@ -45,10 +45,6 @@ def messages(folder: Path) -> dict[str, list[Any]]:
     return found
 
 
-def report(folder: Path) -> Any:
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
-
-
 def judged(log: Path, out: Path, *options: object) -> dict[str, float]:
     topics = ("-e", "/usbldr/estimate", "--truth", "/usbldr/truth")
     reported = output_of("evaluate", log, *topics, "--json", "-o", out, *options)
@@ -58,7 +54,7 @@ def judged(log: Path, out: Path, *options: object) -> dict[str, float]:
 def test_evaluating_the_file_with_or_without_the_log_gives_the_numbers_of_the_run(folder: Path, tmp_path: Path) -> None:
     options = ("--calibrate", "heading", "--plots", "none", "-q", "--mcap", "alone")
     output_of("replay", LOG, "-f", "adf", *options, "-o", tmp_path / "run")
-    own = report(folder)["metrics"]
+    own = report_of(folder)["metrics"]
 
     merged = judged(folder / "track.mcap", tmp_path / "merged", "--config", CONFIG)
     alone = judged(tmp_path / "run" / "track.mcap", tmp_path / "alone")
@@ -113,7 +109,7 @@ def test_each_fix_stands_in_the_topic_of_its_outcome(folder: Path, messages: dic
 
 
 def test_errors_and_sensor_errors_are_those_of_the_report(folder: Path, messages: dict[str, list[Any]]) -> None:
-    own = report(folder)
+    own = report_of(folder)
 
     size = [m.vector.z for m in messages["/usbldr/error"]]
     assert np.mean(size) == pytest.approx(own["metrics"]["mean_horizontal_m"])

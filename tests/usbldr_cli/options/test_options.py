@@ -1,6 +1,5 @@
 """Options of the command line: LOG, --noise and --aid, and the help that groups them."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from checkout import SAMPLES
-from commands import output_of
+from commands import output_of, report_of
 from logs import refusal
 from recordings import short_dive, write_mcap
 from usbldr.filters.errors import UsageError
@@ -120,7 +119,7 @@ def test_what_is_no_window_is_refused_in_one_sentence(text: str, reported: str) 
 def test_replay_uses_gps_in_the_windows_and_says_so_wherever_it_gives_a_number(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     reported = output_of("replay", str(SAMPLE), "--filter", "ekf", "--aid", "gps@30:60,500:520", "-o", str(folder))
-    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    report = report_of(folder)
 
     sentence = "GPS fixes used as measurements from 30 to 60, 500 to 520 s of the log"
     assert sentence in " ".join(reported.split())

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from checkout import SAMPLES
-from commands import output_of, run
+from commands import output_of, report_of, run
 from html_pages import HtmlPage, chromium, in_chromium
 from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Plot, Section
 from usbldr.io.reports.report_text import Table
@@ -37,7 +37,7 @@ def page(folder: Path) -> HtmlPage:
 
 @pytest.fixture(scope="module")
 def report(folder: Path) -> Any:
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return report_of(folder)
 
 
 def test_the_page_asks_for_no_other_file_and_forbids_requests(page: HtmlPage) -> None:
