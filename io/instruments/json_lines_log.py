@@ -174,13 +174,13 @@ def _objects(lines: Iterable[str]) -> Iterator[tuple[int, str, str, Mapping[str,
 
 
 def _end_of_begun(line: str) -> int:
-    """Return the length of a line up to a bracket that closes more objects than were opened, 0 if none does."""
-    depth = 0
+    """Return the length of a line up to the last bracket that closes an object from before it, 0 if none does."""
+    depth = least = end = 0
     for place, character in enumerate(line):
         depth += (character == "{") - (character == "}")
-        if depth < 0:
-            return place + 1
-    return 0
+        if depth < least:
+            least, end = depth, place + 1
+    return end
 
 
 def _first(line: str) -> Mapping[str, Any] | None:

@@ -93,11 +93,11 @@ def test_an_object_within_a_record_whose_beginning_is_lost_is_no_record() -> Non
     with recorded("JSON lines") as (file, _, whole, _):
         first, _, rest = whole.partition(b"\n")
         counts: list[int] = []
-        for begun in (b"", b'{"id": 1}, {"id": 2}], ' + first[1:] + b"\n"):
+        for begun in (b"", b'{"id": 1}, {"id": 2}], ' + first[1:] + b"\n", b'e}, {"id": 2}], ' + first[1:] + b"\n"):
             file.write_bytes(begun + rest)
             counts.append(sum(topic.count for topic in open_log(file).topics()))
 
-        assert counts[0] == counts[1]
+        assert counts[0] == counts[1] == counts[2]
         assert any(finding.code == "UNDECODED" for finding in open_log(file).findings())
 
 
