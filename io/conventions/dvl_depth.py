@@ -10,6 +10,7 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Vector
 from usbldr.io.axes import axis_signs, named_frd
 from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, converted_table, corrections, valid_mask
+from usbldr.io.conventions.spikes import depth_spikes
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.findings import Finding
 from usbldr.io.messages.dvl import (
@@ -160,6 +161,9 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
             text = f"a median depth of {middle:.1f} m, above the water; if it counts the other way, state {other}"
             findings.append(raw.finding("DEPTH-SIGN", text))
     causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}
+    near = np.flatnonzero(~np.any([*causes.values()], axis=0))
+    spikes = near[depth_spikes((raw.received_ns[near] - raw.received_ns[0]) / 1e9, value[near])]
+    causes["far from their neighbours"] = np.isin(np.arange(len(value)), spikes)
     good, invalid = valid_mask(raw, causes, "depth", "left out")
     times = times_of(raw, section.time, section.latency_s)
     return converted_table(times, {"depth_m": value}, chosen, [*findings, *invalid]).only(good)

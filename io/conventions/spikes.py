@@ -1,4 +1,4 @@
-"""Spikes of DVL and compass that no vehicle could follow, and jumps of the heading that stay.
+"""Spikes of DVL, compass and depth that no vehicle could follow, and jumps of the heading that stay.
 
 A Hampel rule with a running median (F. R. Hampel, "The Influence Curve and its Role in Robust Estimation", J. Amer.
 Statist. Assoc. 69, 1974, doi:10.1080/01621459.1974.10482962) finds records far from their neighbours. A running median
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.frames import wrapped
-from usbldr.filters.types import Array, Indices, Vector
+from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, runs, some_runs
 from usbldr.io.messages.layouts import blocks
 
@@ -24,6 +24,8 @@ NOISE_RATIO = 5.0  # [-] usual deviations that noise adds to the change between 
 MIN_SPIKE_DEG = 5.0  # smaller ones do little harm
 MIN_SPIKE_MPS = 0.5  # [m/s] likewise
 AGREEING = 0.8  # [-] by judgement: share of the records beside a jump that do not scatter
+MIN_SPIKE_M = 2.0  # [m] likewise; waves at the surface are as high
+MAX_CLIMB_MPS = 5.0  # [m/s] vehicles dive and climb at up to 3 m/s
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
@@ -38,6 +40,16 @@ def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
         return change - MAX_ACCELERATION_MPS2 * (time_s[rows] - time_s[rows - 1])
 
     return _impossible(deviation, window, MIN_SPIKE_MPS, excess)
+
+
+def depth_spikes(time_s: Vector, depth_m: Vector) -> Mask:
+    """Return which depths (n,) in m are so far from their neighbours' that no vehicle can follow, (n,)."""
+    window = median_window(time_s)
+
+    def excess(rows: Indices) -> Vector:
+        return np.abs(depth_m[rows] - depth_m[rows - 1]) - MAX_CLIMB_MPS * (time_s[rows] - time_s[rows - 1])
+
+    return _impossible(np.abs(depth_m - _running_median(depth_m, window)), window, MIN_SPIKE_M, excess) > 0
 
 
 def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:

@@ -329,3 +329,15 @@ def test_depths_that_count_up_are_read_as_the_advice_says(tmp_path: Path) -> Non
 
     assert log.tables["depth"]["depth_m"].tolist() == [20.0, 21.0, 22.0]
     assert "DEPTH-SIGN" not in codes(log)
+
+
+def test_depths_that_no_vehicle_reaches_and_leaves_are_left_out(tmp_path: Path) -> None:
+    """A sensor that writes 0 for no reading; the vehicle dives and climbs at 2 m/s."""
+    depth_m = 60.0 - np.abs(60.0 - 2.0 * np.arange(60))
+    lost = np.isin(np.arange(60), [20, 31, 32, 45])
+    rows = "".join(f"{T0 + k * SECOND},{z:.1f}\n" for k, z in enumerate(np.where(lost, 0.0, depth_m)))
+
+    log = logged_csv(tmp_path, "", depth="time_ns,depth_m\n" + rows)
+
+    assert log.tables["depth"]["depth_m"].tolist() == depth_m[~lost].tolist()
+    assert "(4 far from their neighbours)" in codes(log)["DEPTH-INVALID"]
