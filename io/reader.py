@@ -40,7 +40,7 @@ class TopicInfo:
     arrays: frozenset[str] = frozenset()  # "covariance" if it has elements "covariance.0", "beams" of "beams.0.range"
     first_row: tuple[tuple[str, str], ...] = ()  # columns and first cells of a table that others than usbldr named
     is_shared: bool = False  # rows of a table that hold several sensors: of one, a row may have no value
-    table: str = ""  # whose names of columns tell that some of them are this topic; empty: no names tell
+    table: str = ""  # that holds the topic, if it is read by the names of its columns
     unused: tuple[str, ...] = ()  # columns of that table which no sensor uses
 
     def __post_init__(self) -> None:

@@ -256,7 +256,7 @@ def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request
 
 
 def _whole(topic: TopicInfo) -> TopicInfo:
-    """Return the table of which a topic is a part because names tell so, else the topic itself."""
+    """Return the table of a topic that the names of its columns give, else the topic itself."""
     row = topic.first_row
     return TopicInfo(topic.table, "", topic.encoding, 0, None, None, first_row=row) if topic.table else topic
 

@@ -31,10 +31,10 @@ class TopicSheet(NamedTuple):
     sheet: Sheet | None  # None: its columns match no sensor
     by_name: bool = False  # whether names and their units tell
     is_shared: bool = False  # whether the table's rows hold other sensors, too
-    unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table whose names tell
+    unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table that is read by the names of its columns
 
     def described(self, info: TopicInfo, first_row: tuple[tuple[str, str], ...]) -> TopicInfo:
-        """Return a topic with its first row; with its table and the columns of no sensor if names tell what it is."""
+        """Return a topic with its first row and unused columns, and its table if it is read by the names of columns."""
         return replace(info, first_row=first_row, table=self.table if self.by_name else "", unused=self.unused)
 
     def findings(self, topic: str) -> list[Finding]:
