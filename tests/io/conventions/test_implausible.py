@@ -229,12 +229,13 @@ def test_velocities_that_a_vehicle_may_have_stay(dive, spans_s, velocity_mps):
 
 
 def test_the_fixes_show_that_the_vehicle_did_not_move_as_it_could_have(dive: Log) -> None:
-    """Velocities are .4 m/s off for 40 s, and one of the fixes before them is an outlier."""
+    """Velocities are .4 m/s off for 40 s; the last fix before them is an outlier, with which they would be right."""
     wrong = within(dive, "dvl", 200, 240)
     log = with_velocities(dive, wrong, (0.0, 0.4))
-    north_m = log.tables["usbl"]["north_m"].to_numpy()
-    outlier = np.arange(len(north_m)) == np.searchsorted(times(log, "usbl"), 200) - 1
-    log = changed(log, "usbl", ["north_m"], (north_m + 60.0 * outlier)[:, None])
+    heading = np.radians(log.tables["compass"]["heading_deg"].to_numpy()[np.searchsorted(times(log, "compass"), 200)])
+    outlier = np.arange(len(times(log, "usbl"))) == np.searchsorted(times(log, "usbl"), 200) - 1
+    back_m = 16.0 * np.array([np.sin(heading), np.cos(heading)])
+    log = changed(log, "usbl", PLACE, log.tables["usbl"][PLACE].to_numpy() - outlier[:, None] * back_m)
 
     assert found(log) == ["DVL-JUMP"]
     assert lost(log) == {"dvl": times(log, "dvl")[wrong].tolist()}
