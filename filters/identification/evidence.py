@@ -86,12 +86,12 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
     outliers = gross(timeline)
-    best = _explanation(timeline, stated, outliers, FoundChanges())
+    unchanged = _explanation(timeline, stated, outliers, FoundChanges())
+    possible = [unchanged, _with_lost_dvl(timeline, stated, outliers, unchanged)]
     for changed in changes(timeline.with_fixes(~outliers), stated):
         if changed.changes:
-            best = max(best, _explanation(timeline, stated, outliers, changed), key=lambda one: one.log_evidence)
-    if not best.changes:
-        best = _with_lost_dvl(timeline, stated, outliers, best)
+            possible.append(_explanation(timeline, stated, outliers, changed))
+    best = max(possible, key=lambda one: one.log_evidence)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = _likeliest([_choice(kept, member, stated) for member in best.members])
     found = concluded(kept, given, stated, choice)

@@ -191,8 +191,9 @@ class Identification:
         for one in self.parameters.changes:
             if before.dvl_lost:
                 texts[before.start_s] = (
-                    f"from {before.start_s:.0f} to {one.start_s:.0f} s the DVL does not read the vehicle's motion, as "
-                    "the fixes before and after show (check its bottom lock; or the USBL's head or beacon was moved)"
+                    f"from {before.start_s:.0f} to {one.start_s:.0f} s DVL or compass do not read the vehicle's "
+                    "motion, as the fixes before and after show (check bottom lock and magnetic disturbances; or the "
+                    "USBL's head or beacon was moved)"
                 )
             before, last = one, before
             if one.dvl_lost or last.dvl_lost or math.isinf(one.start_s):

@@ -284,9 +284,20 @@ def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float)
     assert len(found.parameters.false_fixes) < 10
     ((since_s, text),) = found.change_texts.items()
     assert since_s == begin.start_s
-    assert text.startswith(f"from {begin.start_s:.0f} to {end.start_s:.0f} s the DVL does not read the vehicle's")
+    assert text.startswith(f"from {begin.start_s:.0f} to {end.start_s:.0f} s DVL or compass do not read the vehicle's")
     tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
     assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.3
+
+
+def test_a_compass_that_is_turned_for_a_while_is_not_taken_for_fixes_that_shift() -> None:
+    turned = 1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) ** 2))  # rad, as near iron
+    line = replace(DIVE, yaw_rad=DIVE.yaw_rad + turned, dr_yaw_rad=DIVE.dr_yaw_rad + turned)
+
+    found = identify(line, ASSUMED)
+
+    assert [one.dvl_lost for one in found.parameters.changes] == [True, False]
+    tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
+    assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.5
 
 
 def test_a_lost_dvl_has_an_outage_and_dead_reckoning_goes_on() -> None:
