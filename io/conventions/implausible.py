@@ -157,17 +157,17 @@ CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] 
 def _without_stuck(records: Records, tables: Tables, what: str) -> Judged:
     frozen = _while_moving(stuck(records.time_s, records.values), records.time_s, tables)
     kept = "" if what == "depths" else f"; {LEFT_OUT}"
-    text = f"repeat the previous one to the last digit, for longer than rounding explains: the sensor was stuck{kept}"
+    text = f"are equal to the last digit, for longer than rounding explains: the sensor was stuck{kept}"
     return records.without(frozen), _stretch_finding("STUCK", records, frozen, text)
 
 
 def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
-    """Return the repeats (n,) of runs in which the DVL does not show a vehicle at rest."""
+    """Return the records (n,) of runs in which the DVL does not show a vehicle at rest."""
     if "dvl" not in tables or not repeats.any():
         return repeats
     dvl = Records.of("", tables["dvl"], CHECKS["dvl"][0])
     first, end = runs(repeats)
-    begin, stop = (np.searchsorted(dvl.time_s, time_s[at]) for at in (first - 1, end - 1))
+    begin, stop = (np.searchsorted(dvl.time_s, time_s[at]) for at in (np.maximum(first - 1, 0), end - 1))
     count = np.maximum(stop - begin, 1)
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(dvl.values, axis=0)])
     speed = np.linalg.norm((sums[stop] - sums[begin]) / count[:, None], axis=1)

@@ -69,9 +69,9 @@ def repeat_share(same: Mask) -> float:
 
 
 def stuck(time_s: Vector, values: Array) -> Mask:
-    """Return which of the records (n, k), in order of time, repeat a value for longer than chance explains, (n,).
+    """Return which of the records (n, k), in order of time, have one value for longer than chance explains, (n,).
 
-    The first record of a run is a measurement, its repeats are not.
+    The first of them may be a measurement or, after a restart of the sensor, the value of none.
     """
     same = repeated(values)
     share = repeat_share(same)
@@ -80,7 +80,9 @@ def stuck(time_s: Vector, values: Array) -> Mask:
     first, end = runs(same)
     least = MIN_REPEATS if share <= FINE_SHARE else np.log(MAX_CHANCE / len(same)) / np.log(share)
     long = (end - first >= least) & (time_s[end - 1] - time_s[first - 1] > LONGEST_STILL_S)
-    return some_runs(same, long)
+    found = some_runs(same, long)
+    found[:-1] |= found[1:]
+    return found
 
 
 def copied_fixes(fixes_m: Array) -> Mask:

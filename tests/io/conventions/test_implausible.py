@@ -90,11 +90,18 @@ def lost(log: Log) -> dict[str, list[float]]:
 @pytest.mark.parametrize(
     ("role", "columns", "to_s"), [("dvl", VELOCITY, 360), ("compass", ["heading_deg"], 360), ("dvl", VELOCITY, np.inf)]
 )
-def test_the_repeats_of_a_stuck_value_are_left_out_and_its_first_record_stays(dive, role, columns, to_s):
+def test_records_of_a_stuck_sensor_are_left_out(dive, role, columns, to_s):
     log = stuck(dive, role, columns, 300, to_s)
 
     assert found(log) == ["STUCK"]
-    assert lost(log) == {role: times(log, role)[within(log, role, 300, to_s)][1:].tolist()}
+    assert lost(log) == {role: times(log, role)[within(log, role, 300, to_s)].tolist()}
+
+
+def test_a_compass_that_restarts_with_zeros_turns_nothing(dive: Log) -> None:
+    during, heading_deg = within(dive, "compass", 300, 308), dive.tables["compass"]["heading_deg"].to_numpy()
+    log = changed(dive, "compass", ["heading_deg"], np.where(during, 0.0, heading_deg)[:, None])
+
+    assert lost(log) == {"compass": times(log, "compass")[during].tolist()}
 
 
 @pytest.mark.parametrize(("step_deg", "stops"), [(0.01, True), (0.1, True), (2.0, False)])
@@ -110,10 +117,10 @@ def test_a_finding_counts_the_records_and_the_stretches_and_places_the_longest(d
     log = without_implausible(stuck(stuck(dive, "dvl", VELOCITY, 300, 360), "dvl", VELOCITY, 500, 520))
 
     (finding,) = log.findings
-    assert f"{299 + 99} of 4501 records, in 2 stretches, the longest 59.8 s from 300.2 s on" in finding.text
+    assert f"{300 + 100} of 4501 records, in 2 stretches, the longest 60.0 s from 300.0 s on" in finding.text
     assert (finding.topic, finding.level) == ("square/dvl", "warning")
-    assert (finding.time_s, finding.worst, finding.unit) == (pytest.approx(300.2), pytest.approx(59.8), "s")
-    assert log.provenance["dvl"].used == 4501 - 299 - 99
+    assert (finding.time_s, finding.worst, finding.unit) == (pytest.approx(300.0), pytest.approx(60.0), "s")
+    assert log.provenance["dvl"].used == 4501 - 300 - 100
 
 
 def test_stuck_depths_are_named_and_stay(dive: Log) -> None:
