@@ -89,7 +89,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         of_lever = choice.subsets.index(choice.member.present - ({"latency"} if shared else frozenset()))
         of_dvl = {name: (found.mean[name][of_lever], found.sd[name][of_lever]) for name in KEYS[LEVER]}
         sd |= {name: math.hypot(math.sqrt(OF_RIVAL) * mean, one_sd) for name, (mean, one_sd) in of_dvl.items()}
-    parameters = replace(parameters, settled_sd=sd)
+    parameters = replace(parameters, settled_sd=sd | _perhaps_sd(choice))
     separate = choice.named - (LEVER_OR_LATENCY if shared else frozenset())
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
     kept = tuple(key for key in STATES if key in present | always)
@@ -107,6 +107,21 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     parameters = replace(parameters, calibrate=kept)
     pairs = _open_pairs(timeline, choice, parameters.settled_sd)
     return Identification(parameters, evidence, noise_changes(given, parameters), explanations(choice), pairs)
+
+
+def _perhaps_sd(choice: Choice) -> Mapping[str, float]:
+    """Return what errors that displace the whole track may be although they are not taken, RMS over all subsets.
+
+    Each subset counts as much as it is likely if such an error is as likely as none: on a straight way a log says
+    little against a latency. J. Hoeting and others, "Bayesian Model Averaging: A Tutorial", Statistical Science 14(4),
+    1999, doi:10.1214/ss/1009212519.
+    """
+    absent, found = LEVER_OR_LATENCY - choice.member.present, choice.found
+    log_share = choice.score - LOG_PRIOR_ODDS * np.array([len(subset & absent) for subset in choice.subsets])
+    share = np.exp(log_share - log_share.max())
+    exists = {key: share * [key in subset for subset in choice.subsets] / share.sum() for key in absent}
+    square = {name: found.mean[name] ** 2 + found.sd[name] ** 2 for key in absent for name in KEYS[key]}
+    return {name: math.sqrt(exists[key] @ square[name]) for key in absent for name in KEYS[key]}
 
 
 def _open_pairs(timeline: Timeline, choice: Choice, sd: Mapping[str, float]) -> tuple[OpenPair, ...]:

@@ -215,6 +215,7 @@ def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, s
     """
     starboard, forward = (rotated(yaw_rad, unit) for unit in np.eye(2))
     by_error = {"dvl_lever_starboard": starboard, "dvl_lever_forward": forward}
+    by_error |= {"usbl_latency": rotated(yaw_rad, timeline.dr_mps)}
     if timeline.fix_away_m is not None:
         t, fix_s, head_m = timeline.time_s, timeline.fix_time_s, timeline.fix_m - timeline.fix_away_m
         away_m: Array = position_m - np.column_stack([np.interp(t, fix_s, head_m[:, axis]) for axis in (0, 1)])

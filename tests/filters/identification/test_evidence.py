@@ -177,6 +177,26 @@ def test_at_one_speed_the_sigma_covers_lever_arm_and_latency() -> None:
     assert nees.mean() < 4.0
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_on_a_straight_way_the_sigma_covers_a_latency_that_no_fix_shows(seed: int) -> None:
+    line, assumed = weaving_dive(Faults(), seed, weaves=False), replace(ASSUMED, start=None)
+    late = weaving_dive(Faults(usbl_latency_s=1.0), seed, weaves=False)
+
+    track = run("adf", late, identify(late, assumed).parameters)
+
+    e = track.position_m - run("adf", line, assumed).position_m
+    assert track.position_cov_m2 is not None
+    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
+    assert np.hypot(*e.T).mean() == pytest.approx(1.2, abs=0.3)  # in which the log has no say
+    assert nees.mean() < 4.0
+
+
+def test_a_latency_against_which_the_log_speaks_is_not_in_the_sigma() -> None:
+    found = identify(weaving_dive(Faults()), replace(ASSUMED, start=None))
+
+    assert found.parameters.settled_sd["usbl_latency"] < 0.02
+
+
 @pytest.mark.parametrize(
     ("key", "columns", "name"),
     [(DVL_CLOCK, ("dvl_mps", "dr_mps"), "dvl_clock_s"), (COMPASS_CLOCK, ("yaw_rad", "dr_yaw_rad"), "compass_clock_s")],

@@ -48,7 +48,7 @@ def test_a_few_are_outliers(every: int) -> None:
 
     assert not any("RIVAL-FIXES" in text for text in track.warnings)
     assert track.open_cov_m2 is not None
-    assert not track.open_cov_m2.any()
+    assert np.abs(track.open_cov_m2).max() < 1e-3  # of what the log leaves open of a latency and a lever arm
 
 
 def test_outliers_that_do_not_lie_together_are_no_rivals() -> None:
