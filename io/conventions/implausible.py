@@ -15,7 +15,7 @@ import pandas as pd
 
 from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.conventions.displaced import Fixes, false_velocities
-from usbldr.io.conventions.repeats import copied_fixes, runs, some_runs, stuck, sudden_zeros
+from usbldr.io.conventions.repeats import copied_fixes, noisy, runs, some_runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import (
     heading_jumps,
     heading_spikes,
@@ -136,7 +136,9 @@ def _compass(records: Records, tables: Tables) -> Judged:
 
 
 def _without_copies(records: Records, tables: Tables, code: str, left_out: str) -> Judged:
-    copied = _while_moving(copied_fixes(records.values), records.time_s, tables)
+    copied = copied_fixes(records.values)
+    if not noisy(records.values[~copied]):  # at rest, fixes without noise are equal
+        copied = _while_moving(copied, records.time_s, tables)
     text = f"repeat the previous fix to the last digit; {left_out}"
     return records.without(copied), _stretch_finding(code, records, copied, text)
 
