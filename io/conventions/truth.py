@@ -17,15 +17,15 @@ from usbldr.io.conventions.grids import grid_to_geodetic
 from usbldr.io.conventions.positions import heading_of_quaternion
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
-from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
+from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS, plain
 from usbldr.io.messages.field_names import named_column
 from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.csv_sheets import keys_since_1970, plain
 from usbldr.io.tables.csv_text import column, read_texts
 from usbldr.io.tables.text_table import line_findings
+from usbldr.io.tables.time_columns import keys_since_1970
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
 CLEARLY_BETTER = 2.0  # times: a frame whose points fit so much better is not chance

@@ -25,16 +25,8 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import (
-    ISO,
-    PROPOSED,
-    SINCE_NS,
-    dated_columns,
-    keys_since_1970,
-    named_epoch,
-    of_gps,
-    side_columns,
-)
+from usbldr.io.tables.csv_sheets import PROPOSED, side_columns
+from usbldr.io.tables.time_columns import ISO, SINCE_NS, dated_columns, keys_since_1970, named_epoch, of_gps
 from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {

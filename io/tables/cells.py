@@ -12,8 +12,8 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
-from usbldr.io.tables.csv_sheets import ISO, SECOND_NS
 from usbldr.io.tables.text_table import MAX_CHARACTERS
+from usbldr.io.tables.time_columns import ISO, SECOND_NS
 from usbldr.io.units import stated_degrees
 
 NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")

@@ -20,7 +20,7 @@ from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plai
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, TimeColumn, holds_values, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
@@ -33,6 +33,7 @@ from usbldr.io.tables.date_times import (
 )
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, line_findings, listed, row_findings
+from usbldr.io.tables.time_columns import TimeColumn
 from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
 Value = TypeVar("Value")

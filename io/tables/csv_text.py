@@ -23,10 +23,11 @@ from usbldr.io.file_access.open_file import (
     text_lines,
 )
 from usbldr.io.tables.clean_csv import clean_columns
-from usbldr.io.tables.csv_sheets import ISO, plain_names
+from usbldr.io.tables.csv_sheets import plain_names
 from usbldr.io.tables.date_order import stated_order
 from usbldr.io.tables.date_times import foreign_time, named_zone
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
+from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.units import named_unit
 

@@ -5,9 +5,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from usbldr.io.messages.field_names import named_column
-from usbldr.io.tables.csv_sheets import ISO
 from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextTable
+from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number
 
 DEVICES = ("sensor", "device", "source", "instrument")  # whose names go before those of quantities, if they differ

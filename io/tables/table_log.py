@@ -25,9 +25,10 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
-from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, TimeColumn, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, plain_names, sheet_of
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.tables.text_table import listed
+from usbldr.io.tables.time_columns import TimeColumn
 from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
 
 TEXT = "OUT"  # fixed: the kinds of NumPy's arrays of texts

@@ -1,0 +1,115 @@
+"""Which column of a table is its time, and in which unit: by its name, by a date in its first row, or by its size.
+
+A number without a unit is a time if it lies in this century in one of the units of ``columns``.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+from usbldr.io.gps_time import WEEK_S
+from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
+from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, words_of
+from usbldr.io.tables.text_table import MAX_CHARACTERS
+from usbldr.io.tables.unnamed_columns import is_number
+from usbldr.io.units import NamedUnit
+
+SECOND_NS = 1_000_000_000  # fixed: nanoseconds
+SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
+DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer, in general
+NAME_THEM = "name its columns with the key columns of a sensor's section"
+IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
+ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d(?::?\d\d)?)?")
+"""A date and time."""
+
+
+class TimeColumn(NamedTuple):
+    """A column of times."""
+
+    column: str
+    unit_ns: int = 1  # 1: whole nanoseconds; else with decimals
+    at_1970: int = 0  # the time 1970-01-01 in this unit
+
+
+def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn] = ()) -> Sequence[NamedColumn]:
+    """Return those of columns named as times whose first cells (by column) state a date, else all of them.
+
+    If none is named so: the columns of dates and times, whatever their names.
+    """
+    if not named:
+        return [NamedColumn(name, RULES[0], NamedUnit(name)) for name, cell in cells.items() if ISO.fullmatch(cell)]
+    first = [(column, cells.get(column.name, "")) for column in named]
+    return [column for column, cell in first if ISO.fullmatch(cell) or keys_since_1970(cell)] or named
+
+
+def time_fault(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cells: Mapping[str, str]) -> str:
+    """Return why a table's columns of times and of arrivals are not one time with a known unit, empty if they are."""
+    for what, columns in (("time", stamps), ("arrival", arrivals)):
+        if len(columns) > 1 or (what == "time" and not columns):
+            names = ", ".join(column.name for column in columns) or "none"
+            return f"has not one column of {what} ({names}); {NAME_THEM}"
+        for column in columns:
+            if of_gps(column, cells.get(column.name, "")):
+                return f"has a column {column.name} that may count from 1970 or, as GPS time, from 1980; {IF_1970}"
+            if _unit(column, cells) is None:
+                return _unknown_time(column.name, cells.get(column.name, ""))
+    return ""
+
+
+def _unknown_time(name: str, cell: str) -> str:
+    if not cell:  # binary files show dates alone
+        return f'has a column {name} of which neither a unit nor a date is known; write the unit behind it ("Time [s]")'
+    with suppress(ValueError):
+        float(cell)
+        return f'has a column {name} without a known unit; write it behind the name ("Time [s]")'
+    stopped = f'has "{cell[:MAX_CHARACTERS]}" in the first row of the column {name}'
+    return f"{stopped}, which is neither a date and time nor a number; state time_format"
+
+
+def time_column(column: NamedColumn, cells: Mapping[str, str]) -> TimeColumn:
+    """Return a column of times with its unit; in seconds since 1970 if the unit is unknown."""
+    return TimeColumn(column.name, *(_unit(column, cells) or (SECOND_NS, 0)))
+
+
+def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, int] | None:
+    """Return the unit of a time in ns and 1970 in it: of its name, of a date and time, or as it is in this century."""
+    cell = cells.get(column.name, "")
+    if column.known or ISO.fullmatch(cell):
+        return round(column.factor) if column.known else SECOND_NS, 0
+    key = named_epoch(column, cell) or next(iter(keys_since_1970(cell)), None)
+    return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
+
+
+def named_epoch(column: NamedColumn, cell: str) -> str | None:
+    """Return the key of ``columns`` for times from another year than 1970 that a column is named for, None if for none.
+
+    LabVIEW's X_Value may also count from the start of the measurement.
+    """
+    words = words_of(column.name)
+    if words == "x_value":
+        return "time_labview" if is_number(cell) and float(cell) >= AT_1970["time_labview"] else None
+    return next((key for key in AT_1970 if words.endswith(key.removeprefix("time_"))), None)
+
+
+def of_gps(column: NamedColumn, cell: str) -> bool:
+    """Return whether a number is named for GPS time and no time of the week: it may count from 1970 or from 1980."""
+    if not re.search(rf"(^|_)({TIME_OF_WEEK})$", words_of(column.unit.label)):
+        return False
+    with suppress(ValueError):
+        return float(cell) * column.factor > WEEK_S * SECOND_NS if column.known else bool(keys_since_1970(cell))
+    return False
+
+
+def keys_since_1970(cell: str) -> list[str]:
+    """Return the keys of ``columns`` by which a number is a time of this century; days must have an exact time."""
+    try:
+        value = float(cell)
+    except ValueError:
+        return []
+    exact = len(cell.partition(".")[2]) >= DAY_DECIMALS
+    return [
+        key
+        for key, ns in TIME_UNITS_NS.items()
+        if SINCE_NS <= (value - AT_1970.get(key, 0)) * ns < UNTIL_NS and (exact or key not in AT_1970)
+    ]
