@@ -6,7 +6,7 @@ are understood.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -14,13 +14,12 @@ from typing import TypeVar
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.columns import counted
 from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.csv_sheets import NO_HEADER, PROPOSED, Sheet, holds_values, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
@@ -34,7 +33,7 @@ from usbldr.io.tables.date_times import (
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, line_findings, listed, row_findings
 from usbldr.io.tables.time_columns import TimeColumn
-from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
+from usbldr.io.tables.topic_sheets import FirstRow, TableHead, TopicSheet, topic_sheets, unmatched_text
 
 Value = TypeVar("Value")
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
@@ -48,12 +47,6 @@ class CsvSource:
     file: Path
     header: tuple[str, ...]  # names as written
     sensor: str | None = None  # of a file with several sensors: whose rows
-    shown: TopicSheet = TopicSheet("", None)  # how its columns are interpreted
-
-    @property
-    def sheet(self) -> Sheet | None:
-        """The meaning of each column, None if they match no sensor."""
-        return self.shown.sheet
 
 
 def _wide_texts(file: Path) -> TextTable:
@@ -86,11 +79,9 @@ class CsvLog:
         return CsvLog(self.path, configured, self._given)
 
     @cached_property
-    def _sources(self) -> Mapping[str, CsvSource]:
-        """The files, and one source for each sensor of a file whose columns name several."""
+    def _topics(self) -> Mapping[str, TopicSheet]:
         heads = {topic: self._head(source) for topic, source in self._files.items()}
-        found = topic_sheets(heads, self._configured, self.path)
-        return {topic: replace(self._files[one.table], shown=one) for topic, one in found.items()}
+        return topic_sheets(heads, self._configured, self.path)
 
     def _head(self, source: CsvSource) -> TableHead:
         file, header = source.file, source.header
@@ -163,22 +154,12 @@ class CsvLog:
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics; one whose columns match no sensor has no type."""
-        return tuple(self._info(topic, source) for topic, source in self._sources.items())
+        return tuple(self._info(topic, one) for topic, one in self._topics.items())
 
-    def _info(self, topic: str, source: CsvSource) -> TopicInfo:
-        sheet = source.sheet
+    def _info(self, topic: str, one: TopicSheet) -> TopicInfo:
+        source, sheet = self._files[one.table], one.sheet
         if sheet is None or sheet.received is None:
-            name, kind = source.file.name, sheet.type if sheet else ""
-            if sheet:
-                empty = self._begin(source.file)[1] in ([], [""])
-                problem = f"{name} {'has no rows' if empty else sheet.problem}"
-            elif holds_values(source.header):
-                problem = f"{name} {NO_HEADER}"
-            else:
-                problem = f"its columns match no sensor ({listed(source.header)}); {PROPOSED}"
-            info = TopicInfo(topic, kind, "csv", 0, None, None, problem=problem)
-            return source.shown.described(info, self._first_row(source))
-        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
+            return one.unread_info(topic, "csv", self._problem(source, sheet), self._first_row(source))
         times, faults = self._times(source, sheet.received)
         lines = self._own_rows(source, self._table(source.file).lines)
         times = np.delete(times, list(faults)) if faults else times
@@ -186,10 +167,16 @@ class CsvLog:
         if faults and not len(times):
             self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
             problem = f"{source.file}: line {lines[min(faults)]}: {faults[min(faults)]}"
-        info = TopicInfo(topic, sheet.type, "csv", *counted(times), fields, problem, is_shared=source.shown.is_shared)
-        return source.shown.described(info, self._first_row(source)) if source.shown.by_name else info
+        return one.info(topic, "csv", times, problem, lambda: self._first_row(source))
 
-    def _first_row(self, source: CsvSource) -> tuple[tuple[str, str], ...]:
+    def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:
+        """Return why a topic cannot be read."""
+        if sheet:
+            empty = self._begin(source.file)[1] in ([], [""])
+            return f"{source.file.name} {'has no rows' if empty else sheet.problem}"
+        return f"{source.file.name} {NO_HEADER}" if holds_values(source.header) else unmatched_text(source.header)
+
+    def _first_row(self, source: CsvSource) -> FirstRow:
         """Return the columns and first cells of a file with one sensor."""
         cells = () if source.sensor else self._row(source.file)
         return tuple(zip(plain_names(source.header), cells, strict=False))
@@ -219,10 +206,8 @@ class CsvLog:
             yield topic, self._records(topic, paths)
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
-        source, sheet = self._sources[topic], self._sources[topic].sheet
-        if sheet is None or sheet.received is None:
-            raise LogError(f"{topic} cannot be read: its columns match no sensor; {PROPOSED}", path=self.path)
-        received = self._times(source, sheet.received)
+        source, (sheet, clock) = self._files[self._topics[topic].table], self._topics[topic].readable(topic, self.path)
+        received = self._times(source, clock)
         columns = {path: self._column(source, sheet, path) for path in paths}
         faults: dict[int, str] = {}
         for parsed in (received, *columns.values()):
@@ -247,14 +232,18 @@ class CsvLog:
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and dates that have two readings."""
         found = [order.finding(self.path.name) for order in self._orders.values() if order.example]
-        timed = [(one, one.sheet.received) for one in self._sources.values() if one.sheet and one.sheet.received]
-        first = {one.file.name: dict(self._first_row(one)).get(clock.column, "") for one, clock in timed}
+        first: dict[str, str] = {}
+        for one in self._topics.values():
+            if clock := one.sheet and one.sheet.received:
+                source = self._files[one.table]
+                first[source.file.name] = dict(self._first_row(source)).get(clock.column, "")
         undated = sorted(name for name, cell in first.items() if cell.startswith("1970-01-01T"))
         found += [Finding("NO-DATE", f"{listed(undated)}: {UNDATED}")] if undated else []
-        for topic, source in self._sources.items():
-            found += source.shown.findings(topic) if topic in self._left_out else []
+        for topic, one in self._topics.items():
+            found += one.findings(topic) if topic in self._left_out else []
             if self._left_out.get(topic):
-                found += row_findings(source.file, self._table(source.file), self._left_out[topic], topic)
+                file = self._files[one.table].file
+                found += row_findings(file, self._table(file), self._left_out[topic], topic)
         for file, table in self._read.items():
             found += line_findings(file, table)
         return tuple(found)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.columns import counted
 from usbldr.io.file_access.optional_library import reading
 from usbldr.io.findings import Finding
 from usbldr.io.limits import BeyondLimitError, UnpackingBudget
@@ -25,11 +24,11 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
-from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import Sheet, plain_names, sheet_of
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import TimeColumn
-from usbldr.io.tables.topic_sheets import TableHead, TopicSheet, topic_sheets
+from usbldr.io.tables.topic_sheets import FirstRow, TableHead, TopicSheet, topic_sheets, unmatched_text
 
 TEXT = "OUT"  # fixed: the kinds of NumPy's arrays of texts
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
@@ -147,26 +146,23 @@ class TableLog:
     def _info(self, topic: str, one: TopicSheet) -> TopicInfo:
         table, sheet = self._tables[one.table], one.sheet
         if sheet is None or sheet.received is None:
-            unknown = f"its columns match no sensor ({listed([*table.columns, *table.unread])}); {PROPOSED}"
             beside = f"; beside these: {listed(table.unread)}" if table.unread else ""
             known = sheet and f"{table.topic} {sheet.problem + beside if table.rows else 'has no rows'}"
-            problem = known or unknown
-            info = TopicInfo(topic, sheet.type if sheet else "", "table", 0, None, None, problem=problem)
-            return one.described(info, self._first_row(table))
-        fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
+            problem = known or unmatched_text([*table.columns, *table.unread])
+            return one.unread_info(topic, "table", problem, self._first_row(table))
         try:
             times, good = self._times(table, sheet.received)
         except BeyondLimitError:
             raise
         except LogError as fault:
+            fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
             return TopicInfo(topic, sheet.type, "table", 0, None, None, fields, fault.text)
         times = times[good]
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         none = none if table.rows > len(times) == 0 else ""
-        info = TopicInfo(topic, sheet.type, "table", *counted(times), fields, none, is_shared=one.is_shared)
-        return one.described(info, self._first_row(table)) if one.by_name else info
+        return one.info(topic, "table", times, none, lambda: self._first_row(table))
 
-    def _first_row(self, table: Table) -> tuple[tuple[str, str], ...]:
+    def _first_row(self, table: Table) -> FirstRow:
         """Return the columns, and the first value of those that may be times; the others are not read."""
         plain = dict(zip(table.columns, plain_names(list(table.columns)), strict=True))
         times = _times_of(plain.values())
@@ -187,10 +183,8 @@ class TableLog:
             yield topic, self._records(topic, paths)
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
-        table, sheet = self._tables[self._topics[topic].table], self._topics[topic].sheet
-        if sheet is None or sheet.received is None:
-            raise LogError(f"{topic} cannot be read: its columns match no sensor; {PROPOSED}", path=self.path)
-        received, good = self._times(table, sheet.received)
+        table, (sheet, clock) = self._tables[self._topics[topic].table], self._topics[topic].readable(topic, self.path)
+        received, good = self._times(table, clock)
         columns: dict[str, Column] = {}
         for path in paths:
             if path == "header.stamp" and sheet.stamp:

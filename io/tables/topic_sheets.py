@@ -1,15 +1,19 @@
 """The topics of a log of tables: each table by usbldr's own names, by names with units, or by the configuration."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
+from usbldr.filters.errors import LogError
+from usbldr.io.decoding.columns import counted
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
-from usbldr.io.reader import TopicInfo
-from usbldr.io.tables.csv_sheets import Sheet, configured_sheet, foreign_sheets, plain_names
+from usbldr.io.reader import Nanoseconds, TopicInfo
+from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
 from usbldr.io.tables.date_times import DATE_NAME, UNKNOWN_ZONE, named_zone, parted_time, week_and_time
+from usbldr.io.tables.text_table import listed
+from usbldr.io.tables.time_columns import TimeColumn
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +28,9 @@ class TableHead:
     elsewhere: Sequence[str] = ()  # columns of other tables, which only the configuration names
 
 
+FirstRow: TypeAlias = tuple[tuple[str, str], ...]  # columns and their first cells
+
+
 class TopicSheet(NamedTuple):
     """A topic: a table, or some of its columns."""
 
@@ -33,8 +40,28 @@ class TopicSheet(NamedTuple):
     is_shared: bool = False  # whether the table's rows hold other sensors, too
     unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table that is read by the names of its columns
 
-    def described(self, info: TopicInfo, first_row: tuple[tuple[str, str], ...]) -> TopicInfo:
-        """Return a topic with its first row and unused columns, and its table if it is read by the names of columns."""
+    def readable(self, topic: str, log: Path) -> tuple[Sheet, TimeColumn]:
+        """Return the meaning of its columns, and the one of log times; raise LogError if they match no sensor."""
+        if self.sheet is None or self.sheet.received is None:
+            raise LogError(f"{topic} cannot be read: its columns match no sensor; {PROPOSED}", path=log)
+        return self.sheet, self.sheet.received
+
+    def unread_info(self, topic: str, encoding: str, problem: str, first_row: FirstRow) -> TopicInfo:
+        """Return a topic that cannot be read for the user, with its first row."""
+        kind = self.sheet.type if self.sheet else ""
+        return self._described(TopicInfo(topic, kind, encoding, 0, None, None, problem=problem), first_row)
+
+    def info(
+        self, topic: str, encoding: str, times: Nanoseconds, problem: str, first_row: Callable[[], FirstRow]
+    ) -> TopicInfo:
+        """Return a topic with records at times (n,) for the user; if the names of columns tell, with its first row."""
+        assert self.sheet is not None
+        fields = (*(("header.stamp",) if self.sheet.stamp else ()), *self.sheet.columns)
+        counts = counted(times)
+        info = TopicInfo(topic, self.sheet.type, encoding, *counts, fields, problem, is_shared=self.is_shared)
+        return self._described(info, first_row()) if self.by_name else info
+
+    def _described(self, info: TopicInfo, first_row: FirstRow) -> TopicInfo:
         return replace(info, first_row=first_row, table=self.table if self.by_name else "", unused=self.unused)
 
     def findings(self, topic: str) -> list[Finding]:
@@ -46,6 +73,11 @@ class TopicSheet(NamedTuple):
         if UNKNOWN_ZONE.search(named["time"]) and not named_zone(named["time"]):
             text += " as UTC: of zones in names, only those such as UTC+2 are known"
         return [Finding("COLUMNS-BY-NAME", f"{topic}: read by the names of its columns: {text}", topic)]
+
+
+def unmatched_text(names: Sequence[str]) -> str:
+    """Return why a table with these columns cannot be read."""
+    return f"its columns match no sensor ({listed(names)}); {PROPOSED}"
 
 
 def topic_sheets(
