@@ -67,10 +67,20 @@ class Log:
             return self
         table = self.tables[role]
         inside = in_windows(table["time_s"].to_numpy(dtype=float), windows)
-        topic = self.provenance[role].topic
-        text = f"{topic}: {inside.sum()} of {len(table)} records from {windows_text(windows)} are left out by --exclude"
-        kept, excluded = table[~inside].reset_index(drop=True), Finding("EXCLUDED", text, topic)
+        text = f"{inside.sum()} of {len(table)} records from {windows_text(windows)} are left out by --exclude"
+        kept, excluded = table[~inside].reset_index(drop=True), self.finding("EXCLUDED", role, text)
         return replace(self, tables={**self.tables, role: kept}, findings=(*self.findings, excluded))
+
+    def topic_of(self, role: str) -> str:
+        """Return the topic of a sensor, or its role if there is none."""
+        return self.provenance[role].topic if role in self.provenance else role
+
+    def finding(
+        self, code: str, role: str, text: str, time_s: float | None = None, worst: float | None = None, unit: str = ""
+    ) -> Finding:
+        """Return a finding on a sensor, with whose topic its sentence begins."""
+        topic = self.topic_of(role)
+        return Finding(code, f"{topic}: {text}", topic, time_s, worst, unit)
 
     def convention(self, role: str, key: str) -> Convention:
         """Return by which convention a sensor was read, NO_CONVENTION if unknown."""

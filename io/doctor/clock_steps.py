@@ -14,7 +14,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.identification.dr_usbl_fit import fit_rotation, segment_numbers
 from usbldr.filters.types import Array, Mask, Timeline
-from usbldr.io.doctor.interpretations import reinterpret, topic_of
+from usbldr.io.doctor.interpretations import reinterpret
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -68,11 +68,10 @@ def clock_step_findings(log: Log, timeline: Timeline, flips: Collection[tuple[bo
         before_m, after_m = before.left_m(covered), after.left_m(covered)
         if not after_m <= THRESHOLDS.clock_step_residual_ratio * before_m:
             continue
-        topic = topic_of(log, sensor)
         text = (
-            f"{topic}: stamps jump by {step_s:.2f} s at {time_s[last]:.1f} s; without the jump dead reckoning fits the "
+            f"stamps jump by {step_s:.2f} s at {time_s[last]:.1f} s; without the jump dead reckoning fits the "
             f"fixes within {after_m:.2g} m, not {before_m:.2g} m, so its clock was set forward: state "
             f"clock_step_s = {step_s:.2f} under [{sensor}]"
         )
-        found.append(Finding("CLOCK-STEP", text, topic, float(time_s[last]), step_s, "s"))
+        found.append(log.finding("CLOCK-STEP", sensor, text, float(time_s[last]), step_s, "s"))
     return found

@@ -30,7 +30,6 @@ from usbldr.io.doctor.interpretations import (
     InterpretationResult,
     compare_interpretations,
     flipped,
-    topic_of,
 )
 from usbldr.io.doctor.message_evidence import message_evidence
 from usbldr.io.doctor.motion import motion_findings
@@ -76,7 +75,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     result = compare_interpretations(log, timeline, sources)
     if result is None:
         text = "too few fixes within valid dead reckoning, or too far from the map's origin, to check the conventions"
-        return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, topic_of(log, "usbl")),))
+        return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, log.topic_of("usbl")),))
     errors, rms_m = single_errors(log, timeline, result)
     if errors:
         found = single_error_findings(log, result, errors, rms_m)
@@ -138,7 +137,7 @@ def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
     if log.truth is None or offset is None or not offset.notable:
         return []
     source, section = log.truth.source, "gps" if log.truth.kind == "gps" else "truth"
-    text = offset.sentence(source, section, f"the fixes of {topic_of(log, 'usbl')}")
+    text = offset.sentence(source, section, f"the fixes of {log.topic_of('usbl')}")
     return [Finding("TRUTH-CLOCK", text, source, None, offset.late_s, "s")]
 
 
@@ -217,14 +216,13 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         if old != new:
             by_columns = log.convention(role, key).chosen_by == "column names"
             advice = FIXED_ADVICE if by_columns else f'state {key} = "{new}" under [{role}]'
-            topic = topic_of(log, role)
             text = (
-                f"{topic}: read as {key} {old}, but {new} fits better; dead-reckoning-to-fix residual: "
+                f"read as {key} {old}, but {new} fits better; dead-reckoning-to-fix residual: "
                 f"{read.residual_m:.2f} m RMS as read, {best.residual_m:.2f} m with {best.description}; {mirrored}; "
                 f"{advice}"
             )
-            found.append(Finding(CONVENTION_CODES[role], text, topic, None, read.residual_m, "m"))
-    usbl = topic_of(log, "usbl")
+            found.append(log.finding(CONVENTION_CODES[role], role, text, None, read.residual_m, "m"))
+    usbl = log.topic_of("usbl")
     if result.contradicting and by is not None:
         others = "; ".join(source.name for source in result.contradicting)
         text = f"sources disagree on the mirror image; followed: {by.name}; contradicting: {others}"
@@ -241,10 +239,10 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         read_as = log.convention(role, key)
         if len(fitting) > 1 and read_as.value and read_as.chosen_by == "default":
             text = (
-                f"{topic_of(log, role)}: {key} = {read_as.value} is only the default, and the log "
+                f"{key} = {read_as.value} is only the default, and the log "
                 f"fits {' and '.join(fitting)} alike (too straight, or too few fixes); state {key} under [{role}]"
             )
-            found.append(Finding("CONVENTION-DEFAULT", text, topic_of(log, role)))
+            found.append(log.finding("CONVENTION-DEFAULT", role, text))
     if not result.observable:
         fits = "; ".join(f"{r.description}: RMS residual {r.residual_m:.2f} m" for r in result.plausible)
         text = f"the log does not distinguish these interpretations: {fits}"
@@ -269,20 +267,19 @@ def _heading_offset_findings(
     settings = log.settings
     mount, bias = settings.dvl.mount_deg, settings.compass.bias_deg
     stated = _offset_is_stated(log)
-    code = "HEADING-BIAS" if stated else "DVL-MOUNT"
-    topic = topic_of(log, "compass" if stated else "dvl")
+    code, role = ("HEADING-BIAS", "compass") if stated else ("DVL-MOUNT", "dvl")
     by = "" if best == result.as_read and result.observable else f", with {best.description}"
     odds, found = "", identification
     if found is not None and "heading" not in found.contested and "heading_bias_deg" in found.estimates:
         odds = f", {log_odds_text(found, 'heading')}"
     turn = f"{offset:+.1f} deg (clockwise, ±{max(sd, 0.1):.1f}{odds})"
-    text = f"{topic}: rotating dead reckoning by {turn} fits the fixes{by}"
+    text = f"rotating dead reckoning by {turn} fits the fixes{by}"
     if far:
         text += (
             f"; state mount_deg = {wrapped(mount + offset, 180.0):.1f} under [dvl] if the DVL is mounted so, or "
             f"bias_deg = {wrapped(bias - offset, 180.0):.1f} under [compass] if the heading is biased"
         )
-    return [Finding(code if far else "HEADING-CHECKED", text, topic, None, offset, "deg")]
+    return [log.finding(code if far else "HEADING-CHECKED", role, text, None, offset, "deg")]
 
 
 def _offset_is_stated(log: Log) -> bool:

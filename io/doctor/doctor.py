@@ -16,7 +16,7 @@ from usbldr.io.conventions.dvl_depth import dvl
 from usbldr.io.conventions.sanity import underwater_findings
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check, moves_alike
 from usbldr.io.doctor.fix_vertical import vertical_findings
-from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value, topic_of
+from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
 from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -90,7 +90,7 @@ def examine_log(log: Log) -> Examination:
 def _examine_tables(
     log: Log, found: list[Finding], sources: Sequence[HandednessEvidence], alternatives: Mapping[str, Sequence[str]]
 ) -> Examination:
-    found = [*found, *underwater_findings(log.tables, topic_of(log, "gps")), *vertical_findings(log)]
+    found = [*found, *underwater_findings(log.tables, log.topic_of("gps")), *vertical_findings(log)]
     said = {(one.code, one.topic) for one in found}
     found += [one for one in log.findings if (one.code, one.topic) not in said]
     for role in SENSORS:
@@ -145,17 +145,17 @@ def _clock_findings(log: Log) -> list[Finding]:
         lag_s[role] = float(np.median(lags))
         after_s[role] = lag_s[role] + section.latency_s
     wrong, right = ("dvl", "compass") if _implausible_delay(after_s["dvl"], after_s["compass"]) else ("compass", "dvl")
-    apart_s, topic = after_s[wrong] - after_s[right], raws[wrong].topic.name
+    apart_s = after_s[wrong] - after_s[right]
     far = max(map(abs, lag_s.values())) >= THRESHOLDS.max_epoch_difference_s
     if far or abs(apart_s) <= THRESHOLDS.max_clock_difference_s:
         return []
     headless = " (it has no stamps)" if raws[wrong].stamp_ns is None else ""
     text = (
-        f"{topic}: logged {after_s[wrong]:.2f} s after its time of validity{headless}, {raws[right].topic.name} "
+        f"logged {after_s[wrong]:.2f} s after its time of validity{headless}, {raws[right].topic.name} "
         f"{after_s[right]:.2f} s after its own; if both have the same delay, state latency_s = "
         f"{after_s[right] - lag_s[wrong]:.2f} under [{wrong}]"
     )
-    return [Finding("CLOCK-OFFSET", text, topic, None, apart_s, "s")]
+    return [log.finding("CLOCK-OFFSET", wrong, text, None, apart_s, "s")]
 
 
 def _implausible_delay(lag_s: float, other_s: float) -> bool:
@@ -191,9 +191,8 @@ def _delays(log: Log) -> list[Finding]:
     median, worst = float(np.nanmedian(late)), int(np.nanargmax(late))
     if not median > THRESHOLDS.notable_delay_s:
         return []
-    topic = log.provenance["usbl"].topic
-    text = f"{topic}: fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
-    return [Finding("USBL-DELAYED", text, topic, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
+    text = f"fixes arrive {median:.2f} s (median) to {late[worst]:.2f} s after their time of validity"
+    return [log.finding("USBL-DELAYED", "usbl", text, float(table["time_s"].iloc[worst]), float(late[worst]), "s")]
 
 
 def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:
@@ -207,9 +206,8 @@ def _outages(log: Log, dive_timeline: Timeline) -> list[Finding]:
         total_s = sum(outage.end_s - outage.start_s for outage in mine)
         lost = role == "dvl" and not log.tables["dvl"]["valid"].all()
         code, what = ("LOST-LOCK", "no bottom lock") if lost else ("OUTAGE", "no records")
-        topic = log.provenance[role].topic
         span = f"{length_s:.1f} s from {longest.start_s:.1f} s on"
         several = f"in {len(mine)} stretches, {total_s:.0f} s in total, the longest {span}"
         where = several if len(mine) > 1 else f"for {span}"
-        found.append(Finding(code, f"{topic}: {what} {where}", topic, longest.start_s, length_s, "s"))
+        found.append(log.finding(code, role, f"{what} {where}", longest.start_s, length_s, "s"))
     return found

@@ -6,7 +6,6 @@ from usbldr.filters.evaluation.noise_change import noise_change
 from usbldr.filters.identification.dr_usbl_fit import residuals_m, without_errors
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -36,12 +35,11 @@ def _outliers(log: Log, fix_time_s: Vector, residual_m: Vector, sigmas: Vector) 
     worst = int(np.argmax(np.where(gross, residual_m, 0.0)))
     far = f"more than {THRESHOLDS.gross_sigmas:g} sigma from dead reckoning fitted to the others"
     time_s, worst_m = float(fix_time_s[worst]), float(residual_m[worst])
-    usbl = topic_of(log, "usbl")
     text = (
-        f"{usbl}: {gross.sum()} of {used.sum()} fixes are gross outliers, {far} (worst: {worst_m:.1f} m at "
+        f"{gross.sum()} of {used.sum()} fixes are gross outliers, {far} (worst: {worst_m:.1f} m at "
         f"{time_s:.1f} s); use a robust noise family (the default) or a gate"
     )
-    return [Finding("USBL-OUTLIERS", text, usbl, time_s, worst_m, "m")]
+    return [log.finding("USBL-OUTLIERS", "usbl", text, time_s, worst_m, "m")]
 
 
 def _change(log: Log, fix_time_s: Vector, sigmas: Vector) -> list[Finding]:
@@ -49,10 +47,9 @@ def _change(log: Log, fix_time_s: Vector, sigmas: Vector) -> list[Finding]:
     change = noise_change(fix_time_s, sigmas**2 / 2)
     if change is None:
         return []
-    usbl = topic_of(log, "usbl")
     advice = "if it grows with the range, state range_sd_rel and the head under [usbl]"
-    text = f"{usbl}: the noise of the fixes {change.text}; {advice}"
-    return [Finding("USBL-NOISE-CHANGE", text, usbl, change.time_s, change.factor, "times")]
+    text = f"the noise of the fixes {change.text}; {advice}"
+    return [log.finding("USBL-NOISE-CHANGE", "usbl", text, change.time_s, change.factor, "times")]
 
 
 def exceeds_heavy_tail(sigmas: Vector) -> bool:
@@ -74,9 +71,9 @@ def _stated_sd(log: Log, stated_m: Vector, found: Identification) -> list[Findin
     ratio = found.parameters.usbl_sd_scale / log.parameters.usbl_sd_scale
     if 1 / THRESHOLDS.noise_ratio < ratio < THRESHOLDS.noise_ratio:
         return []
-    usbl, median_m = topic_of(log, "usbl"), float(np.median(stated_m))
+    median_m = float(np.median(stated_m))
     text = (
-        f"{usbl}: fixes scatter by {ratio:.2g} times their stated sd (median {median_m:.2f} m), outliers and slower "
+        f"fixes scatter by {ratio:.2g} times their stated sd (median {median_m:.2f} m), outliers and slower "
         f"errors not included; state sd_scale = {found.parameters.usbl_sd_scale:.2g} under [usbl]"
     )
-    return [Finding("USBL-NOISE", text, usbl, None, ratio * median_m, "m")]
+    return [log.finding("USBL-NOISE", "usbl", text, None, ratio * median_m, "m")]

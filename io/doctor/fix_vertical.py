@@ -6,7 +6,7 @@ from usbldr.filters.types import Array, Vector
 from usbldr.filters.usbl_survey.vertical import VerticalFit, vertical_fit
 from usbldr.io.conventions.timestamps import times_of
 from usbldr.io.conventions.usbl import along_axes
-from usbldr.io.doctor.interpretations import recorded_value, topic_of
+from usbldr.io.doctor.interpretations import recorded_value
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.messages.layouts import RawRecords
@@ -65,6 +65,5 @@ def vertical_findings(log: Log) -> list[Finding]:
     found = vertical_of(log)
     if found is None:
         return []
-    topic = topic_of(log, "usbl")
-    text = f"{topic}: z of {found.fixes} fixes against the depth: the head has {vertical_text(found)}"
-    return [Finding("USBL-VERTICAL", f"{text}; noise of z {found.noise_m:.2f} m", topic, None, found.noise_m, "m")]
+    text = f"z of {found.fixes} fixes against the depth: the head has {vertical_text(found)}"
+    return [log.finding("USBL-VERTICAL", "usbl", f"{text}; noise of z {found.noise_m:.2f} m", None, found.noise_m, "m")]

@@ -22,7 +22,6 @@ from usbldr.io.doctor.interpretations import (
     compare_interpretations,
     recorded_value,
     reinterpret,
-    topic_of,
 )
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -68,16 +67,15 @@ def _with_velocity_divided(timeline: Timeline, ratio: float) -> Timeline:
 
 def velocity_unit_findings(log: Log, ratio: float, result: InterpretationResult) -> list[Finding]:
     """Report that velocities are far from m/s, and the unit, if one explains it."""
-    dvl, read = topic_of(log, "dvl"), recorded_value(log, "dvl", "unit")
-    key, value = unit_or_scale_key(log, ratio)
+    read, (key, value) = recorded_value(log, "dvl", "unit"), unit_or_scale_key(log, ratio)
     unit = fitting_unit(log, ratio)
     text = (
-        f"{dvl}: velocities, read in {read}, are {ratio:.3g} times those that fit the fixes; dead-reckoning-to-fix "
+        f"velocities, read in {read}, are {ratio:.3g} times those that fit the fixes; dead-reckoning-to-fix "
         f"residual once corrected: {result.best.residual_m:.2f} m RMS; "
         + (f"they are {unit}: " if unit and key != "unit" else "")
         + (f"state {key} = {value} under [dvl]" if key else "no unit explains it: check what its driver writes")
     )
-    return [Finding("DVL-UNIT", text, dvl, None, ratio, "times")]
+    return [log.finding("DVL-UNIT", "dvl", text, None, ratio, "times")]
 
 
 def fitting_unit(log: Log, ratio: float) -> str:
@@ -152,7 +150,6 @@ def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
 
 def clock_offset_findings(log: Log, late_s: float, truth_agrees: bool = False) -> list[Finding]:
     """Report an offset of the fixes' clock that is larger than any delay; the truth may agree with it."""
-    usbl = topic_of(log, "usbl")
     is_leap = abs(abs(late_s) - LEAP_S) < THRESHOLDS.leap_second_tolerance_s
     leap = f" (GPS time and UTC are {LEAP_S} s apart)" if is_leap else ""
     stated = log.settings.usbl.latency_s
@@ -160,10 +157,10 @@ def clock_offset_findings(log: Log, late_s: float, truth_agrees: bool = False) -
     if truth_agrees:
         advice = f"the truth has the fixes' clock: state latency_s = {-late_s:.2f} under [dvl] and [compass]"
     text = (
-        f"{usbl}: stamps are {abs(late_s):.2f} s {'after' if late_s > 0 else 'before'} the time of validity that fits "
+        f"stamps are {abs(late_s):.2f} s {'after' if late_s > 0 else 'before'} the time of validity that fits "
         f"dead reckoning far better, by the DVL's clock{leap}; {advice}"
     )
-    return [Finding("CLOCK-OFFSET", text, usbl, None, late_s, "s")]
+    return [log.finding("CLOCK-OFFSET", "usbl", text, None, late_s, "s")]
 
 
 def heading_unit_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:
@@ -175,11 +172,10 @@ def heading_unit_findings(log: Log, timeline: Timeline, result: InterpretationRe
     residual_m = fit_rotation(in_radians, segment_numbers(timeline, timeline.fix_time_s)).rms_m
     if residual_m > THRESHOLDS.clearly_better_ratio * result.as_read.residual_m:
         return []
-    topic = topic_of(log, "compass")
     named = log.convention("compass", "unit").chosen_by == "column names"
     columns = 'columns = { time_ns = "time_ns", heading = "heading_deg" } and ' if named else ""
     text = (
-        f"{topic}: dead-reckoning-to-fix residual: {residual_m:.2f} m RMS with headings in radians, "
+        f"dead-reckoning-to-fix residual: {residual_m:.2f} m RMS with headings in radians, "
         f'{result.as_read.residual_m:.2f} m in degrees; state {columns}unit = "rad" under [compass]'
     )
-    return [Finding("HEADING-RADIANS", text, topic, None, result.as_read.residual_m, "m")]
+    return [log.finding("HEADING-RADIANS", "compass", text, None, result.as_read.residual_m, "m")]

@@ -194,11 +194,6 @@ def flipped(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Tim
     return replace(line, fix_m=line.fix_m[:, ::-1], fix_cov_m2=line.fix_cov_m2[:, ::-1, ::-1]) if world else line
 
 
-def topic_of(log: Log, role: str) -> str:
-    """Return the topic of a sensor, or its role if there is none."""
-    return log.provenance[role].topic if role in log.provenance else role
-
-
 def recorded_value(log: Log, role: str, key: str) -> str:
     """Return a convention by which a sensor was read, "" if there is none or each record has its own."""
     found = log.convention(role, key)

@@ -7,7 +7,7 @@ import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import Points, as_points, dead_reckoned, fix_points, segment_numbers
 from usbldr.filters.types import Indices, Timeline, Vector
-from usbldr.io.doctor.interpretations import InterpretationResult, reinterpret, topic_of
+from usbldr.io.doctor.interpretations import InterpretationResult, reinterpret
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -15,18 +15,18 @@ from usbldr.io.log import Log
 
 def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:
     """Report fixes that move unlike dead reckoning by its best interpretation, else a truth that moves unlike them."""
-    usbl, latency_s = topic_of(log, "usbl"), result.best.fit.latency_s
+    latency_s = result.best.fit.latency_s
     line = reinterpret(log, timeline, result.best.flips)
     track = np.exp(1j * result.best.fit.rotation_rad) * dead_reckoned(line, line.fix_time_s - latency_s)
     group = segment_numbers(line, line.fix_time_s)
     unlike = unexplained_share(line.fix_time_s, track, fix_points(line), group, THRESHOLDS.sound_share)
     if unlike > THRESHOLDS.unlike_share:
         text = (
-            f"{usbl}: the fixes move unlike dead reckoning, so that they decide nothing about conventions and sensor "
-            f"errors: name the topic of this vehicle's transponder (--usbl TOPIC), not the ship's end or another "
+            "the fixes move unlike dead reckoning, so that they decide nothing about conventions and sensor "
+            "errors: name the topic of this vehicle's transponder (--usbl TOPIC), not the ship's end or another "
             "vehicle's; else check DVL and heading"
         )
-        return [Finding("USBL-MOTION", text, usbl)]
+        return [log.finding("USBL-MOTION", "usbl", text)]
     truth = log.truth
     if truth is None or len(truth.time_s) < 2:
         return []
@@ -39,8 +39,8 @@ def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) 
     if unlike <= THRESHOLDS.unlike_share:
         return []
     text = (
-        f"{truth.source}: the truth moves unlike the fixes of {usbl} and dead reckoning, which agree: it is of "
-        "another vehicle, such as the ship; name another by --truth or --gps"
+        f"{truth.source}: the truth moves unlike the fixes of {log.topic_of('usbl')} and dead reckoning, which agree: "
+        "it is of another vehicle, such as the ship; name another by --truth or --gps"
     )
     return [Finding("TRUTH-MOTION", text, truth.source)]
 

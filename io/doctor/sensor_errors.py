@@ -15,7 +15,6 @@ from usbldr.filters.identification.identification import LEVER_OR_LATENCY, Error
 from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.types import Array, Timeline
-from usbldr.io.doctor.interpretations import topic_of
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -30,7 +29,7 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
     """
     apart = {*found.contested, *(pair.head for pair in found.open_pairs), *(() if clock_known else ("latency",))}
     findings = [one for key in ERROR_FINDINGS if key not in apart and (one := _finding(log, found, key)) is not None]
-    findings += [Finding("RIVAL-EXPLANATIONS", pair.text, topic_of(log, "usbl")) for pair in found.open_pairs]
+    findings += [Finding("RIVAL-EXPLANATIONS", pair.text, log.topic_of("usbl")) for pair in found.open_pairs]
     if found.contested:
         code = "LEVER-OR-LATENCY" if found.contested <= LEVER_OR_LATENCY else "RIVAL-EXPLANATIONS"
         texts = "; or ".join(explanation_text(one) for one in found.explanations)
@@ -45,7 +44,7 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
     effect_m = float(np.hypot(*moved_m.std(axis=0)))
     ending = f"; the changes move the fixes against dead reckoning by {effect_m:.2g} m RMS, and replay takes them off"
     of_fixes = any(any(one.fix_shift_m) or one.fix_late_s for one in changes)
-    topic = topic_of(log, "usbl" if of_fixes else "compass")
+    topic = log.topic_of("usbl" if of_fixes else "compass")
     return [
         Finding("SENSOR-CHANGE", text + ending, topic, start_s, effect_m, "m")
         for start_s, text in found.change_texts.items()
@@ -62,9 +61,7 @@ def false_fix_findings(log: Log, found: Identification) -> list[Finding]:
     if not found.false_runs:
         return []
     longest = max(found.false_runs, key=lambda run: run.fixes)
-    usbl = topic_of(log, "usbl")
-    text = f"{usbl}: {found.false_runs_text}"
-    return [Finding("FALSE-FIXES", text, usbl, longest.start_s, longest.fixes, "fixes")]
+    return [log.finding("FALSE-FIXES", "usbl", found.false_runs_text, longest.start_s, longest.fixes, "fixes")]
 
 
 def explanation_text(one: Explanation) -> str:
@@ -129,12 +126,11 @@ def _finding(log: Log, found: Identification, key: str) -> Finding | None:
     kind, names = ERROR_FINDINGS[key], [REPORTED[state].name for state in KEYS[key]]
     if not found.estimates.keys() >= set(names):
         return None
-    topic = topic_of(log, kind.role)
     worst, advice = kind.worst_and_advice(log, found, *(found.estimates[name].value for name in names))
     effect_m = next(one.effect_m for one in found.evidence if one.key == key)
     moves = f"{log_odds_text(found, key)}, moves fixes by {effect_m:.2g} m RMS"
-    text = f"{topic}: {error_text(key, found.estimates)} ({moves}); {advice}"
-    return Finding(kind.code, text, topic, None, worst, kind.unit)
+    text = f"{error_text(key, found.estimates)} ({moves}); {advice}"
+    return log.finding(kind.code, kind.role, text, None, worst, kind.unit)
 
 
 def _scale(log: Log, _: Identification, scale: float) -> WorstAndAdvice:

@@ -14,7 +14,7 @@ import numpy as np
 from usbldr.filters.errors import listed
 from usbldr.filters.identification.dr_usbl_fit import fit_rotation, segment_numbers
 from usbldr.filters.types import Timeline
-from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value, reinterpret, topic_of
+from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value, reinterpret
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_geodetic, to_plane
@@ -59,14 +59,14 @@ def single_error_findings(
     log: Log, result: InterpretationResult, errors: list[SingleError], rms_m: float
 ) -> list[Finding]:
     """Report the errors of `single_errors`, one of which the log has."""
-    rivals = [f"{topic_of(log, one.role)}, {one.what}" for one in errors[1:]]
+    rivals = [f"{log.topic_of(one.role)}, {one.what}" for one in errors[1:]]
     or_else = f"; or else: of {listed(rivals, len(rivals))}" if rivals else ""
     first, read_m = errors[0], result.as_read.residual_m
     text = (
-        f"{topic_of(log, first.role)}: {first.what}: with this corrected, dead reckoning fits the fixes within "
+        f"{first.what}: with this corrected, dead reckoning fits the fixes within "
         f"{rms_m:.2f} m RMS, as read and rotated within {read_m:.2f} m; {first.advice}{or_else}"
     )
-    return [Finding(first.code, text, topic_of(log, first.role), None, read_m, "m")]
+    return [log.finding(first.code, first.role, text, None, read_m, "m")]
 
 
 def _candidates(log: Log, timeline: Timeline) -> Iterator[SingleError]:
