@@ -1,9 +1,12 @@
 """rosbag2 recordings: a folder of .db3 or .mcap parts with or without its metadata.yaml."""
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
+
+import msgspec
+from msgspec import Struct
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.open_file import opened
@@ -15,7 +18,6 @@ from usbldr.io.recordings.joined import JoinedLog, readable_parts
 STORAGES = (".db3", ".mcap")
 METADATA_BYTES = 1 << 19  # [bytes] of metadata.yaml; 500 topics with their settings have half of it
 METADATA_DEPTH = 50  # [levels] of lists and tables in metadata.yaml; recorders write five
-PARTS_DEPTH = 3  # fixed: the level of the names of parts in metadata.yaml
 PACKED_ENDINGS = (".zstd", ".zst")
 PACKED = tuple(storage + ending for storage in STORAGES for ending in PACKED_ENDINGS)
 """Endings of compressed parts: those that rosbag2 writes, and those of the program zstd."""
@@ -33,16 +35,15 @@ def open_rosbag2(path: Path, open_part: Callable[[Path], Reader]) -> Reader:
     """
     parts = _parts(path)
     metadata = _metadata(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else Metadata()
-    findings: list[Finding] = []
-    if metadata.parts:
-        named = list(dict.fromkeys(metadata.parts))
+    named = list(dict.fromkeys(Path(part).name for part in metadata.parts))
+    if named:
         files, findings = _found(path, [path / name for name in named], parts)
         if len(named) < len(metadata.parts):
             findings.append(Finding("PART-TWICE", "metadata.yaml names a part more than once; it is read once"))
     else:
         files, findings = _numbered(path, parts), _gaps(parts)
     opened_parts, unread = readable_parts(files, open_part)
-    complete = len(opened_parts) == len(set(metadata.parts))  # missing parts are reported
+    complete = len(opened_parts) == len(named)  # missing parts are reported
     stated = metadata.messages if complete else None
     return JoinedLog(path, opened_parts, (*findings, *unread), stated, kind="rosbag2 folder")
 
@@ -66,10 +67,10 @@ def _has_copy(file: Path) -> bool:
     return file.name.endswith(PACKED) and file.with_suffix("").is_file()
 
 
-class Metadata(NamedTuple):
+class Metadata(Struct, frozen=True, rename={"parts": "relative_file_paths", "messages": "message_count"}):
     """What metadata.yaml says of a recording."""
 
-    parts: Sequence[str] = ()  # names of files
+    parts: tuple[str, ...] = ()  # names of files; early rosbag2 wrote the folder before each
     messages: int | None = None  # number of messages
 
 
@@ -82,40 +83,25 @@ def _metadata(file: Path) -> Metadata:
         text = content.read(limit(METADATA_BYTES) + 1)
     if len(text) > limit(METADATA_BYTES):
         raise LogError(f"is longer than {limit(METADATA_BYTES) >> 10} kB; {RAISE}", path=file)
+    yaml = cast("Any", YAML(typ="safe"))
     try:
-        return _read_events(cast("Any", YAML(typ="safe")).parse(text))
-    except (YAMLError, ValueError, RecursionError):
+        if not _is_plain(yaml.parse(text)):
+            return Metadata()
+        return msgspec.convert(yaml.load(text)["rosbag2_bagfile_information"], Metadata)
+    except (YAMLError, ValueError, TypeError, KeyError, RecursionError):
         return Metadata()  # treated as absent: the files in the folder are read
 
 
-def _read_events(events: Iterable[Any]) -> Metadata:
-    """Return what the events of a YAML parser say; event by event, aliases cannot multiply.
+def _is_plain(events: Iterable[Any]) -> bool:
+    """Return whether the events of a YAML parser have no aliases, which could multiply, and no endless depth."""
+    from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
-    Raises ValueError if it is not as recorders write it.
-    """
-    from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent, ScalarEvent, SequenceStartEvent
-
-    depth, key, is_key = 0, "", False
-    parts: list[str] | None = None
-    messages: int | None = None
+    depth = 0
     for event in events:
-        value = str(getattr(event, "value", ""))
-        if isinstance(event, AliasEvent) or depth > METADATA_DEPTH:
-            raise ValueError
-        if depth == PARTS_DEPTH and isinstance(event, ScalarEvent) and key == "relative_file_paths":
-            parts = [*(parts or []), Path(value).name]  # early rosbag2 wrote the folder before each
-        if depth == PARTS_DEPTH - 1:  # keys and values by turns
-            is_key = not is_key if isinstance(event, (ScalarEvent, CollectionStartEvent)) else is_key
-            if isinstance(event, ScalarEvent) and is_key:
-                key = value
-            elif isinstance(event, ScalarEvent) and key == "message_count":
-                messages = int(value)
-            elif isinstance(event, SequenceStartEvent) and key == "relative_file_paths":
-                parts = []
         depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-    if parts is None:
-        raise ValueError
-    return Metadata(parts, messages)
+        if isinstance(event, AliasEvent) or depth > METADATA_DEPTH:
+            return False
+    return True
 
 
 def _found(folder: Path, named: list[Path], parts: list[Path]) -> tuple[list[Path], list[Finding]]:
