@@ -27,8 +27,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     \b
     $ usbldr init dive.mcap
     """
+    from usbldr.io.doctor.draft import draft
     from usbldr.io.doctor.init_config import initial_configuration
-    from usbldr.io.doctor.proposed_columns import draft
     from usbldr.io.settings.configuration import own_configuration
 
     path = Path(log)

@@ -14,9 +14,9 @@ import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import Points, as_points
 from usbldr.io.doctor.doctor import Examination
+from usbldr.io.doctor.draft import WHY_HEAD, Draft
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, usbl_lines
 from usbldr.io.doctor.interpretations import reinterpret
-from usbldr.io.doctor.proposed_columns import WHY_HEAD, Draft
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.geodesy import to_geodetic

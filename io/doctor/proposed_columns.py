@@ -3,29 +3,19 @@
 A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
-import math
 import re
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import permutations
-from pathlib import Path
-from typing import cast
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-import msgspec
-
-from usbldr.filters.errors import LogError, UsbldrError
-from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.messages.configured import TIME_UNITS_NS
 from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
-from usbldr.io.messages.roles import ROLES, SENSORS, Roles
+from usbldr.io.messages.roles import ROLES, Roles
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
 from usbldr.io.reader import TopicInfo
-from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, open_configured
-from usbldr.io.reading.sensors import roles_of
-from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.reading.opening import Request
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import PROPOSED, side_columns
+from usbldr.io.tables.csv_sheets import side_columns
 from usbldr.io.tables.time_columns import ISO, SINCE_NS, dated_columns, keys_since_1970, named_epoch, of_gps
 from usbldr.io.tables.unnamed_columns import is_number
 
@@ -59,8 +49,6 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
-WHY_MM = "CHECK: in m/s its velocities are impossible"
-WHY_HEAD = "CHECK: the ship that carries the head; if the vehicle does, state beacon; lever_arm_m from antenna to head"
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -91,149 +79,9 @@ class Proposal:
         ]
 
 
-@dataclass(frozen=True, slots=True)
-class Draft:
-    """A log as far as it can be read by what its configuration states and by what names of columns suggest."""
-
-    examination: Examination
-    stated: ConfigurationFile
-    proposals: Mapping[str, Proposal]
-    unread: Mapping[str, str]  # sensor that the configuration has to name -> why it is not read
-    unused: tuple[TopicInfo, ...]  # topics of no sensor
-    fault: str  # why the log cannot be replayed as drafted, empty if it can
-    head: Mapping[str, object] = field(default_factory=dict[str, object])  # a ship's position and heading for the head
-
-
-def draft(path: Path, request: Request) -> Draft:
-    """Examine a log, with proposed columns for the sensors that it lacks; without them if they cannot be used.
-
-    A truth that cannot be read is left out. Raises LogError if the log cannot be opened, UsageError if its
-    configuration is invalid.
-    """
-    found = _draft(path, request)
-    if found.examination.log is None and request.truth != "none":
-        without = _draft(path, replace(request, truth="none"))
-        if without.examination.log is not None:
-            return replace(without, unread={**without.unread, "truth": found.fault}, fault=without.fault or found.fault)
-    return found
-
-
-def _draft(path: Path, request: Request) -> Draft:
-    stated = configuration_of(path, request)
-    request = replace(request, configuration=stated, set_keys=())
-    opened = open_configured(path, request)
-    topics = opened.reader.topics()
-    roles = roles_of(topics, request, opened)
-    proposals = proposed_columns(topics, roles, request)
-    faults = {role: why for role, why in roles.unresolved.items() if isinstance(why, LogError)}
-    unread = {role: why.text_beside(path) for role, why in faults.items() if role not in proposals}
-    examination, fault = _with_proposals(path, request, stated, proposals) if proposals else (None, "")
-    if "dvl" in proposals and (examination is None or examination.log is None):
-        dvl = proposals["dvl"]
-        in_mm = {**proposals, "dvl": replace(dvl, words={**dvl.words, "unit": ("mm/s", WHY_MM)})}
-        again, _ = _with_proposals(path, request, stated, in_mm)
-        if again is not None and again.log is not None:
-            examination, proposals = again, in_mm
-    head: Mapping[str, object] = {}
-    if examination is None or examination.log is None:
-        tried = [
-            (keys, _with_proposals(path, request, _stating(stated, keys), proposals)[0])
-            for keys in _of_ship(topics, roles, stated)
-        ]
-        readable = [(keys, found) for keys, found in tried if found is not None and found.log is not None]
-        if readable:
-            keys, examination = min(readable, key=lambda one: _unlike_fixes_m(one[1]))
-            head = cast("Mapping[str, object]", keys["usbl"]["head"])
-    if examination is None or examination.log is None:
-        without = _examined(path, request, stated)
-        if examination is None or without.log is not None:
-            why = f"the columns that the names suggest cannot be used: {fault}"
-            unread |= {role: why for role in proposals if role in SENSORS}
-            examination, proposals = without, {}
-    used = {role: choice.topic.name for role, choice in roles.chosen.items()}
-    used |= {role: one.topic.name for role, one in proposals.items()}
-    present = used if examination.log is None else examination.log.tables
-    unusable = [one.text for one in examination.findings if one.code == "UNUSABLE"]
-    left = [role for role in SENSORS if "none" in (request.topics.get(role), stated.settings.topic(role))]
-    missing = [role for role in SENSORS if role not in (*present, *unread, *left)]
-    absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""
-    absent += "; without it, only --filter usbl works" if missing and "usbl" in present else ""
-    unread |= dict.fromkeys(missing, absent)
-    unread = {role: why.removesuffix(f"; {PROPOSED}") for role, why in unread.items()}
-    fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
-    unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})
-    return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"), head)
-
-
-def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: Collection[str]) -> tuple[TopicInfo, ...]:
-    """Return the topics of no sensor, and tables with columns of none; those that proposals have ``named`` are used."""
-    found: dict[TopicInfo, None] = {}
-    for topic in topics:
-        left = tuple(name for name in topic.unused if name not in named)
-        if left or not (topic.table or (topic.name in used.values() and not topic.first_row)):
-            found.setdefault(replace(_whole(topic), unused=left))
-    return tuple(found)
-
-
-def _of_ship(
-    topics: Sequence[TopicInfo], roles: Roles, stated: ConfigurationFile
-) -> list[dict[str, dict[str, object]]]:
-    """Return sections that give the only GPS, and one of two headings, to the ship that carries the head.
-
-    None if fixes do not count from a head by their type, or if the configuration states where the head is.
-    """
-    content = cast("Mapping[str, Mapping[str, object]]", stated.content or {})
-    gps, headings = ([one.name for one in topics if message_layout_of(role, one)] for role in ("gps", "compass"))
-    fixes = roles.chosen.get("usbl")
-    from_head = fixes and (fixes.layout.defaults.get("relative_to") == "head" or "bearing_deg" in fixes.layout.required)
-    if not from_head or len(gps) != 1 or not {"head", "beacon"}.isdisjoint(content.get("usbl", ())):
-        return []
-    if len(headings) != 2:
-        return [{"usbl": {"head": {"topic": gps[0]}}}]
-    return [
-        {"usbl": {"head": {"topic": gps[0], "heading_topic": ship}}, "compass": {"topic": own}}
-        for ship, own in permutations(headings)
-    ]
-
-
-def _unlike_fixes_m(found: Examination) -> float:
-    """Return the residual of the fixes against dead reckoning."""
-    return found.sensor_check.result.best.residual_m if found.sensor_check.result else math.inf
-
-
-def _with_proposals(
-    path: Path, request: Request, stated: ConfigurationFile, proposals: Mapping[str, Proposal]
-) -> tuple[Examination | None, str]:
-    """Return what the doctor finds with proposed columns, and why the log cannot be read with them."""
-    proposed = _stating(stated, {role: one.keys for role, one in proposals.items()})
-    try:
-        found = _examined(path, replace(request, configuration=proposed), proposed)
-    except UsbldrError as err:  # the names misled
-        return None, err.text_beside(path)
-    return found, next((one.text for one in found.findings if one.code == "UNUSABLE"), "")
-
-
-def _examined(path: Path, request: Request, stated: ConfigurationFile) -> Examination:
-    """Examine a log, again with headings in radians if the fixes show that they are; the first finding stays."""
-    found = examine(path, request)
-    radians = tuple(one for one in found.findings if one.code == "HEADING-RADIANS")
-    if not radians:
-        return found
-    again = examine(path, replace(request, configuration=_stating(stated, {"compass": {"unit": "rad"}})))
-    return replace(again, findings=(*radians, *again.findings))
-
-
-def _stating(stated: ConfigurationFile, sections: Mapping[str, Mapping[str, object]]) -> ConfigurationFile:
-    """Return a configuration with further keys."""
-    content = dict(stated.content or {})
-    for name, keys in sections.items():
-        content[name] = {**cast("dict[str, object]", content.get(name, {})), **keys}
-    return ConfigurationFile(stated.file, msgspec.convert(content, Configuration), content)
-
-
 def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request) -> dict[str, Proposal]:
     """Return role -> proposal for the roles that no topic fills and no option names."""
-    unknown = [topic for topic in dict.fromkeys(map(_whole, topics)) if _unknown(topic)]
+    unknown = [topic for topic in dict.fromkeys(map(whole_table, topics)) if _unknown(topic)]
     unread = [topic.type for topic in topics if topic.first_row and topic.problem]
     found: dict[str, Proposal] = {}
     for role in ROLES:
@@ -247,7 +95,7 @@ def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request
     return found
 
 
-def _whole(topic: TopicInfo) -> TopicInfo:
+def whole_table(topic: TopicInfo) -> TopicInfo:
     """Return the table of a topic that the names of its columns give, else the topic itself."""
     row = topic.first_row
     return TopicInfo(topic.table, "", topic.encoding, 0, None, None, first_row=row) if topic.table else topic

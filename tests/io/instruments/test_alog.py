@@ -9,7 +9,7 @@ from moos_recordings import COUNT, HEAD, line, write_alog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.doctor.proposed_columns import draft
+from usbldr.io.doctor.draft import draft
 from usbldr.io.formats.detect import open_log
 from usbldr.io.instruments.alog_log import alog_log
 from usbldr.io.limits import VARIABLE
