@@ -85,8 +85,8 @@ def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
 
 
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    from usbldr.io.tables.csv_begin import looks_like_csv
     from usbldr.io.tables.csv_log import CsvLog
-    from usbldr.io.tables.csv_text import looks_like_csv
 
     table = looks_like_csv(head) and not _is_other_text(head) and not _foreign_text(head)
     return CsvLog(path) if table else None
@@ -207,7 +207,7 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
     if _is_matlab_4(path):
         raise LogError("is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')", path=path)
-    from usbldr.io.tables.csv_text import has_blank_columns, lacks_header
+    from usbldr.io.tables.csv_begin import has_blank_columns, lacks_header
 
     if lacks_header(head):
         raise LogError("has no header: its first line holds numbers; insert a line with the column names", path=path)

@@ -19,8 +19,9 @@ from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plai
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
+from usbldr.io.tables.csv_begin import header_and_row
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_names, sheet_of
-from usbldr.io.tables.csv_text import header_and_row, read_texts, text_files
+from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
     clock_digits,

@@ -1,0 +1,169 @@
+"""The beginning of a CSV file: what separates its columns, their names, and where its rows begin.
+
+Titles, comments, words with their values and lines of units may stand before the first row.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice, pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
+from usbldr.io.tables.date_order import stated_order
+from usbldr.io.tables.date_times import foreign_time, named_zone
+from usbldr.io.tables.time_columns import ISO
+from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
+from usbldr.io.units import named_unit
+
+PREAMBLE = 100  # [lines] among which the column names are looked for
+SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # of Excel, before the column names
+COMMENT = "# "  # what the column names may follow
+COMMENTS = ("#", "%", "//")  # with which a line begins that is no row
+REMARKS = (*COMMENTS, ";")  # with which a line before the column names begins that is none
+BLANKS = " \t\v\f\xa0"  # that may surround a cell
+
+
+def looks_like_csv(head: bytes) -> bool:
+    """Return whether a file's first bytes are text with a line of column names, or comments alone."""
+    lines = head_lines(head)
+    if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
+        return lines[0].startswith("#")
+    header = lines[_header_place(lines)] if lines else ""
+    printable = header.replace("\t", " ").isprintable() and any(char.isalpha() for char in header)
+    return printable and (_separator(header) in header or has_blank_columns(head, whole=True))
+
+
+def has_blank_columns(head: bytes, whole: bool = False) -> bool:
+    """Return whether a file's first bytes are names between blanks, and a row with numbers; ``whole``: as many."""
+    lines = [line.lstrip(COMMENT).split() for line in head_lines(head) if line.strip()]
+    names, row = (*lines, [], [])[:2]
+    named = unnamed_columns(Path(), names) is None and not any(map(is_value, names))  # else those of a format
+    numbers = sum(map(is_value, row))
+    return named and (numbers == len(row) == len(names) > 1 if whole else len(names) > 1 and numbers > 0)
+
+
+def lacks_header(head: bytes) -> bool:
+    """Return whether a file's first bytes are columns of numbers without names."""
+    first = next(iter(head_lines(head)), "")
+    cells = first.split(_separator(first))
+    return len(cells) > 1 and all(map(is_value, cells))
+
+
+def is_value(cell: str) -> bool:
+    """Return whether a cell holds a number, or a date and time."""
+    cell = cell.strip()
+    return is_number(with_point(cell)) or ISO.fullmatch(cell) is not None
+
+
+def _header_place(lines: Sequence[str]) -> int:
+    """Return the place of the column names among the first lines: before the first row, known by a number in it.
+
+    Comments, a title, and words with their values may precede them, units follow; so a row that begins with a time or
+    number comes first. If no row is found, it is the first line that is not blank.
+    """
+    filled = [k for k, line in enumerate(lines) if line.strip() and not SEPARATOR_LINE.fullmatch(line)]
+    names, width, worded = filled[0] if filled else 0, 0, -1
+    for k, following in pairwise(filled):
+        separator = _separator(lines[k])
+        cells, row = (cells_of(lines[place].lstrip(COMMENT), separator) for place in (k, following))
+        title = len(cells) > 1 and sum(map(bool, cells)) < 2  # a spreadsheet fills its line with separators
+        if title or any(map(is_value, cells)):
+            width = 0
+            continue
+        if len(cells) != width or lines[names].startswith("#"):
+            names, width = k, len(cells)
+        if 1 < len(cells) == len(row) and any(map(is_value, row)):
+            if is_value(row[0]) or foreign_time(row[0]):
+                return names
+            worded = names if worded < 0 else worded
+    return worded if worded >= 0 else filled[0] if filled else 0
+
+
+def _separator(line: str) -> str:
+    """Return the separator of a file's columns by its first line; with semicolons, numbers have a decimal comma."""
+    return max(",;\t", key=line.count)
+
+
+def with_point(cell: str) -> str:
+    """Return a number with a point in place of its decimal comma, any other cell as it is."""
+    return cell.replace(",", ".") if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
+
+
+def header_and_row(file: Path) -> tuple[list[str], list[str]]:
+    """Return a file's column names as written, and the cells of its first row."""
+    names, separator, lines, *_ = begin_of_table(file)
+    cells = cells_of(next((line for line in lines if line.strip()), ""), separator)
+    return names, cells if separator in (",", None) else [with_point(cell) for cell in cells]
+
+
+class TableBegin(NamedTuple):
+    """The beginning of a file."""
+
+    names: list[str]  # of its columns
+    separator: str | None  # None: blanks
+    lines: Iterator[str]  # behind the names, and behind a line of their units
+    number: int  # of the last line before these
+    spoilt: Mapping[int, str]  # line before them -> why it is none
+
+
+def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
+    """Return the beginning of a file: what is before its column names, if it is text, is a title or comments."""
+    lines = text_lines(file, WESTERN)
+    begun = list(islice(lines, PREAMBLE))
+    comments = 0  # before the last ones: there may be thousands
+    while len(begun) == PREAMBLE and all(line.startswith(REMARKS) for line in begun):
+        comments += len(begun) - 1
+        begun = [begun[-1], *islice(lines, PREAMBLE - 1)]
+    clean = [line.replace("\0", "") for line in begun]
+    place = _header_place(clean)
+    first = clean[place].lstrip(COMMENT) if begun else ""
+    separator = _separator(first) if _separator(first) in first else None
+    spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
+    names, rows = cells_of(first, separator), place + 1
+    while not units_are_row and rows < len(begun):
+        joined = _joined(names, cells_of(clean[rows], separator))
+        if joined is None:
+            break
+        names, rows = joined, rows + 1
+    while len(names) > 1 and not names[-1]:
+        names.pop()  # of separators at the end of the line
+    return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows, spoilt)
+
+
+def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
+    """Return the names of columns with what another line adds to them, None if that line is none of names or units.
+
+    A line of units, or of dashes, has no names. A name that stands over several columns, of which the others are blank
+    or repeat it, goes before the names of each.
+    """
+    if len(names) != len(cells) or len(cells) < 2 or any(is_value(cell) or foreign_time(cell) for cell in cells):
+        return None
+    bare = [cell.strip("[]() ") for cell in cells]
+    stated = [named_unit(f"x [{unit}]") for unit in bare]
+    units = [
+        f" [{u}]" if (one.dimension and one.unit == u) or stated_order(u) is not None or named_zone(f"[{u}]") else ""
+        for u, one in zip(bare, stated, strict=True)
+    ]
+    of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
+    if not of_names and (any(units) or not any(cell.strip("-") for cell in cells)):
+        return [name if named_unit(name).unit else name + unit for name, unit in zip(names, units, strict=True)]
+    over, found = "", list[str]()
+    for name, cell, unit in zip(names, cells, units, strict=True):
+        over = name or over
+        found.append(over + unit if unit else f"{over} {cell}".strip() if cell not in ("", over) else name)
+    named = list(filter(None, found))
+    over_several = len(set(names[1:]) - {""}) < len(names[1:])
+    return found if over_several and len(set(named)) == len(named) else None
+
+
+def cells_of(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line without the blanks around them; ``separator`` None: blanks part them."""
+    if separator is None:
+        return line.split()
+    if '"' in line:
+        line = re.sub(rf'(^|{re.escape(separator)})="', r'\1"', line)  # of Excel: ="1.2" is a text
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    cells = line.rstrip("\r\n").split(separator)
+    return [cell.strip() for cell in cells] if any(blank in line for blank in BLANKS) else cells
