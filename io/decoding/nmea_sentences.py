@@ -1,4 +1,4 @@
-"""NMEA 0183 sentences found in lines of text: checked, timed and sorted by kind.
+"""NMEA 0183 sentences of a source as topics: those of its lines (nmea_lines), timed and sorted by kind.
 
 nmea_kinds lists the sentences that are understood; nmea_times finds their times of validity. The fields of any sentence
 are named by their numbers, "1" behind the name, and "VX=0.5" also by its tag.
@@ -8,42 +8,18 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import reduce
-from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.io.decoding.nmea_kinds import (
-    SENTENCE_KINDS,
-    VARIANTS,
-    SentenceKind,
-    SentenceValues,
-    decode_sentences,
-    kind_of,
-)
-from usbldr.io.decoding.nmea_times import (
-    NO_TIME,
-    date_ns,
-    on_nearest_date,
-    prefixed_clock_ns,
-    prefixed_ns,
-    time_of_day_ns,
-    times_from_sentences,
-)
+from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, SentenceKind, SentenceValues, decode_sentences
+from usbldr.io.decoding.nmea_lines import SENTENCE, FoundSentence, scan_lines
+from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, times_from_sentences
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
-SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
-WORD_LINE = re.compile(r"(?<![\w.,:+-])([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$")
-"""A line that begins with a word in place of an address, as instruments send it: "USBLLONG,1600000000.5,2,"."""
-LOST = "\0" * 8  # zeros as of a lost sector of a disk; binary data between the sentences have fewer
-CHECKSUM = re.compile(r"\*.?[0-9A-Fa-f]")  # more of them than sentences: the beginning of one was lost
-SUBTYPE = re.compile(r"[A-Z_]{2,}")
-"""First field of a vendor's sentence that is its type: $PIXSE,ATITUD."""
 TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
 SAMPLE = 20  # [sentences] from which the fields of a kind are taken
 FEW = 20  # [sentences] that may be logged at one time: a short file
-CRC8_POLYNOMIAL = 0x07  # fixed: of Water Linked's serial protocol
 SATELLITES = frozenset(("GP", "GN", "GL", "GA", "GB", "BD", "GQ", "GI"))
 """Talkers by which a receiver says whose satellites it used: fixed by NMEA 0183."""
 PREFERRED = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
@@ -83,12 +59,11 @@ class Sentences:
     def records(self, paths: Sequence[str]) -> tuple[Records, int]:
         """Return the wanted columns, and how many sentences do not match their kind."""
         known = SENTENCE_KINDS.get(self.kind, SentenceKind())
-        rows: list[SentenceValues | None] = [()] * len(self.contents)
+        rows: Sequence[SentenceValues | None] = [()] * len(self.contents)
         if set(known.columns) & set(paths):
             rows = decode_sentences(self.kind, self.contents)
-        good = np.array([row is not None for row in rows], dtype=np.bool_)
-        order = np.flatnonzero(good)
-        decoded: list[SentenceValues] = [row for i in map(int, order) if (row := rows[i]) is not None]
+        order = [i for i, row in enumerate(rows) if row is not None]
+        decoded = [row for row in rows if row is not None]
         columns: dict[str, Column] = {}
         for path in paths:
             if path == "header.stamp" and self.stamp_ns is not None:
@@ -97,8 +72,8 @@ class Sentences:
                 place = known.columns.index(path)
                 columns[path] = np.array([row[place] for row in decoded])
             else:
-                columns[path] = _numbers_or_texts([_field(self.contents[i], path) for i in order.tolist()])
-        return Records(self.received_ns[order], columns), int(np.sum(~good))
+                columns[path] = _numbers_or_texts([_field(self.contents[i], path) for i in order])
+        return Records(self.received_ns[order], columns), len(rows) - len(order)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,21 +111,6 @@ def _numbers_or_texts(cells: Sequence[str]) -> Column:
     return np.array(cells)
 
 
-class _FoundSentence(NamedTuple):
-    """One sentence."""
-
-    name: str
-    kind: str  # its name without its talker
-    content: str
-    checked: bool
-    line: int
-    logged: int  # NO_TIME if unknown
-    clock: int  # time of day with which its line begins, NO_TIME without one
-    time_of_day: int
-    midnight: int
-    has_fix: bool | None  # whether a receiver has a fix, and so the time; None: not stated
-
-
 def find_sentences(
     source: str,
     lines: Iterable[str],
@@ -162,7 +122,7 @@ def find_sentences(
 
     ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the beginnings of the lines are used.
     """
-    found, wrong, without = _scan_lines(lines, received_ns, form)
+    found, wrong, without = scan_lines(lines, received_ns, form)
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     topic = "" if received_ns is None else source  # a file is none
@@ -189,120 +149,38 @@ def find_sentences(
 
 
 def _of_one_receiver(
-    source: str, topic: str, rows: Sequence[_FoundSentence]
-) -> tuple[Sequence[_FoundSentence], list[Finding]]:
+    source: str, topic: str, rows: Sequence[FoundSentence]
+) -> tuple[Sequence[FoundSentence], list[Finding]]:
     """Give one talker to a receiver whose talker changes with its satellites: none of its times is stated twice."""
     epochs: dict[str, set[tuple[str, int]]] = {}
     for row in rows:
-        if (talker := row.name.removesuffix(row.kind)) in SATELLITES and row.time_of_day != NO_TIME:
-            epochs.setdefault(talker, set()).add((row.kind, row.time_of_day))
+        if row.talker in SATELLITES and row.time_of_day != NO_TIME:
+            epochs.setdefault(row.talker, set()).add((row.kind, row.time_of_day))
     kinds = [kind for stated in epochs.values() for kind in {kind for kind, _ in stated}]
     several = len(kinds) > len(set(kinds))
     if not several or len(set[tuple[str, int]]().union(*epochs.values())) < sum(map(len, epochs.values())):
         return rows, []
     first = next(iter(epochs))
     text = f"{source}: {', '.join(epochs)} are taken for one receiver, which is called {first}: their times all differ"
-    renamed = [
-        row._replace(name=first + row.kind) if row.name.removesuffix(row.kind) in epochs else row for row in rows
-    ]
+    renamed = [row._replace(name=first + row.kind) if row.talker in epochs else row for row in rows]
     return renamed, [Finding("NMEA-TALKERS", text, topic)]
 
 
-def _scan_lines(
-    lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str]
-) -> tuple[list[_FoundSentence], list[int], int]:
-    """Return the sentences, the lines of those with a wrong checksum or cut, and how many lines hold no sentence."""
-    found: list[_FoundSentence] = []
-    wrong: list[int] = []
-    without, last = 0, NO_TIME
-    for number, line in enumerate(lines):
-        begin, count, cut = 0, len(found) + len(wrong), received_ns is None and not line.endswith("\n")
-        matches, addressed = _in_line(line, form)
-        for match in matches:
-            name, body, checksum = match.groups()
-            content = f"{name},{body}"
-            prefix = line[begin : match.start()]
-            logged = prefixed_ns(prefix) if received_ns is None else int(received_ns[number])
-            clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
-            last = logged if logged != NO_TIME else last
-            begin = match.end()
-            kind = kind_of(name) if addressed else name
-            sentence_time = _sentence_time(kind, body.split(","))
-            if sentence_time is None or not (_is_checksum(checksum, content.encode()) if checksum else not cut):
-                wrong.append(number)
-            else:
-                full, *_ = sentence_time
-                name = name.removesuffix(kind) + full
-                times = last, clock, *sentence_time[1:]
-                found.append(_FoundSentence(name, full, content, bool(checksum), number, *times))
-        torn = received_ns is None and (line.startswith("\0") or LOST in line or (cut and begin == 0))
-        torn |= received_ns is None and len(CHECKSUM.findall(line)) > len(found) + len(wrong) - count
-        wrong += [number] * torn
-        without += begin == 0 and not torn and bool(line.strip())
-    return found, wrong, without
-
-
-def _in_line(line: str, form: re.Pattern[str]) -> tuple[list[re.Match[str]], bool]:
-    """Return the sentences of a line, and whether they have an address; else it begins with a word.
-
-    Among sentences with an address it has small letters and a checksum: else it is what is left of an address.
-    """
-    if found := list(SENTENCE.finditer(line)):
-        return found, True
-    words = WORD_LINE.finditer(line) if form is WORD_LINE or "*" in line else ()
-    return [word for word in words if form is WORD_LINE or (word[3] and not word[1].isupper())], False
-
-
-def _receiver_times(rows: Sequence[_FoundSentence]) -> tuple[Nanoseconds, Nanoseconds]:
+def _receiver_times(rows: Sequence[FoundSentence]) -> tuple[Nanoseconds, Nanoseconds]:
     """Return times of day and midnights (n,), NO_TIME while the receiver has no fix: its clock is not set.
 
     A sentence that does not say has the fix of the last one of its receiver that does, the first ones that of the
     first. If no receiver ever has one, the times of day remain.
     """
-    talkers = [row.name.removesuffix(row.kind) for row in rows]
-    fixed = {
-        talker: row.has_fix
-        for talker, row in reversed(list(zip(talkers, rows, strict=True)))
-        if row.has_fix is not None
-    }
+    fixed = {row.talker: row.has_fix for row in reversed(rows) if row.has_fix is not None}
     known = np.empty(len(rows), dtype=np.bool_)
-    for i, (talker, row) in enumerate(zip(talkers, rows, strict=True)):
+    for i, row in enumerate(rows):
         if row.has_fix is not None:
-            fixed[talker] = row.has_fix
-        known[i] = not talker or fixed.get(talker, True)
+            fixed[row.talker] = row.has_fix
+        known[i] = not row.talker or fixed.get(row.talker, True)
     time, midnight = (np.array([getattr(row, name) for row in rows]) for name in ("time_of_day", "midnight"))
     midnight = np.where(known, midnight, NO_TIME)
     return np.where(known, time, NO_TIME) if np.any(time[known] != NO_TIME) else time, midnight
-
-
-def _is_checksum(digits: str, content: bytes) -> bool:
-    """Return whether a checksum is that of NMEA 0183, or CRC-8."""
-    stated = int(digits, 16)
-    if stated == reduce(int.__xor__, content, 0):
-        return True
-    crc = 0
-    for bit in (byte >> shift & 1 for byte in content for shift in range(7, -1, -1)):
-        crc = (crc << 1 & 0xFF) ^ CRC8_POLYNOMIAL * (crc >> 7 ^ bit)
-    return stated == crc
-
-
-def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int, bool | None] | None:
-    """Return the kind's full name, time of day, midnight and fix of a sentence, None if it is cut."""
-    try:
-        full = name + VARIANTS.get(name, _subtype)(fields)
-    except IndexError:
-        return None
-    kind = SENTENCE_KINDS.get(full, SentenceKind())
-    time = NO_TIME
-    if kind.time is not None and kind.time < len(fields):
-        time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
-    date = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
-    midnight = date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
-    return full, time, midnight, kind.has_fix(fields)
-
-
-def _subtype(fields: Sequence[str]) -> str:
-    return f"_{fields[0]}" if SUBTYPE.fullmatch(fields[0]) else ""
 
 
 def _received(
@@ -328,7 +206,7 @@ def _received(
 
 
 def _counted(
-    source: str, topic: str, rows: Sequence[_FoundSentence], wrong: Sequence[int], without: int
+    source: str, topic: str, rows: Sequence[FoundSentence], wrong: Sequence[int], without: int
 ) -> list[Finding]:
     total, unchecked = len(rows) + len(wrong), sum(not row.checked for row in rows)
     findings: list[Finding] = []

@@ -10,7 +10,8 @@ from functools import partial
 from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.decoding.nmea_sentences import SENTENCE, WORD_LINE, SentenceSet, find_sentences
+from usbldr.io.decoding.nmea_lines import SENTENCE, WORD_LINE
+from usbldr.io.decoding.nmea_sentences import SentenceSet, find_sentences
 from usbldr.io.file_access.open_file import head_lines, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic

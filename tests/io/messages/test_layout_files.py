@@ -13,7 +13,8 @@ from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.decoding.nmea_sentences import WORD_LINE, find_sentences
+from usbldr.io.decoding.nmea_lines import WORD_LINE
+from usbldr.io.decoding.nmea_sentences import find_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.inputs import input_files
 from usbldr.io.reading.read import Request

@@ -1,0 +1,117 @@
+"""NMEA 0183 sentences in lines of text: where they begin and end, their checksums, and the times in and before them.
+
+A line may hold several, and may begin with the time at which it was logged.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import reduce
+from typing import NamedTuple
+
+from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, VARIANTS, SentenceKind, kind_of
+from usbldr.io.decoding.nmea_times import NO_TIME, date_ns, prefixed_clock_ns, prefixed_ns, time_of_day_ns
+from usbldr.io.reader import Nanoseconds
+
+SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
+WORD_LINE = re.compile(r"(?<![\w.,:+-])([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$")
+"""A line that begins with a word in place of an address, as instruments send it: "USBLLONG,1600000000.5,2,"."""
+LOST = "\0" * 8  # zeros as of a lost sector of a disk; binary data between the sentences have fewer
+CHECKSUM = re.compile(r"\*.?[0-9A-Fa-f]")  # more of them than sentences: the beginning of one was lost
+SUBTYPE = re.compile(r"[A-Z_]{2,}")
+"""First field of a vendor's sentence that is its type: $PIXSE,ATITUD."""
+CRC8_POLYNOMIAL = 0x07  # fixed: of Water Linked's serial protocol
+
+
+class FoundSentence(NamedTuple):
+    """One sentence."""
+
+    name: str
+    kind: str  # its name without its talker
+    content: str
+    checked: bool
+    line: int
+    logged: int  # NO_TIME if unknown
+    clock: int  # time of day with which its line begins, NO_TIME without one
+    time_of_day: int
+    midnight: int
+    has_fix: bool | None  # whether a receiver has a fix, and so the time; None: not stated
+
+    @property
+    def talker(self) -> str:
+        """Who sent it: GP of GPGGA."""
+        return self.name.removesuffix(self.kind)
+
+
+def scan_lines(
+    lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str]
+) -> tuple[list[FoundSentence], list[int], int]:
+    """Return the sentences, the lines of those with a wrong checksum or cut, and how many lines hold no sentence."""
+    found: list[FoundSentence] = []
+    wrong: list[int] = []
+    without, last = 0, NO_TIME
+    for number, line in enumerate(lines):
+        begin, count, cut = 0, len(found) + len(wrong), received_ns is None and not line.endswith("\n")
+        matches, addressed = _in_line(line, form)
+        for match in matches:
+            name, body, checksum = match.groups()
+            content = f"{name},{body}"
+            prefix = line[begin : match.start()]
+            logged = prefixed_ns(prefix) if received_ns is None else int(received_ns[number])
+            clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
+            last = logged if logged != NO_TIME else last
+            begin = match.end()
+            kind = kind_of(name) if addressed else name
+            sentence_time = _sentence_time(kind, body.split(","))
+            if sentence_time is None or not (_is_checksum(checksum, content.encode()) if checksum else not cut):
+                wrong.append(number)
+            else:
+                full, *_ = sentence_time
+                name = name.removesuffix(kind) + full
+                times = last, clock, *sentence_time[1:]
+                found.append(FoundSentence(name, full, content, bool(checksum), number, *times))
+        torn = received_ns is None and (line.startswith("\0") or LOST in line or (cut and begin == 0))
+        torn |= received_ns is None and len(CHECKSUM.findall(line)) > len(found) + len(wrong) - count
+        wrong += [number] * torn
+        without += begin == 0 and not torn and bool(line.strip())
+    return found, wrong, without
+
+
+def _in_line(line: str, form: re.Pattern[str]) -> tuple[list[re.Match[str]], bool]:
+    """Return the sentences of a line, and whether they have an address; else it begins with a word.
+
+    Among sentences with an address it has small letters and a checksum: else it is what is left of an address.
+    """
+    if found := list(SENTENCE.finditer(line)):
+        return found, True
+    words = WORD_LINE.finditer(line) if form is WORD_LINE or "*" in line else ()
+    return [word for word in words if form is WORD_LINE or (word[3] and not word[1].isupper())], False
+
+
+def _is_checksum(digits: str, content: bytes) -> bool:
+    """Return whether a checksum is that of NMEA 0183, or CRC-8."""
+    stated = int(digits, 16)
+    if stated == reduce(int.__xor__, content, 0):
+        return True
+    crc = 0
+    for bit in (byte >> shift & 1 for byte in content for shift in range(7, -1, -1)):
+        crc = (crc << 1 & 0xFF) ^ CRC8_POLYNOMIAL * (crc >> 7 ^ bit)
+    return stated == crc
+
+
+def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int, bool | None] | None:
+    """Return the kind's full name, time of day, midnight and fix of a sentence, None if it is cut."""
+    try:
+        full = name + VARIANTS.get(name, _subtype)(fields)
+    except IndexError:
+        return None
+    kind = SENTENCE_KINDS.get(full, SentenceKind())
+    time = NO_TIME
+    if kind.time is not None and kind.time < len(fields):
+        time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
+    date = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
+    midnight = date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
+    return full, time, midnight, kind.has_fix(fields)
+
+
+def _subtype(fields: Sequence[str]) -> str:
+    return f"_{fields[0]}" if SUBTYPE.fullmatch(fields[0]) else ""
