@@ -7,6 +7,7 @@ values: CF conventions (cfconventions.org). Of the heaps of texts: HDF5 File For
 import re
 import struct
 import zlib
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -43,87 +44,98 @@ def hdf5_log(file: Path, kind: str = NAME) -> TableLog:
 def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
     """Return the tables of a file; raise LogError if it cannot be read, UsageError without h5py."""
     h5py = library("h5py", f"{kind} files", "hdf5", file)
-    groups: dict[str, list[Array]] = {}
-    texts: dict[str, list[Array]] = {}
-    dated: dict[str, set[str]] = {}
-    objects: dict[str, dict[str, str]] = {}
-    left_out: dict[str, str] = {}
-    tables: list[Table] = []
-    budget = UnpackingBudget(file, file.stat().st_size)
+    with reading(file, kind):
+        _check_heaps(file)
+    with reading(file, kind), h5py.File(file, "r") as content:
+        found = _Contents(file, h5py)
+        found.visit("", content)
+        content.visititems(found.visit)
+    tables = [*found.tables, *(table for name in found.numbers for table in found.tables_of(name))]
+    if not tables:
+        refuse_objects(file, [name for kinds in found.objects.values() for name in unread(kinds)])
+        refuse_objects(file, [f"{path} ({why})" for path, why in found.left_out.items()])
+    return [replace(one, left_out=found.left_out) for one in tables]
 
-    def read(path: str, part: Any, clock: Clock | None = None) -> Column:
-        with h5py.File(file, "r") as content:
-            item = content[path]
-            _take(item, budget)
-            if item.dtype.kind not in "biuf":
-                values = np.ravel((item.asstr() if h5py.check_string_dtype(item.dtype) else item)[part])
-                if values.dtype.kind in "SO":  # h5py leaves the texts of records as bytes
-                    decoded = (
-                        one.decode(errors="replace") if isinstance(one, bytes) else one for one in values.tolist()
-                    )
-                    values = np.array(list(decoded), dtype=object)
-                return values
-            values = _unpacked(item[part], item.attrs)
-            return clock.dates(values) if clock else values
 
-    def read_elements(path: str, part: Any) -> Column:
-        with h5py.File(file, "r") as content:
-            return np.array([_number(content, one) for one in np.ravel(content[path][part])], dtype=np.float64)
+class _Contents:
+    """What is in a file, by the paths of its groups."""
 
-    def visit(path: str, item: Any) -> None:
-        budget.take_record()
+    def __init__(self, file: Path, h5py: Any) -> None:
+        self._file, self._h5py = file, h5py
+        self._budget = UnpackingBudget(file, file.stat().st_size)
+        self.tables: list[Table] = []  # arrays of records
+        self.numbers: dict[str, list[Array]] = defaultdict(list)
+        self.objects: dict[str, dict[str, str]] = defaultdict(dict)  # of MATLAB: name -> class
+        self.left_out: dict[str, str] = {}  # path -> why
+        self._texts: dict[str, list[Array]] = defaultdict(list)
+        self._dated: dict[str, set[str]] = defaultdict(set)  # names of those arrays of numbers that are times
+
+    def visit(self, path: str, item: Any) -> None:
+        """Take an item of the file."""
+        self._budget.take_record()
         if path.startswith("#"):
             return  # of MATLAB's own
-        if not isinstance(item, h5py.Dataset):
+        if not isinstance(item, self._h5py.Dataset):
             links = {f"{path}/{name}".lstrip("/"): item.get(name, getlink=True) for name in item}
-            left_out.update({name: why for name, link in links.items() if (why := _astray(link, item))})
-            return
-        if item.external or item.is_virtual:
-            left_out[path] = "its values are in other files; copy them into this one"
-            return
-        records, column = bool(item.dtype.names), item.ndim == 1 or item.shape[1:] == (1,)
+            self.left_out.update({name: why for name, link in links.items() if (why := _astray(link, item))})
+        elif item.external or item.is_virtual:
+            self.left_out[path] = "its values are in other files; copy them into this one"
+        else:
+            self._add(path, item)
+
+    def _add(self, path: str, item: Any) -> None:
+        """Add an array to those of its group."""
+        h5py, column = self._h5py, item.ndim == 1 or item.shape[1:] == (1,)
         group, _, name = path.rpartition("/")
-        group = group or file.stem
+        group = group or self._file.stem
         if DECODE in item.attrs:
-            objects.setdefault(group, {})[name] = _text(item.attrs.get("MATLAB_class"))
+            self.objects[group][name] = _text(item.attrs.get("MATLAB_class"))
         elif h5py.check_ref_dtype(item.dtype) is h5py.Reference and item.size > 1 and max(item.shape) == item.size:
-            budget.take_record(item.size)  # a field of an array of structures in MATLAB 7.3
+            self._budget.take_record(item.size)  # a field of an array of structures in MATLAB 7.3
             if _number(item.file, item[(0,) * item.ndim]) is not None:
-                groups.setdefault(group, []).append((name, item.shape, partial(read_elements, path)))
-                dated.setdefault(group, set())
-        elif records and column:
-            columns = {name: partial(read, path, name) for name in item.dtype.names}
+                self.numbers[group].append((name, item.shape, partial(self._read_elements, path)))
+        elif item.dtype.names and column:
+            columns = {name: partial(self._read, path, name) for name in item.dtype.names}
             words = frozenset(name for name in columns if h5py.check_string_dtype(item.dtype[name]))
-            tables.append(Table(file, path, len(item), columns, texts=words))
-        elif records and item.ndim:
-            left_out[path] = f"its records have {item.ndim} dimensions, not one"
+            self.tables.append(Table(self._file, path, len(item), columns, texts=words))
+        elif item.dtype.names and item.ndim:
+            self.left_out[path] = f"its records have {item.ndim} dimensions, not one"
         elif h5py.check_string_dtype(item.dtype) and column:
-            texts.setdefault(group, []).append((name, item.shape, partial(read, path)))
+            self._texts[group].append((name, item.shape, partial(self._read, path)))
         elif item.dtype.kind in "biuf" and item.shape and b"char" not in item.attrs.get("MATLAB_class", b""):
             unit = _text(item.attrs.get("units"))
             clock = clock_of(unit, _text(item.attrs.get("calendar")) or "standard")
             label = name if clock else _named(name, unit)
-            dated.setdefault(group, set()).update([label] if clock else [])
-            groups.setdefault(group, []).append((label, item.shape, partial(read, path, clock=clock)))
+            self._dated[group].update([label] if clock else [])
+            self.numbers[group].append((label, item.shape, partial(self._read, path, clock=clock)))
 
-    with reading(file, kind):
-        _check_heaps(file)
-    with reading(file, kind), h5py.File(file, "r") as content:
-        visit("", content)
-        content.visititems(visit)
-    for name, arrays in groups.items():
-        others = unread(objects.get(name, {}))
-        sizes = {max(shape) for _, shape, _ in arrays}
-        beside = [one for one in texts.get(name, []) if one[1][0] in sizes]
+    def _read(self, path: str, part: Any, clock: Clock | None = None) -> Column:
+        with self._h5py.File(self._file, "r") as content:
+            item = content[path]
+            _take(item, self._budget)
+            if item.dtype.kind in "biuf":
+                values = _unpacked(item[part], item.attrs)
+                return clock.dates(values) if clock else values
+            values = np.ravel((item.asstr() if self._h5py.check_string_dtype(item.dtype) else item)[part])
+        if values.dtype.kind in "SO":  # h5py leaves the texts of records as bytes
+            decoded = (one.decode(errors="replace") if isinstance(one, bytes) else one for one in values.tolist())
+            values = np.array(list(decoded), dtype=object)
+        return values
+
+    def _read_elements(self, path: str, part: Any) -> Column:
+        with self._h5py.File(self._file, "r") as content:
+            return np.array([_number(content, one) for one in np.ravel(content[path][part])], dtype=np.float64)
+
+    def tables_of(self, group: str) -> list[Table]:
+        """Return the tables of a group: its numbers, and texts of as many rows."""
+        sizes = {max(shape) for _, shape, _ in self.numbers[group]}
+        beside = [one for one in self._texts[group] if one[1][0] in sizes]
         of_texts = frozenset(label for label, _, _ in beside)
-        tables += [
+        others, dated = unread(self.objects[group]), frozenset(self._dated[group])
+        return [
             replace(one, unread=others, texts=of_texts & one.columns.keys())
-            for one in tables_of(file, name, [*arrays, *beside], frozenset(dated[name]))
+            for one in tables_of(self._file, group, [*self.numbers[group], *beside], dated)
         ]
-    if not tables:
-        refuse_objects(file, [name for kinds in objects.values() for name in unread(kinds)])
-        refuse_objects(file, [f"{path} ({why})" for path, why in left_out.items()])
-    return [replace(one, left_out=left_out) for one in tables]
 
 
 def _number(content: Any, reference: Any) -> float | None:
