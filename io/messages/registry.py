@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files
+from typing import Any
 
 import msgspec
 
@@ -12,9 +13,12 @@ from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.reader import TopicInfo
 
 
+def _document(name: str) -> dict[str, Any]:
+    return tomllib.loads((files("usbldr.io.messages") / "types" / f"{name}.toml").read_text(encoding="utf-8"))
+
+
 def _types(sensor: str) -> tuple[MessageLayout, ...]:
-    text = (files("usbldr.io.messages") / "types" / f"{sensor}.toml").read_text(encoding="utf-8")
-    return msgspec.convert(tomllib.loads(text)["layout"], tuple[MessageLayout, ...])
+    return msgspec.convert(_document(sensor)["layout"], tuple[MessageLayout, ...])
 
 
 def _of_plugins(sensor: str) -> tuple[MessageLayout, ...]:
@@ -30,6 +34,9 @@ LAYOUTS: Mapping[str, tuple[MessageLayout, ...]] = {
 
 The type of files with usbldr's own columns, or with configured columns, is the sensor.
 """
+
+ROSTOPIC_TYPES = msgspec.convert(_document("rostopic"), dict[str, frozenset[str]])
+"""The type of a message by some of its fields in a file of rostopic; the first match is used."""
 
 STAMPS = frozenset(layout.stamp for layouts in LAYOUTS.values() for layout in layouts)
 """All fields that are the time of some type."""

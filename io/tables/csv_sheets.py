@@ -15,6 +15,7 @@ from typing import NamedTuple
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 from usbldr.io.messages.field_names import NamedColumn, named_column, sensors_by_name
+from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.tables.time_columns import ISO, NAME_THEM, TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees
@@ -64,50 +65,6 @@ OWN_COLUMNS: Mapping[str, OwnColumns] = {
 """One line per sensor."""
 OWN_NAMES = frozenset(name for kind in OWN_COLUMNS.values() for name in kind.optional.union(*kind.choices))
 
-ROSTOPIC: Mapping[str, str] = {
-    "nav_msgs/Odometry": "pose.pose.position.x twist.twist.linear.x",
-    "geometry_msgs/TwistWithCovarianceStamped": "twist.twist.linear.x twist.covariance.0",
-    "geometry_msgs/TwistStamped": "twist.linear.x",
-    "geometry_msgs/PoseWithCovarianceStamped": "pose.pose.position.x pose.covariance.0",
-    "geometry_msgs/PoseStamped": "pose.position.x pose.orientation.x",
-    "geometry_msgs/PointStamped": "point.x",
-    "ds_sensor_msgs/Dvl": "velocity.x velocity_covar.0 coordinate_mode",
-    "marine_acoustic_msgs/Dvl": "velocity.x velocity_covar.0 num_good_beams",
-    "dvl_msgs/DVL": "velocity.x velocity_valid",
-    "uuv_sensor_ros_plugins_msgs/DVL": "velocity.x velocity_covariance.0",
-    "waterlinked_dvl/TransducerReportStamped": "report.vx report.velocity_valid",
-    "cola2_msgs/LinkquestDvl": "velocityInst.0 velocityInstFlag",
-    "cola2_msgs/TeledyneExplorerDvl": "bi_x_axis bi_status",
-    "sensor_msgs/Imu": "orientation.x angular_velocity.x",
-    "compass_msgs/Azimuth": "azimuth orientation reference",
-    "ds_sensor_msgs/Compass": "heading is_true_heading",
-    "cola2_msgs/NavSts": "orientation.yaw",
-    "geometry_msgs/QuaternionStamped": "quaternion.w",
-    "geometry_msgs/Vector3Stamped": "vector.z",
-    "sensor_msgs/MagneticField": "magnetic_field.x",
-    "dmac/mUSBLFix": "relative_position.x source_id",
-    "stonefish_ros/BeaconInfo": "relative_position.x beacon_id",
-    "vehicle_interface/AcousticModemUSBLLONG": "E N propagation_time",
-    "evologics_ros_sync/EvologicsUsbllong": "e n propagation_time",
-    "mvp_acomm/EvologicsUsbllong": "enu.x propagation_time",
-    "sonardyne_msgs/Position": "latitude longitude age",
-    "vehicle_interface/AcousticLocalization": "latitude longitude sender_address",
-    "geographic_msgs/GeoPointStamped": "position.latitude",
-    "cola2_msgs/GPSData": "latitude longitude fix_quality",
-    "ds_sensor_msgs/UbloxNav": "latitude longitude accuracy_horz",
-    "mavros_msgs/GPSRAW": "lat lon fix_type",
-    "nmea_msgs/Gpgga": "lat lon lat_dir",
-    "gps_common/GPSFix": "latitude longitude err_horz",
-    "sensor_msgs/NavSatFix": "latitude longitude",
-    "sensor_msgs/FluidPressure": "fluid_pressure",
-    "ds_sensor_msgs/DepthPressure": "depth pressure",
-    "riptide_msgs/Depth": "depth variance",
-    "uuv_sensor_msgs/Depth": "depth depth_variance",
-    "sensor_msgs/Range": "range radiation_type",
-    "std_msgs/Float64": "data",
-}
-"""The type of a message by some of its fields; the first match is used."""
-
 
 def sheet_of(stem: str, header: Sequence[str]) -> Sheet | None:
     """Return how a file's column names are interpreted, None if they match no sensor and no message."""
@@ -130,7 +87,7 @@ def _rostopic(header: Sequence[str]) -> Sheet:
         if array and f"{array[1]}0" in columns:
             columns[f"{array[1]}.{array[2]}"] = name
     stamp = TimeColumn("header.stamp") if columns.pop("header.stamp", None) else None
-    fitting = (kind for kind, paths in ROSTOPIC.items() if set(paths.split()) <= set(columns))
+    fitting = (kind for kind, paths in ROSTOPIC_TYPES.items() if paths <= columns.keys())
     return Sheet(next(fitting, ""), columns, TimeColumn(log_time), stamp)
 
 
