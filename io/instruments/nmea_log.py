@@ -15,7 +15,7 @@ from usbldr.io.decoding.nmea_sentences import SentenceSet, find_sentences
 from usbldr.io.file_access.open_file import head_lines, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic
-from usbldr.io.reader import Reader, Records, TopicInfo
+from usbldr.io.reader import Reader, Records
 
 CARRIERS: Mapping[str, str] = {"sentence": "sentence", "string": "data"}
 """Last part of the type of a topic that may carry sentences, and its field."""
@@ -66,37 +66,8 @@ def _topics(prefix: str, sentences: SentenceSet, findings: list[Finding]) -> Ite
         yield Topic(info, partial(records, topic, name))
 
 
-class CarriedSentences:
-    """A log, and beside its own topics the kinds of sentences that some of them carry."""
-
-    def __init__(self, log: Reader, carriers: Mapping[str, str]) -> None:
-        """Take the log, and the topics that carry sentences with their fields."""
-
-        def find(_: Path, findings: list[Finding]) -> Iterator[Topic]:
-            for topic, sentences in _carried(log, carriers).items():
-                yield from _topics(topic, sentences, findings)
-
-        self.path, self.format, self._log = log.path, log.format, log
-        self._sentences = RecordsLog(log.path, log.format, find)
-
-    def topics(self) -> tuple[TopicInfo, ...]:
-        """List the log's own topics and the kinds of sentences."""
-        return (*self._log.topics(), *self._sentences.topics())
-
-    def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Read the log's own topics block by block, and the wanted sentences of each kind."""
-        of_sentences = {topic.name for topic in self._sentences.topics()} & wanted.keys()
-        if own := {topic: paths for topic, paths in wanted.items() if topic not in of_sentences}:
-            yield from self._log.blocks(own)
-        yield from self._sentences.blocks({topic: wanted[topic] for topic in wanted if topic in of_sentences})
-
-    def findings(self) -> tuple[Finding, ...]:
-        """Report what the log lost, and which sentences were dropped."""
-        return (*self._log.findings(), *self._sentences.findings())
-
-
-def with_sentences(log: Reader) -> Reader:
-    """Return a log with its sentences as topics; unchanged if no text topic may carry any."""
+def carried_sentences(log: Reader) -> RecordsLog | None:
+    """Return the kinds of sentences that text topics of a log carry, as a log; None if no topic may carry any."""
     carriers: dict[str, str] = {}
     for topic in log.topics():
         last = topic.type.rpartition("/")[2].lower()
@@ -104,7 +75,12 @@ def with_sentences(log: Reader) -> Reader:
         suggested = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
         if field and suggested and topic.count and not topic.problem and topic.has(field):
             carriers[topic.name] = field
-    return CarriedSentences(log, carriers) if carriers else log
+
+    def find(_: Path, findings: list[Finding]) -> Iterator[Topic]:
+        for topic, sentences in _carried(log, carriers).items():
+            yield from _topics(topic, sentences, findings)
+
+    return RecordsLog(log.path, log.format, find) if carriers else None
 
 
 def _carried(log: Reader, carriers: Mapping[str, str]) -> dict[str, SentenceSet]:

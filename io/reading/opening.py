@@ -15,7 +15,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.file_access.open_file import opened, real_path
 from usbldr.io.formats.detect import open_log
-from usbldr.io.instruments.nmea_log import with_sentences
+from usbldr.io.instruments.nmea_log import carried_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import NamedColumns, Reader
@@ -177,7 +177,11 @@ def _opened(path: Path, configuration: Configuration, request: Request, joined: 
     """Open one file; name the columns of its tables as the configuration does, find the sentences in topics of text."""
     reader = open_log(path, with_folders(request.msg_path), joined)
     stated = configured_columns(configuration, request.topics)
-    return with_sentences(reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else reader)
+    reader = reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else reader
+    sentences = carried_sentences(reader)
+    if sentences is None:
+        return reader
+    return JoinedLog(reader.path, (LogPart(reader), LogPart(sentences)), kind=reader.format)
 
 
 def digest_paths(paths: Sequence[Path]) -> str:
