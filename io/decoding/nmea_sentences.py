@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,9 +35,10 @@ class Sentences:
     contents: Sequence[str]  # from the name to the checksum, without it
     received_ns: Nanoseconds  # (n,)
     stamp_ns: Nanoseconds | None  # (n,) None if neither they nor their messages hold any
+    preferred: bool  # whether no other sentence of the source is used for their position
 
-    def info(self, topic: str, alone: bool) -> TopicInfo:
-        """Return the topic for the user; without a position unless they are ``alone`` in holding it."""
+    def info(self, topic: str) -> TopicInfo:
+        """Return the topic for the user; without a position if that of another sentence is used."""
         known = SENTENCE_KINDS.get(self.kind, SentenceKind())
         stamped = ("header.stamp",) if self.stamp_ns is not None else ()
         return TopicInfo(
@@ -46,7 +48,7 @@ class Sentences:
             count=len(self.contents),
             first_ns=int(self.received_ns.min()),
             last_ns=int(self.received_ns.max()),
-            fields=(*stamped, *(known.columns if alone else ()), *self._numbered),
+            fields=(*stamped, *(known.columns if self.preferred else ()), *self._numbered),
         )
 
     @property
@@ -76,21 +78,11 @@ class Sentences:
         return Records(self.received_ns[order], columns), len(rows) - len(order)
 
 
-@dataclass(frozen=True, slots=True)
-class SentenceSet:
+class SentenceSet(NamedTuple):
     """All sentences of one source, by name: "GPGGA", "PSIMSSB_C_H"."""
 
     by_name: Mapping[str, Sentences]
     findings: tuple[Finding, ...]
-
-    def topics(self, prefix: str) -> dict[str, tuple[str, TopicInfo]]:
-        """Return by topic the name and the topic's information for the user."""
-        found: dict[str, tuple[str, TopicInfo]] = {}
-        for name, sentences in self.by_name.items():
-            preferred = PREFERRED.get(sentences.kind)
-            alone = preferred is None or name.removesuffix(sentences.kind) + preferred not in self.by_name
-            found[f"{prefix}/{name}"] = name, sentences.info(f"{prefix}/{name}", alone)
-        return found
 
 
 def _field(content: str, path: str) -> str:
@@ -138,13 +130,15 @@ def find_sentences(
     received, more = _received(source, logged, clock, time, midnight)
     own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
     by_name: dict[str, Sentences] = {}
-    for name in dict.fromkeys(row.name for row in rows):
+    names = dict.fromkeys(row.name for row in rows)
+    for name in names:
         indices = [i for i, row in enumerate(rows) if row.name == name]
         kind, arrived = rows[indices[0]].kind, received[indices]
         stamps = stamp_ns[[rows[i].line for i in indices]] if stamp_ns is not None else None
         if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
             stamps = np.where(time[indices] == NO_TIME, arrived if stamps is None else stamps, own[indices])
-        by_name[name] = Sentences(kind, [rows[i].content for i in indices], arrived, stamps)
+        preferred = kind not in PREFERRED or name.removesuffix(kind) + PREFERRED[kind] not in names
+        by_name[name] = Sentences(kind, [rows[i].content for i in indices], arrived, stamps, preferred)
     return SentenceSet(by_name, (*findings, *joined, *more))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_lines import SENTENCE, WORD_LINE
-from usbldr.io.decoding.nmea_sentences import SentenceSet, find_sentences
+from usbldr.io.decoding.nmea_sentences import Sentences, SentenceSet, find_sentences
 from usbldr.io.file_access.open_file import head_lines, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic
@@ -54,16 +54,17 @@ def nmea_file(path: Path, form: re.Pattern[str] = SENTENCE) -> RecordsLog:
 def _topics(prefix: str, sentences: SentenceSet, findings: list[Finding]) -> Iterator[Topic]:
     """Yield the kinds of sentences of a topic, ``prefix``, or of a file; append what was dropped."""
 
-    def records(topic: str, name: str, paths: Sequence[str]) -> Records:
-        found, undecoded = sentences.by_name[name].records(paths)
+    def records(topic: str, kind: Sentences, paths: Sequence[str]) -> Records:
+        found, undecoded = kind.records(paths)
         if undecoded:
             text = f"{topic}: {undecoded} sentences do not have the fields of their type; left out"
             findings.append(Finding("UNDECODED", text, topic, lost_data=True))
         return found
 
     findings += [one for one in sentences.findings if sentences.by_name or one.code != "NMEA-OTHER" or not prefix]
-    for topic, (name, info) in sentences.topics(prefix).items():
-        yield Topic(info, partial(records, topic, name))
+    for name, kind in sentences.by_name.items():
+        topic = f"{prefix}/{name}"
+        yield Topic(kind.info(topic), partial(records, topic, kind))
 
 
 def carried_sentences(log: Reader) -> RecordsLog | None:

@@ -38,7 +38,7 @@ def test_every_field_of_any_sentence_has_its_number(cells: list, name: str) -> N
     records, undecoded = found.records(names)
 
     assert undecoded == 0
-    assert [*found.info(name, alone=True).fields] == names
+    assert [*found.info(name).fields] == names
     for number, cell in zip(names, cells, strict=True):
         (value,) = records.columns[number].tolist()
         assert value == cell or (cell == "" and np.isnan(value))
