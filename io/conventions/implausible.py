@@ -16,12 +16,7 @@ import pandas as pd
 from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.conventions.displaced import Fixes, false_velocities
 from usbldr.io.conventions.repeats import copied_fixes, noisy, runs, some_runs, stuck, sudden_zeros
-from usbldr.io.conventions.spikes import (
-    heading_jumps,
-    heading_spikes,
-    velocity_spikes,
-    without_jumps,
-)
+from usbldr.io.conventions.spikes import heading_jumps, heading_spikes, velocity_spikes, without_jumps
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 

@@ -25,20 +25,10 @@ from usbldr.io.doctor.gross_errors import (
     heading_unit_findings,
     velocity_unit_findings,
 )
-from usbldr.io.doctor.interpretations import (
-    HandednessEvidence,
-    InterpretationResult,
-    compare_interpretations,
-    flipped,
-)
+from usbldr.io.doctor.interpretations import HandednessEvidence, InterpretationResult, compare_interpretations, flipped
 from usbldr.io.doctor.message_evidence import message_evidence
 from usbldr.io.doctor.motion import motion_findings
-from usbldr.io.doctor.sensor_errors import (
-    change_findings,
-    false_fix_findings,
-    log_odds_text,
-    sensor_error_findings,
-)
+from usbldr.io.doctor.sensor_errors import change_findings, false_fix_findings, log_odds_text, sensor_error_findings
 from usbldr.io.doctor.single_errors import single_error_findings, single_errors
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding

@@ -73,10 +73,7 @@ class Proposal:
         text = ", ".join(f"{key} = {quoted(path)}" for key, path in self.columns.items())
         which = f"; it could be {' or '.join(self.others)}" if self.others else ""
         what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else "by the names of its columns"
-        return [
-            (f"topic = {quoted(self.topic.name)}", f"{what}{which}"),
-            (f"columns = {{ {text} }}", WHY),
-        ]
+        return [(f"topic = {quoted(self.topic.name)}", f"{what}{which}"), (f"columns = {{ {text} }}", WHY)]
 
 
 def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request) -> dict[str, Proposal]:

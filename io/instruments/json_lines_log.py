@@ -72,11 +72,7 @@ def _topics(file: Path, findings: list[Finding]) -> Iterator[Topic]:
 
 
 def _records(
-    file: Path,
-    stream: Stream,
-    lines: Sequence[tuple[int, bytes]],
-    findings: list[Finding],
-    paths: Sequence[str],
+    file: Path, stream: Stream, lines: Sequence[tuple[int, bytes]], findings: list[Finding], paths: Sequence[str]
 ) -> Records:
     key, unfit = (stream.topic, stream.type), dict[str, Finding]()
     messages = ((key, time_ns, text) for time_ns, text in lines)

@@ -9,14 +9,7 @@ from pathlib import Path
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of, first_bytes
-from usbldr.io.file_access.open_file import (
-    HEAD_BYTES,
-    WESTERN,
-    begin_of,
-    filled_files,
-    opened,
-    text_lines,
-)
+from usbldr.io.file_access.open_file import HEAD_BYTES, WESTERN, begin_of, filled_files, opened, text_lines
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_begin import (
     BLANKS,
