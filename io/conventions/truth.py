@@ -23,8 +23,8 @@ from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.sensor_sections import TruthSection
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.csv_text import column, read_texts
-from usbldr.io.tables.text_table import line_findings
+from usbldr.io.tables.csv_text import read_texts
+from usbldr.io.tables.text_table import line_findings, listed
 from usbldr.io.tables.time_columns import keys_since_1970
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
@@ -232,8 +232,8 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
         if len(clocks) != 1 or not ({"x", "y"} <= columns.keys() or {"lat_deg", "lon_deg"} <= columns.keys()):
             keys = ", ".join(TIME_UNITS_NS)
             raise UsageError(f"[truth] columns must name x and y, or lat_deg and lon_deg, and one of {keys}", path=file)
-        for name in columns.values():
-            column(texts, name, file)
+        if missing := [name for name in columns.values() if name not in texts]:
+            raise LogError(f"has no column {missing[0]} (its columns: {listed(list(texts))})", path=file)
         if "lat_deg" in columns:
             return {**columns, "x": columns["lat_deg"], "y": columns["lon_deg"]}, "latlon"
         return columns, section.frame or "ENU"

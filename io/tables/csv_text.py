@@ -170,10 +170,3 @@ def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | N
 def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:
     for column, cells in zip(texts.values(), zip(*rows, strict=True), strict=bool(rows)):
         column.add(cells if separator in (",", None) else [with_point(cell) for cell in cells])
-
-
-def column(texts: Mapping[str, Sequence[str]], name: str, file: Path) -> Sequence[str]:
-    """Return one column; raise LogError with the header if it is missing."""
-    if name not in texts:
-        raise LogError(f"has no column {name} (its columns: {listed(list(texts))})", path=file)
-    return texts[name]
