@@ -14,6 +14,7 @@ from usbldr.filters.replay.methods import METHODS
 from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.estimate_text import in_unit, with_sigma
+from usbldr.io.reports.health_text import fix_text, health_lines
 from usbldr.io.reports.markdown_report import markdown
 from usbldr.io.reports.page import Code, Labelled, Page, Picture, Plot, Section, bullets, labelled
 from usbldr.io.reports.report_text import (
@@ -23,8 +24,6 @@ from usbldr.io.reports.report_text import (
     Table,
     context,
     error_table,
-    fix_text,
-    health_lines,
     influence_table,
     leave_one_out_table,
     method_table,

@@ -4,15 +4,8 @@ import textwrap
 from collections.abc import Sequence
 
 from usbldr.filters.replay.methods import METHODS
-from usbldr.io.reports.report_text import (
-    Table,
-    context,
-    error_table,
-    health_lines,
-    leave_one_out_table,
-    method_table,
-    relative_table,
-)
+from usbldr.io.reports.health_text import health_lines
+from usbldr.io.reports.report_text import Table, context, error_table, leave_one_out_table, method_table, relative_table
 from usbldr.io.reports.run import Run
 
 WIDTH = 100  # [columns] of a usual terminal window
