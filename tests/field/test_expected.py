@@ -58,7 +58,6 @@ def at(wanted_s: np.ndarray, time_s: np.ndarray, position_m: np.ndarray) -> np.n
 
 def minus_truth(log: Log, sensor: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times of fixes and their offsets from the truth, east before north."""
-    assert log.truth is not None
     table, time_s = log.tables[sensor], log.tables[sensor]["time_s"].to_numpy()
     return time_s, table[["east_m", "north_m"]].to_numpy() - at(time_s, log.truth.time_s, log.truth.position_m)
 
@@ -96,7 +95,6 @@ def test_fixes_of_turbot_are_as_far_off_as_they_say(field_logs: Path, tmp_path: 
 
     time_s, offsets_m = minus_truth(log, "usbl")
 
-    assert log.truth is not None
     off_m = np.hypot(*offsets_m[(time_s >= log.truth.time_s[0]) & (time_s <= log.truth.time_s[-1])].T)
     check({"n": len(off_m), "more_than_5_m": np.sum(off_m > 5.0)}, theirs)
     ours = {"median_m": np.median(off_m), "mean_m": np.mean(off_m), "max_m": np.max(off_m)}
@@ -109,7 +107,6 @@ def test_velocities_and_truth_of_turbot_are_read_as_they_read_them(field_logs: P
     log = read(field_logs, tmp_path, name, UIB.format(UIB_TRUTHS[name]) + NO_GPS + NO_USBL)
     first_ns = min(topic.first_ns or 0 for topic in McapLog(log.path).topics() if topic.count)
     begins_s = (log.start_ns - first_ns) / 1e9
-    assert log.truth is not None
 
     moved_m = path_m(displacement_m(timeline(log)))
 
@@ -149,7 +146,6 @@ def test_dead_reckoning_turned_onto_the_truth_is_theirs(field_logs, tmp_path, na
     theirs = expected(field_logs, name)["reference"][f"dead_reckoning_{reference}"]
     log = read(field_logs, tmp_path, name, toml)
     line = timeline(log)
-    assert log.truth is not None
     inside = (log.truth.time_s >= line.time_s[0]) & (log.truth.time_s <= line.time_s[-1])
     there_m = log.truth.position_m[inside]
     reckoned_m = at(log.truth.time_s[inside], line.time_s, displacement_m(line))
@@ -165,7 +161,6 @@ def test_dead_reckoning_from_the_first_row_of_the_truth_is_theirs(field_logs: Pa
     theirs = expected(field_logs, name)["reference"]["dead_reckoning_anchored"]
     mounted = UIB.format(UIB_TRUTHS[name]).replace("[dvl]", f"[dvl]\nmount_deg = {theirs['mount_yaw_deg']}")
     log = read(field_logs, tmp_path, name, mounted + NO_GPS + NO_USBL)
-    assert log.truth is not None
     time_s, truth_m = log.truth.time_s, log.truth.position_m
 
     track = dr(timeline(log), truth_m[0], float(time_s[0]))
@@ -179,7 +174,6 @@ def test_the_marina_is_read_as_they_read_it(field_logs: Path, tmp_path: Path) ->
     theirs = expected(field_logs, "stpere_marina")["reference"]
     log = read(field_logs, tmp_path, "stpere_marina", STPERE.format("/imu/data"))
     dvl, gps, depth_m = log.tables["dvl"], log.tables["gps"], log.tables["depth"]["depth_m"]
-    assert log.origin is not None
 
     check({"origin_lat_deg": log.origin.lat_deg, "origin_lon_deg": log.origin.lon_deg}, theirs)
     check({"good": dvl["valid"].sum(), "all": len(dvl)}, theirs["dvl_bottom_lock"])
@@ -192,7 +186,6 @@ def test_transects_of_rivers_are_read_as_they_read_them(field_logs: Path, tmp_pa
     theirs = expected(field_logs, name)["reference"]
     log = read(field_logs, tmp_path, name, NO_USBL)
     dvl, gps_m = log.tables["dvl"], log.tables["gps"][["east_m", "north_m"]].to_numpy()
-    assert log.origin is not None
 
     check({"origin_lat_deg": log.origin.lat_deg, "origin_lon_deg": log.origin.lon_deg}, theirs)
     check({"ensembles": len(dvl), "bottom_lock_pct": 100 * dvl["valid"].mean()}, theirs)

@@ -62,7 +62,6 @@ def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
 def test_dead_reckoning_starts_where_the_settings_say() -> None:
     log = usbldr.open_log(SAMPLES / "paper.mcap")
     timeline = usbldr.timeline(log)
-    assert log.origin is not None
     place = (log.origin.lat_deg, log.origin.lon_deg)
 
     track = usbldr.replay(log, timeline, "dr", usbldr.RunSettings(dr_from=place))

@@ -159,7 +159,6 @@ def decoded(file: Path) -> Iterator[tuple[str, int, Any]]:
     store = get_typestore(Stores.EMPTY)
     with file.open("rb") as stream:
         for schema, channel, written in make_reader(stream, validate_crcs=True).iter_messages():
-            assert schema is not None
             if schema.name not in store.types:
                 store.register(get_types_from_msg(schema.data.decode(), schema.name))
             yield channel.topic, written.log_time, store.deserialize_cdr(written.data, schema.name)

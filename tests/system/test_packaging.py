@@ -150,7 +150,6 @@ def test_the_source_distribution_has_what_make_and_the_tests_need(without_a_comp
 
     assert missing <= {".gitignore", ".pre-commit-config.yaml", ".ctags.d/usbldr.ctags"}  # of a checkout
     targets = re.search(r"^\.PHONY: (.+)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
-    assert targets is not None
     for target in targets[1].split():  # every file that a target depends on is there, or can be made
         subprocess.run(["make", "--dry-run", target], cwd=unpacked, check=True, capture_output=True)
     subprocess.run(["make", ".pyright/usbldr"], cwd=unpacked, check=True, capture_output=True)

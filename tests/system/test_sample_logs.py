@@ -66,5 +66,4 @@ def test_every_sample_reads_whole_with_its_configuration_and_truth(name: str) ->
     assert set(log.tables) == {"dvl", "compass", "usbl", "gps"}
     assert log.configuration is not None
     assert not any(finding.lost_data for finding in log.findings)
-    assert log.truth is not None
     assert log.truth.kind == "simulated"

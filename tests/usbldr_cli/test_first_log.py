@@ -87,7 +87,6 @@ def test_a_local_truth_beside_latitudes_has_an_unknown_place(tmp_path: Path) -> 
     for toml in ("", latlon, MAP + latlon):
         (tmp_path / "dive.usbldr.toml").write_text(f'{toml}[truth]\nfile = "truth.csv"\n', encoding="utf-8")
         read = read_log(log).truth
-        assert read is not None
         known.append(not read.place_unknown)
 
     assert known == [True, False, True]

@@ -225,7 +225,6 @@ def test_a_vehicle_without_compass_gives_the_same_track(name: str) -> None:
     blind = replace(LINE, yaw_count=np.where(LINE.time_s < 2, LINE.yaw_count, 0))
     fast = replace(PARAMETERS, process=ProcessNoise(yaw_rad=0.5), calibrate=("current",))
     track = assert_equal(name, fast, FilterSettings(particles=12, guard=False), blind)
-    assert track.cov is not None
     assert track.cov[:, 0, 0].max() > np.pi**2 / 4 / 3
 
 

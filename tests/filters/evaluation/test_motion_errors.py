@@ -47,7 +47,6 @@ def test_a_track_that_is_turned_onto_the_truth_is_turned_with_its_heading() -> N
 
     found = evaluate(track(YAW_RAD + angle, VELOCITY_MPS, WAY_M @ turn.T), TRUTH, align="rigid").heading
 
-    assert found is not None
     assert found.max_abs_deg < 1e-6
 
 

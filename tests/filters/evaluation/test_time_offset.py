@@ -33,7 +33,6 @@ def test_the_offset_is_found_within_its_sigma_beside_a_shift(late_s: float, east
 
     found = time_offset(SECONDS, turning_m(SECONDS) + NOISE_M + np.array([east_m, 0.0]), truth)
 
-    assert found is not None
     assert abs(found.late_s - late_s) < 5 * found.sd_s < 0.7
     assert found.notable or abs(late_s) < 2.0
 
@@ -42,7 +41,6 @@ def test_the_offset_is_found_within_its_sigma_beside_a_shift(late_s: float, east
 def test_an_offset_of_minutes_is_found_over_the_part_that_both_have(late_s: float) -> None:
     found = time_offset(SECONDS, turning_m(SECONDS) + NOISE_M, truth_of(SECONDS + late_s, turning_m(SECONDS)))
 
-    assert found is not None
     assert found.notable
     assert found.late_s == pytest.approx(late_s, abs=0.7)
 

@@ -32,7 +32,6 @@ def test_white_scores_have_no_correlation_and_no_warning() -> None:
     sums = []
     for seed in range(40):
         found = whiteness(track(np.random.default_rng(seed).normal(size=(COUNT, 2)), 30.0))
-        assert found is not None
         assert max(abs(found.along), abs(found.across)) < 4.5 * found.se
         assert whiteness_warning(found) is None
         sums += [found.along_sigmas, found.across_sigmas]
@@ -50,7 +49,6 @@ def test_a_correlation_along_the_track_is_found_there(heading_deg: float, column
         scores[:, column] = first_order(0.5, seed)
         found = whiteness(track(scores, heading_deg))
 
-        assert found is not None
         assert found.along == pytest.approx(0.5, abs=0.08)
         assert abs(found.across) < 4 * found.se
         assert "along the track" in str(whiteness_warning(found))

@@ -127,7 +127,6 @@ def test_a_drawn_dive_starts_within_the_sigmas_that_the_filters_are_told() -> No
     short = dataclasses.replace(DRAWN, duration_s=1.0)
     starts = np.array([_states(short, seed)[:, 0] for seed in range(1000)])
     reported = DRAWN.start
-    assert reported is not None
 
     sd = [reported.sd_yaw_rad, reported.sd_mps, reported.sd_mps, reported.sd_radps, reported.sd_m, reported.sd_m]
     np.testing.assert_allclose(

@@ -58,7 +58,6 @@ def in_utm(tmp_path: Path, truth: str) -> Log:
 def test_a_truth_file_may_be_on_a_grid(tmp_path: Path) -> None:
     log = in_utm(tmp_path, GRID)
 
-    assert log.truth is not None
     assert log.truth.position_m[0] == pytest.approx([EAST_M, NORTH_M], abs=0.01)
     assert log.convention("truth", "grid").value == "EPSG:32632"
 

@@ -55,7 +55,6 @@ def by_latitude(lat_deg: float) -> str:
 def end_m(log: Log) -> np.ndarray:
     line = timeline(log)
     anchor = find_anchor("start", line, Parameters(), None)
-    assert anchor is not None
     return dr(line, anchor.position_m).position_m[-1]
 
 

@@ -97,7 +97,6 @@ def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
 
     log = dive(tmp_path, toml, more, Request(truth=option))
 
-    assert log.truth is not None
     np.testing.assert_array_equal(log.truth.time_s, time_s)
     np.testing.assert_allclose(log.truth.position_m, position_m, atol=1e-3)
     assert (log.truth.source, log.truth.kind) == (source, kind)
@@ -111,14 +110,12 @@ def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
 def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_gps_are_kept(tmp_path: Path) -> None:
     log = dive(tmp_path, NED_FILE, FIXES)
 
-    assert log.truth is not None
     assert log.truth.max_gap_s == 12.0
     said = "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
     assert only(log, "TRUTH-REPEATED") == said
     assert len(log.tables["gps"]) == 3
     (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
     stated = dive(tmp_path, request=Request(truth=str(tmp_path / "t.csv"))).truth
-    assert stated is not None
     assert stated.sd_m[0] == 0.25
 
 
@@ -149,7 +146,6 @@ def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str)
 
     truth = dive(tmp_path, request=Request(truth=str(file))).truth
 
-    assert truth is not None
     assert (truth.time_s.tolist(), truth.position_m.tolist()) == ([1.0], [[1.0, 2.0]])
 
 
@@ -206,7 +202,6 @@ def test_odometry_has_the_heading_and_the_velocity_of_the_truth(tmp_path, frame,
 
     truth = dive(tmp_path, f'[truth]\ntopic = "/slam"\nframe = "{frame}"', rows).truth
 
-    assert truth is not None
     assert truth.yaw_rad is not None
     assert truth.velocity_mps is not None
     np.testing.assert_allclose(np.degrees(truth.yaw_rad), [-60.0, -50.0])
@@ -216,7 +211,6 @@ def test_odometry_has_the_heading_and_the_velocity_of_the_truth(tmp_path, frame,
 def test_poses_that_are_all_turned_alike_state_no_heading(tmp_path: Path) -> None:
     truth = dive(tmp_path, '[truth]\ntopic = "/slam"', [pose(T0 + k * SECOND, k, 0.0, POSE) for k in range(3)]).truth
 
-    assert truth is not None
     assert truth.yaw_rad is None
     assert truth.velocity_mps is None
 
@@ -254,7 +248,6 @@ def test_the_accuracy_of_a_gps_message_is_taken_where_it_is_known(tmp_path: Path
 
     truth = dive(tmp_path, more=rows).truth
 
-    assert truth is not None
     np.testing.assert_allclose(truth.sd_m, [0.3, np.nan, 0.3])
 
 
@@ -276,10 +269,7 @@ def along_a_bend(frame: str, truth: str = "/nav/slam") -> list[Row]:
 def test_the_frame_of_a_local_truth_is_checked_against_the_fixes(tmp_path: Path, frame: str) -> None:
     log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend(frame)), Request(truth="/nav/slam"))
 
-    assert log.truth is not None
     np.testing.assert_allclose(log.truth.position_m[[0, 20, 39]], [[40, 0], [60, 0], [60, 19]])
-    assert log.truth.yaw_rad is not None
-    assert log.truth.velocity_mps is not None
     np.testing.assert_allclose(np.exp(1j * log.truth.yaw_rad[[0, 39]]), [-1j, 1], atol=1e-9)  # bow east, then north
     np.testing.assert_allclose(log.truth.velocity_mps[[0, 39]], [[-0.5, 2.0]] * 2)
     assert log.convention("truth", "frame").value == frame
@@ -295,7 +285,6 @@ def test_a_stated_frame_of_the_truth_is_not_checked_and_its_kind_follows_from_it
     request = Request(truth=name, truth_frame="ENU")
     log = read_log(write_mcap(tmp_path / "dive.mcap", along_a_bend("NED", name)), request)
 
-    assert log.truth is not None
     np.testing.assert_allclose(log.truth.position_m[0], [0, 40])
     assert log.convention("truth", "frame").chosen_by == "configuration"
     assert log.truth.kind == kind

@@ -78,7 +78,6 @@ def test_a_head_by_latitude_is_the_origin_unless_there_is_a_map(tmp_path: Path) 
     alone, on_map = logged(tmp_path, rows, head), logged(tmp_path, rows, north_of_it + head)
 
     assert places(alone)[0] == pytest.approx([3.0, 4.0], abs=1e-6)
-    assert alone.origin is not None
     assert (alone.origin.lat_deg, alone.origin.kind) == (45.0, "usbl head")
     assert places(on_map)[0] == pytest.approx([3.0, 4.0 + 0.0009 * 111132], abs=0.1)
 
@@ -88,7 +87,6 @@ def test_latitudes_of_the_usbl_are_told_from_those_of_the_gps_by_name_and_place_
 
     assert {role: p.topic for role, p in log.provenance.items()} == {"usbl": "/usbl/fix", "gps": "/gps/fix"}
     assert log.provenance["gps"].type == FIX
-    assert log.origin is not None
     assert (log.origin.lat_deg, log.origin.lon_deg, log.origin.kind) == (45.0, 7.0, "first usbl fix")
 
 

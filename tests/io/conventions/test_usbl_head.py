@@ -184,7 +184,6 @@ def test_a_range_that_is_too_long_is_the_same_error_before_and_after_the_depth_i
     (tmp_path / "dive" / "usbldr.toml").write_text(scaled)
 
     assert places(read_log(tmp_path / "dive"))[0] == pytest.approx([10 + 76.8, 0])  # 96 m, 57.6 m below the head
-    assert line.fix_away_m is not None
     assert line.fix_away_m[0] == pytest.approx([(100**2 - 57.6**2) ** 0.5, 0])
     assert freed(line, {"usbl_range": 1 / 0.96 - 1}).fix_m[0] == pytest.approx([10 + 76.8, 0])
 

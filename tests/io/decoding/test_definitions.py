@@ -202,7 +202,6 @@ def test_a_definition_of_a_type_that_nobody_defines_is_named(own: Path, tmp_path
 
     (topic,) = Db3Log(own / "own" / "own.db3", with_folders([str(tmp_path)])).topics()
 
-    assert topic.problem is not None
     assert topic.problem.startswith("the file holds no definition of its type our_msgs/msg/Compass, and the one that")
     assert "--msg-path names is not valid (" in topic.problem
 

@@ -61,7 +61,6 @@ def test_a_scale_that_changes_within_the_log_is_named_with_its_time_and_its_metr
 
     assert found["time_s"] == pytest.approx(150.0, abs=12.0)
     scale = re.search(r"speeds ([+-][\d.]+)% compared with before", found["text"])
-    assert scale is not None
     assert float(scale[1]) == pytest.approx(30.0, abs=2.0)
     t = np.arange(10.0, 290.0, 0.1)  # of the fixes
     heading, forward, starboard = 0.02 * t + 0.9 * np.sin(t / 31), 1 + 0.3 * np.sin(t / 17), 0.4 * np.sin(t / 41) + 0.2

@@ -212,7 +212,6 @@ def test_a_recording_of_blueos_is_read_by_its_types(tmp_path: Path, name: str) -
     np.testing.assert_allclose(log.tables["depth"]["depth_m"], (201845.6 - 101325) / (1025 * 9.80665), rtol=1e-12)
     assert len(gps) == 19
     assert gps["sd_m"].tolist()[1:] == pytest.approx([1.5] * 18)
-    assert log.origin is not None
     assert (log.origin.lat_deg, log.origin.lon_deg) == pytest.approx((47.6176249, -122.3610207), abs=1e-12)
 
 

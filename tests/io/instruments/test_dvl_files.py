@@ -59,7 +59,6 @@ def test_velocities_along_beams_become_those_of_the_instrument(tmp_path: Path) -
 def test_altitudes_of_a_dvl_are_those_of_its_good_records(tmp_path: Path, field_logs: Path) -> None:
     """PD0 has a range by each beam, 0 if there is none."""
     pd0 = read_log(write_pd0(tmp_path / "a.pd0")).altitude
-    assert pd0 is not None
     np.testing.assert_allclose(pd0["altitude_m"], np.mean([700, 710, 705]))
     reports = read_log(write_json(tmp_path / "a.json")).altitude
     assert reports is not None
@@ -67,7 +66,6 @@ def test_altitudes_of_a_dvl_are_those_of_its_good_records(tmp_path: Path, field_
     assert set(reports["altitude_m"]) == {2.5}
     assert read_log(write_pd6(tmp_path / "a.pd6")).altitude is None
     river = read_log(field_logs / "mhkit_riverpro" / "RiverPro_test01.PD0").altitude
-    assert river is not None
     assert 0.5 < river["altitude_m"].min() < river["altitude_m"].max() < 10  # of a river
 
 

@@ -124,7 +124,6 @@ def test_each_kind_of_fix_is_a_latitude_and_a_longitude_unless_it_calls_itself_n
 
     assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy() == pytest.approx(np.array([[32.25, -64.75]]), abs=1e-9)
     assert only(log, "GPS-INVALID") == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
-    assert log.truth is not None
     assert log.truth.kind == "gps"
 
 

@@ -122,7 +122,6 @@ def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
     for toml in ("[map]\norigin_lat_deg = 43.0\norigin_lon_deg = 7.0\n" + head, head, ""):
         (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
         origin = read_log(file).origin
-        assert origin is not None
         sources.append((origin.lat_deg, origin.kind))
 
     assert sources == [(43.0, "[map]"), (44.0, "usbl head"), (45.0, "first gps fix")]
@@ -180,7 +179,6 @@ def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usb
 
     right, swapped = read_log(log), read_log(log, Request(topics={"usbl": "/gps/fix"}))
 
-    assert right.truth is not None
     assert (right.provenance["usbl"].topic, right.truth.source) == ("/usbl/fix", "/gps/fix")
     assert swapped.truth is None
 

@@ -94,8 +94,6 @@ def test_runs_and_drills_take_a_url_and_give_the_numbers_of_the_file(tmp_path: P
 
     here, there = (run_job(Job(log, "ekf", choices)) for log in (str(file), f"file://{file}"))
 
-    assert here.outcome is not None
-    assert there.outcome is not None
     assert here.outcome.metrics == there.outcome.metrics
     assert here.key == there.key
     assert DrillPlan(f"file://{file}", (drill,), ["ekf"], 1, choices, {}).length_s() == pytest.approx(20.0)

@@ -50,7 +50,6 @@ def written(file: Path, *how: Any) -> Path:
 def chunks_of(file: Path) -> list[ChunkIndex]:
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
-    assert summary is not None
     return summary.chunk_indexes
 
 

@@ -47,7 +47,6 @@ def test_the_tables_are_the_simulation_in_canonical_columns() -> None:
     heading, yaw = np.radians(log.tables["compass"]["heading_deg"]), dive.compass.value[:, 0]
     np.testing.assert_allclose([np.cos(heading), np.sin(heading)], [np.cos(yaw), -np.sin(yaw)])
     np.testing.assert_array_equal(log.tables["usbl"]["received_s"], dive.usbl.time_s + 1.25)
-    assert log.truth is not None
     assert log.truth.kind == "simulated"
     np.testing.assert_array_equal(log.truth.position_m, dive.truth.position_m[::5])
 
@@ -55,7 +54,6 @@ def test_the_tables_are_the_simulation_in_canonical_columns() -> None:
 def test_gps_latitudes_are_at_sea_level_over_the_stated_origin() -> None:
     log = simulated_log(PAPER, 0)
     gps, origin = log.tables["gps"], log.origin
-    assert origin is not None
 
     lat_lon = gps["lat_deg"].to_numpy(), gps["lon_deg"].to_numpy()
     east, north, _ = pymap3d.geodetic2enu(*lat_lon, 0.0, origin.lat_deg, origin.lon_deg, 0.0)
@@ -103,7 +101,6 @@ def test_the_mcap_file_is_ros_2_with_zstd_chunks(tmp_path: Path) -> None:
         summary = reader.get_summary()
         assert reader.get_header().profile == "ros2"
         metadata = {m.name: m.metadata for m in reader.iter_metadata()}
-    assert summary is not None
     assert {c.message_encoding for c in summary.channels.values()} == {"cdr"}
     assert {c.compression for c in summary.chunk_indexes} == {"zstd"}
     assert metadata == {"usbldr": {"scenario": "paper", "seed": "3"}}

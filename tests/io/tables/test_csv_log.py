@@ -256,6 +256,5 @@ def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
 
     truth = read_log(folder).truth
 
-    assert truth is not None
     np.testing.assert_array_equal(truth.position_m, [[1, 2], [3, 4]])
     assert (truth.source, truth.kind) == ("/truth", "other")

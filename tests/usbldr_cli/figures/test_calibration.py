@@ -31,7 +31,6 @@ def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
     with in_style():
         figure = calibration_figure(RUN)
 
-    assert figure is not None
     scale, heading = figure.axes
     assert scale.get_title(loc="left").endswith(" % at the end (prior 0 ± 2 %)")
     assert heading.get_title(loc="left").endswith(" deg at the end (prior 0 ± 5 deg)")
@@ -47,7 +46,6 @@ def test_each_error_has_a_panel_with_its_band_and_what_was_assumed() -> None:
 
 def test_a_run_that_calibrates_nothing_has_no_such_picture(tmp_path: Path) -> None:
     whole = RUN.scored.trajectory
-    assert whole.cov is not None
     plain = dataclasses.replace(whole, names=whole.names[:6], mean=whole.mean[:, :6], cov=whole.cov[:, :6, :6])
 
     bare = dataclasses.replace(RUN, scored=ScoredTrack(plain, None))

@@ -127,7 +127,6 @@ def test_a_track_is_drawn_with_a_metre_as_long_east_as_north_and_its_fixes_by_fa
 
 def test_both_panels_show_the_aligned_track_and_its_close_up_states_the_time() -> None:
     run = a_curved_run("cpf", align="first")
-    assert run.scored.report is not None
     aligned_m = run.scored.report.alignment.points(run.scored.trajectory.position_m)
 
     whole, close = figure_of(track_figure, run).axes
@@ -169,7 +168,6 @@ def pairwise_m(points_m):
 def test_every_raw_fix_is_drawn_at_the_edge_if_it_is_outside_and_counted() -> None:
     run = a_run(CPF)
     raw = run.reference_tracks[0].report
-    assert raw is not None
 
     figure = figure_of(error_figure, run)
 
@@ -185,8 +183,6 @@ def test_every_raw_fix_is_drawn_at_the_edge_if_it_is_outside_and_counted() -> No
 def test_the_picture_of_consistency_has_the_errors_as_colours_and_the_nees_of_the_report() -> None:
     run = a_curved_run("ekf")
     report = run.scored.report
-    assert report is not None
-    assert report.nees is not None
     assert report.cov_m2 is not None
 
     figure = figure_of(consistency_figure, run)
@@ -244,7 +240,6 @@ def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() ->
 
     figure, beside = figure_of(track_figure, run), figure_of(consistency_figure, run)
 
-    assert run.scored.report is not None
     assert run.scored.report.horizontal_m.max() > 5000
     for axes in (*figure.axes, beside.axes[0]):
         assert np.ptp(axes.get_xlim()) < 300
@@ -255,8 +250,6 @@ def test_a_wrong_truth_row_neither_shrinks_a_track_nor_is_its_largest_error() ->
 def test_the_close_up_is_not_of_a_truth_that_is_found_to_jump() -> None:
     run = judged(a_curved_run("ekf"), 50, 40.0)
     truth, report = run.log.truth, run.scored.report
-    assert truth is not None
-    assert report is not None
     assert report.time_s[np.argmax(report.horizontal_m)] == pytest.approx(truth.time_s[50])
     (finding,) = truth_jump_findings(truth)
 
@@ -290,7 +283,6 @@ def test_the_axis_of_time_is_broken_where_a_long_time_has_no_truth() -> None:
 def test_box_plots_and_distance_are_those_of_the_errors() -> None:
     run = a_run(CPF)
     report = run.scored.report
-    assert report is not None
 
     figure = figure_of(distance_figure, run)
 

@@ -72,7 +72,6 @@ def test_differences_are_taken_over_the_seeds_that_both_have() -> None:
 
     found = difference(second, first, "mean_abs_east_m")
 
-    assert found is not None
     assert found.mean == 0.75  # 1 and 0.5
     assert found.se == pytest.approx(0.25)
 
@@ -82,7 +81,6 @@ def test_on_a_file_the_one_run_without_chance_stands_for_every_seed() -> None:
 
     found = difference(sampled, steady, "mean_abs_east_m")
 
-    assert found is not None
     assert (found.mean, found.significant) == (-2.0, False)  # t = 2 / 0.577 = 3.46 of 4.303
     assert found.se == pytest.approx(3**-0.5)
 
