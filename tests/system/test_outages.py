@@ -53,8 +53,7 @@ class Dive(NamedTuple):
     @property
     def sd_m(self) -> np.ndarray:
         """1-sigma of the position, both axes together, (K,)."""
-        assert self.track.position_cov_m2 is not None
-        return np.sqrt(np.trace(self.track.position_cov_m2, axis1=1, axis2=2))
+        return np.sqrt(self.track.position_cov_m2.trace(axis1=1, axis2=2))
 
 
 def scenario(sensors: tuple[str, ...], start_s: float, lasts_s: float, every_s: float = 1.0) -> Scenario:

@@ -27,17 +27,6 @@ def circling(smoothed=False, cov=None):
     return Trajectory("adf", ("psi", "u", "v", "x", "y"), TIME_S, mean, cov, smoothed=smoothed)
 
 
-def known(*given):
-    found = fix_statistics(*given)
-    assert found is not None
-    return found
-
-
-def there(part):
-    assert part is not None
-    return part
-
-
 def dive(seed, range_sd_m=0.4, bearing_sd_deg=0.8, count=150, slow=(0.0, 0.0)):
     rng = np.random.default_rng(seed)
     time_s = np.sort(rng.choice(np.arange(0, 3000), count, replace=False)) / 10
@@ -60,8 +49,8 @@ def test_white_and_slow_noise_are_what_was_put_in(slow):
         track = circling()
         track.mean[:, 0] += np.radians(2.0)
         track.mean[:, 2] *= 1.02
-        found = known(time_s, place, away, np.ones(len(time_s), dtype=bool), track)
-        parts = (there(found.range_m), there(found.bearing_deg))
+        found = fix_statistics(time_s, place, away, np.ones(len(time_s), dtype=bool), track)
+        parts = (found.range_m, found.bearing_deg)
         white = [part.white for part in parts]
         ratios += [part.sd / sd for part, sd in zip(white, (0.4, 0.8), strict=True)]
         lasting.append([part.slow.sd for part in parts])
@@ -77,12 +66,12 @@ def test_white_and_slow_noise_are_what_was_put_in(slow):
 
 def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
     time_s, place, away = dive(1)
-    clean = known(time_s, place, away, np.ones(150, dtype=bool), circling())
+    clean = fix_statistics(time_s, place, away, np.ones(150, dtype=bool), circling())
     place, good = place.copy(), np.arange(150) % 10 != 0
     place[~good] += 40.0
-    found = known(time_s, place, away, good, circling())
+    found = fix_statistics(time_s, place, away, good, circling())
     assert found.good_share == pytest.approx(0.9)
-    assert there(found.range_m).white.sd == pytest.approx(there(clean.range_m).white.sd, rel=0.2)
+    assert found.range_m.white.sd == pytest.approx(clean.range_m.white.sd, rel=0.2)
     assert sum(one.fixes for one in found.by_range) == 150
     assert found.longest_gap_s >= clean.longest_gap_s
 
@@ -95,7 +84,7 @@ def test_a_track_that_leaves_a_fix_out_is_that_of_a_run_without_it(method):
     open_sd = {"dvl_lever_forward": 2.0}  # part of the track's sigma, but of none that a fix lessens
     found = Identification(replace(log.parameters, calibrate=("usbl-bias",), settled_sd=open_sd))
     track = usbldr.replay(log, line, method, settings, found)
-    residual_m = there(Run(log, line, found, ScoredTrack(track, None)).fix_residuals_m)
+    residual_m = Run(log, line, found, ScoredTrack(track, None)).fix_residuals_m
     for row in (20, 30):
         without = usbldr.replay(log, without_fix(line, row), method, settings, found)
         place = [np.interp(line.fix_time_s[row], without.time_s, axis) for axis in without.position_m.T]
@@ -115,7 +104,7 @@ def test_a_lever_arm_and_a_latency_are_no_noise_of_the_fixes():
         line, settings = usbldr.timeline(log), usbldr.RunSettings(smooth=True, calibrate=("latency",))
         found = usbldr.resolve(log, line, "adf", settings)
         run = Run(log, line, found, ScoredTrack(usbldr.replay(log, line, "adf", settings, found), None))
-        scatter.append(there(there(run.fix_statistics).scatter).drms_m)
+        scatter.append(run.fix_statistics.scatter.drms_m)
     assert scatter[1] == pytest.approx(scatter[0], rel=0.05)
 
 
@@ -123,27 +112,27 @@ def test_the_scatter_is_that_of_the_residuals():
     time_s, place, away = dive(2)
     cov = np.zeros((len(TIME_S), 5, 5))
     cov_m2 = np.broadcast_to(np.eye(2), (150, 2, 2))
-    scatter = there(known(time_s, place, away, np.ones(150, dtype=bool), circling(True, cov), cov_m2).scatter)
+    scatter = fix_statistics(time_s, place, away, np.ones(150, dtype=bool), circling(True, cov), cov_m2).scatter
     true = 60 * np.column_stack([np.cos(time_s / 60), np.sin(time_s / 60)])
     off = np.hypot(*(place - true).T)
     assert scatter.drms_m == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.01)
     assert scatter.drms_percent == pytest.approx(100 * np.sqrt(np.mean((off / np.hypot(*away.T)) ** 2)), rel=0.01)
-    assert known(time_s, place, None, np.ones(150, dtype=bool), circling()).scatter is None
+    assert fix_statistics(time_s, place, None, np.ones(150, dtype=bool), circling()).scatter is None
 
 
 def test_fixes_whose_times_are_coarse_have_the_noise_of_those_times():
     """Most steps between them are zero; fixes of one moment do not show how noise changes with time."""
     time_s, place, away = dive(1)
     coarse_s = np.floor(time_s / 10) * 10
-    found = known(coarse_s, place, away, np.ones(150, dtype=bool), circling())
-    assert there(found.east_m).time_constant_s >= 10.0
-    assert known(coarse_s[:1].repeat(150), place, away, np.ones(150, dtype=bool), circling()).east_m is None
+    found = fix_statistics(coarse_s, place, away, np.ones(150, dtype=bool), circling())
+    assert found.east_m.time_constant_s >= 10.0
+    assert fix_statistics(coarse_s[:1].repeat(150), place, away, np.ones(150, dtype=bool), circling()).east_m is None
 
 
 def test_fixes_without_noise_have_a_noise_of_zero():
     time_s, _, _ = dive(1)
-    found = known(time_s, np.zeros((150, 2)), np.full((150, 2), 50.0), np.ones(150, dtype=bool), circling())
-    assert there(found.east_m).white.sd == pytest.approx(0.0, abs=1e-5)
+    found = fix_statistics(time_s, np.zeros((150, 2)), np.full((150, 2), 50.0), np.ones(150, dtype=bool), circling())
+    assert found.east_m.white.sd == pytest.approx(0.0, abs=1e-5)
 
 
 def test_a_track_without_velocity_has_no_statistics():

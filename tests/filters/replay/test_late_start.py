@@ -23,12 +23,7 @@ from weaving import SD_M, Faults, weaving_dive
 def nees_at_fixes(track: Trajectory, line: Timeline) -> Array:
     """Return the NEES at the times of fixes, (F,): these are exact to 0.2 m, whether the filter knew them or not."""
     at = np.searchsorted(track.time_s, line.fix_time_s)
-    return nees(track.position_m[at] - line.fix_m, position_cov_m2(track)[at] + SD_M**2 * np.eye(2))
-
-
-def position_cov_m2(track: Trajectory) -> Array:
-    assert track.position_cov_m2 is not None
-    return track.position_cov_m2
+    return nees(track.position_m[at] - line.fix_m, track.position_cov_m2[at] + SD_M**2 * np.eye(2))
 
 
 # a bootstrap particle filter has to hit the first heading and velocity by chance, fixes or not (assumptions.Start)
@@ -56,7 +51,7 @@ def test_a_start_that_was_carried_back_for_minutes_is_as_doubtful_as_what_carrie
         before.append(value[0])
         after.append(value[(whole.fix_time_s > 205) & (whole.fix_time_s < 220)].mean())
 
-        sd_m = np.sqrt(np.trace(position_cov_m2(track), axis1=1, axis2=2))
+        sd_m = np.sqrt(track.position_cov_m2.trace(axis1=1, axis2=2))
         assert sd_m[0] > 15
         assert sd_m[0] > 2 * sd_m[990]  # what carried the start back brings the track to the fix
 
