@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.reports.page import Page, Picture, Plot
 from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.writing import writing
 from usbldr_cli.options.log_options import request_provenance
 from usbldr_cli.options.output_files import write_json
+from usbldr_cli.runs.job_store import common_fault
 
 if TYPE_CHECKING:
     from usbldr_cli.figures import drawing  # imports matplotlib
@@ -73,7 +73,4 @@ def refuse_empty(rows: "Sequence[ComparisonRow]") -> None:
     """Raise the errors of the rows if none of them has a result."""
     if any(row.good for row in rows):
         return
-    faults = {row.fault: max(outcome.exit_code for outcome in row.outcomes) for row in rows}
-    code = max(faults.values())
-    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(code, UsbldrError)
-    raise kind("; ".join(str(fault) for fault in faults))
+    raise common_fault([row.fault for row in rows], max(one.exit_code for row in rows for one in row.outcomes))

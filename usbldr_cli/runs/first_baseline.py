@@ -7,12 +7,11 @@ from pathlib import Path
 
 import tomlkit
 
-from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.filters.replay.methods import METHODS, Method
 from usbldr.io.settings.regression_baseline import Option
 from usbldr_cli.options.unused_options import unused_options
 from usbldr_cli.runs.baseline_rows import FILES, options_of_row, today, tool_text
-from usbldr_cli.runs.job_store import JobResult
+from usbldr_cli.runs.job_store import JobResult, common_fault
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Executor, Job
 
@@ -40,19 +39,14 @@ def first_baseline(
     jobs = [replace(log, method=name) for log in logs for name in methods]
     results = run_jobs(jobs, where)
     for first in range(0, len(jobs), len(methods)):
-        _raise_if_none_ran(results[first : first + len(methods)])
+        of_log = results[first : first + len(methods)]
+        if all(one.fault is not None for one in of_log):
+            raise common_fault([one.fault for one in of_log], max(one.exit_code for one in of_log))
     rows = [_row(file, job, given, one) for job, one in zip(jobs, results, strict=True) if one.fault is None]
     signed = f"{HEAD}tool = {_text(tool_text())}\ndate = {today().isoformat()}\n"
     pairs = zip(jobs, results, strict=True)
     left_out = [f"{job.method} is left out: {one.fault}" for job, one in pairs if one.fault is not None]
     return "\n".join([signed, *rows]), left_out
-
-
-def _raise_if_none_ran(results: Sequence[JobResult]) -> None:
-    if all(one.fault is not None for one in results):
-        worst = max(one.exit_code for one in results)
-        kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(worst, UsbldrError)
-        raise kind("; ".join(dict.fromkeys(str(one.fault) for one in results)))
 
 
 def _row(file: Path, job: Job, given: Mapping[str, Option], result: JobResult) -> str:

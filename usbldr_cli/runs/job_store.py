@@ -6,11 +6,12 @@ Metres and seconds, east and north, as everywhere.
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.reports.run_directory import json_text, write_atomically
 
 if TYPE_CHECKING:
@@ -59,6 +60,12 @@ class JobResult:
     reused: bool = False  # taken from the store
     findings: tuple[str, ...] = ()  # codes, of a job that examines a log
     filter_time_s: float | None = None  # wall time: of the machine, so it is no metric
+
+
+def common_fault(sentences: Iterable[str | None], exit_code: int) -> UsbldrError:
+    """Return one error for runs that all failed: their sentences, each once, and the exit code of the worst."""
+    kind = {UsageError.exit_code: UsageError, LogError.exit_code: LogError}.get(exit_code, UsbldrError)
+    return kind("; ".join(dict.fromkeys(map(str, sentences))))
 
 
 class Trace(NamedTuple):
