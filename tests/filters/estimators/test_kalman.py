@@ -2,7 +2,6 @@
 
 import functools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import DirectState, Measurement, UsblFix, compass_model, dvl_models
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.methods import METHODS, FilterSettings
 
 Q = (0.05, 0.02)
 run = functools.partial(estimates, seed=None)
@@ -199,16 +197,3 @@ def test_a_good_scalar_does_not_excuse_the_refused_one_beside_it() -> None:
 
     assert east[5] > 50
     assert abs(east[-1]) < 3
-
-
-def test_every_filter_in_the_table_steps() -> None:
-    prior = Prior(np.array([0.1, 0, 1, 0, 0, 0.0]), np.diag([0.1, 0.5, 0.5, 0.05, 3, 3]) ** 2)
-    noise = Contamination().modes(np.eye(2))
-    fix = Measurement(np.ones(2), UsblFix(StateLayout(), -0.1), noise, "usbl", "position", 0, 0.1)
-    for name, build in ((name, method.build) for name, method in METHODS.items() if method.build):
-        estimator = build(VehicleMotion(StateLayout(), ProcessNoise()), replace(FilterSettings(), particles=20))
-        belief = estimator.step(estimator.start(prior), Step(1, 0.0, 0.2, (fix,)), lambda: np.random.default_rng(0))
-        estimate = estimator.estimate(belief)
-        assert np.isfinite(estimate.mean).all(), name
-        assert np.linalg.eigvalsh(estimate.cov).min() > 0, name
-        assert estimate.updates[0].outcome in ("used", "down-weighted"), name
