@@ -232,3 +232,11 @@ def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path:
     assert dr["mean_horizontal_m"] > 0
     assert "no usbl data" in usbl["fault"]
     assert usbl["fault"] in " ".join(found.stdout.split())
+
+
+def test_if_every_method_fails_each_fault_is_said_once(dive: Path) -> None:
+    said = refusal(LogError, output_of, "compare", dive, "-f", "usbl,nudge,dr", "--usbl", "none", "--dvl", "none")
+
+    first, second = said.split("; " + str(dive))
+    assert first.startswith(f"{dive}: no usbl data")
+    assert second.startswith(": no dvl data")
