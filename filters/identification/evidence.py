@@ -86,11 +86,10 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
     outliers = gross(timeline)
-    unchanged = _explanation(timeline, stated, outliers, FoundChanges())
-    possible = [unchanged, _with_lost_dvl(timeline, stated, outliers, unchanged)]
-    for changed in changes(timeline.with_fixes(~outliers), stated):
-        if changed.changes:
-            possible.append(_explanation(timeline, stated, outliers, changed))
+    changed = [one for one in changes(timeline.with_fixes(~outliers), stated) if one.changes]
+    possible = [_explanation(timeline, stated, outliers, one) for one in (FoundChanges(), *changed)]
+    shifts_s = [one.start_s for found in changed for one in found.changes if any(one.fix_shift_m)]
+    possible.append(_with_lost_dvl(timeline, stated, outliers, possible[0], shifts_s))
     best = max(possible, key=lambda one: one.log_evidence)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = _likeliest([_choice(kept, member, stated) for member in best.members])
@@ -125,12 +124,17 @@ def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed
     return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
 
 
-def _with_lost_dvl(timeline: Timeline, stated: Parameters, outliers: Mask, best: _Explanation) -> _Explanation:
-    """Return the explanation with the spans in which the DVL is lost, one after the other while each is likelier."""
+def _with_lost_dvl(
+    timeline: Timeline, stated: Parameters, outliers: Mask, best: _Explanation, shifts_s: Sequence[float]
+) -> _Explanation:
+    """Return the explanation with the spans in which the DVL is lost, one after the other while each is likelier.
+
+    Where fixes seem to shift for good, at ``shifts_s``, dead reckoning may be lost instead.
+    """
     found, near = FoundChanges(), timeline.with_fixes(~outliers)
     for _ in range(MOST_LOST):
         before, line = found, without_changes(near, found.changes)
-        for span in lost_dvl(line, robust_member(line, best.members[0], stated)):
+        for span in lost_dvl(line, robust_member(line, best.members[0], stated), () if found.changes else shifts_s):
             one = FoundChanges(tuple(sorted((*before.changes, *span))), before.cost + cost(line))
             other = _explanation(timeline, stated, outliers, one)
             if other.log_evidence > best.log_evidence:

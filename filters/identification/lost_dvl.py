@@ -24,10 +24,14 @@ MARGIN_S = 5.0  # a span that is too long costs little, one that is too short di
 Lost = tuple[SensorChange, SensorChange]  # the DVL is lost, and there again
 
 
-def lost_dvl(timeline: Timeline, member: Member) -> tuple[Lost, ...]:
-    """Return the likeliest span for each edge of a run that lasts from the first fix or to the last."""
+def lost_dvl(timeline: Timeline, member: Member, shifts_s: Sequence[float] = ()) -> tuple[Lost, ...]:
+    """Return the likeliest span about each edge of a run that lasts from the first fix or to the last, and each shift.
+
+    ``shifts_s`` are times at which the fixes seem to shift for good.
+    """
     false = false_runs(timeline, member).false[:MAX_FIXES]
-    return tuple(_likeliest(timeline, member, edge_s) for edge_s in _edges_s(timeline, false))
+    edges_s = {*_edges_s(timeline, false), *filter(math.isfinite, shifts_s)}
+    return tuple(_likeliest(timeline, member, edge_s) for edge_s in sorted(edges_s))
 
 
 def cost(timeline: Timeline) -> float:
