@@ -112,7 +112,7 @@ class Identification:
         return (
             *([f"FALSE-FIXES: {text}"] if (text := self.false_runs_text) else []),
             *(
-                f"SENSOR-CHANGE: {text}; this was subtracted, as the whole log shows it"
+                f"SENSOR-CHANGE: {text}; replay takes it into account, as the whole log shows it"
                 for text in self.change_texts.values()
             ),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
@@ -243,6 +243,9 @@ class Identification:
 def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:
     """Return how the fixes differ from those before; "" if they do not."""
     since, late_s = f"from {after.start_s:.0f} s on", after.fix_late_s - before.fix_late_s
+    if after.fix_sd_scale != before.fix_sd_scale:
+        factor = after.fix_sd_scale / before.fix_sd_scale
+        return f"{since} the USBL fixes scatter {factor:.2g} times as much as before (check range, noise and the head)"
     east_m, north_m = np.subtract(after.fix_shift_m, before.fix_shift_m).tolist()
     if late_s:
         later = f"stamps of the USBL fixes are {abs(late_s):.1f} s {'later' if late_s > 0 else 'earlier'} than before"

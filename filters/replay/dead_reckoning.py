@@ -196,10 +196,12 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
     since = np.searchsorted([one.start_s for one in changed], timeline.fix_time_s, side="right")
     shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])[since]
     late_s = np.array([0.0, *(one.fix_late_s for one in changed)])[since]
+    sd_scale = np.array([1.0, *(one.fix_sd_scale for one in changed)])[since][:, None, None]
     return replace(
         timeline,
         fix_time_s=np.maximum.accumulate(timeline.fix_time_s - late_s),  # those of a step back are at once
         fix_m=timeline.fix_m - shift_m,
+        fix_cov_m2=timeline.fix_cov_m2 * sd_scale**2,
         fix_away_m=None if timeline.fix_away_m is None else timeline.fix_away_m - shift_m,
         yaw_rad=timeline.yaw_rad - turned,
         dr_yaw_rad=timeline.dr_yaw_rad - turned,

@@ -43,7 +43,9 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
     moved_m = _off_m(timeline) - _off_m(without_changes(timeline, changes))
     effect_m = float(np.hypot(*moved_m.std(axis=0)))
     ending = f"; the changes move the fixes against dead reckoning by {effect_m:.2g} m RMS, and replay takes them off"
-    of_fixes = any(any(one.fix_shift_m) or one.fix_late_s for one in changes)
+    if not effect_m:
+        ending = "; replay scales the sigmas of the fixes"
+    of_fixes = any(any(one.fix_shift_m) or one.fix_late_s or one.fix_sd_scale != 1 for one in changes)
     topic = log.topic_of("usbl" if of_fixes else "compass")
     return [
         Finding("SENSOR-CHANGE", text + ending, topic, start_s, effect_m, "m")

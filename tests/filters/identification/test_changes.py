@@ -23,7 +23,7 @@ from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
-from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
 from weaving import Faults, weaving_dive
@@ -255,6 +255,33 @@ def test_fixes_that_come_later_from_a_time_on_are_moved_to_when_they_were_valid(
     assert since_s == pytest.approx(200.0, abs=10.0)
     (later,) = re.findall(r"stamps of the USBL fixes are (.*) s later than before", text)
     assert float(later) == pytest.approx(2.5, abs=0.2)
+
+
+@pytest.mark.parametrize(("from_s", "factor"), [(120.0, 5.0), (280.0, 5.0), (200.0, 0.25)])
+def test_fixes_that_scatter_more_from_a_time_on_count_less_there(from_s: float, factor: float) -> None:
+    noise_m = np.random.default_rng(8).normal(0, 0.2 * max(factor, 1.0), DIVE.fix_m.shape)
+    later = DIVE.fix_time_s >= from_s
+    louder = later if factor > 1 else ~later
+    line = replace(DIVE, fix_m=DIVE.fix_m + louder[:, None] * noise_m * (1.0 if factor > 1 else 4.0))
+
+    found = identify(line, ASSUMED)
+
+    ((since_s, text),) = found.change_texts.items()
+    assert since_s == pytest.approx(from_s, abs=15.0)
+    said = float(re.search(r"the USBL fixes scatter ([\d.]+) times as much as before", text)[1])
+    assert said == pytest.approx(factor, rel=0.3)
+    assert not found.parameters.false_fixes
+    scaled = without_changes(line, found.parameters.changes)
+    np.testing.assert_allclose(scaled.fix_cov_m2[-1], line.fix_cov_m2[-1] * said**2, rtol=0.1)
+    np.testing.assert_array_equal(scaled.fix_cov_m2[0], line.fix_cov_m2[0])
+
+
+def test_fixes_without_noise_and_a_few_outliers_do_not_scatter_more() -> None:
+    exact = replace(DIVE, fix_m=interpolate(DIVE, displacement_m(DIVE), DIVE.fix_time_s))
+    jumping = replace(DIVE, fix_m=DIVE.fix_m + 30.0 * (np.arange(len(DIVE.fix_m)) % 20 == 0)[:, None])
+
+    assert [identify(line, ASSUMED).change_texts for line in (DIVE, jumping)] == [{}, {}]
+    assert changes(exact, ASSUMED)[-1] == FoundChanges()
 
 
 def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> None:
