@@ -7,7 +7,7 @@ before it was measured.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from usbldr.io.reader import MAX_TIME_NS, Nanoseconds
 COARSE_SHARE = 0.2  # [-] of records with the stamp of the next, at least: times are too coarse for the sensor's rate
 COARSE_RECORDS = 10  # with the stamp of the next, at least: a few may be sent twice
 SAME_CLOCK_NS = 1800 * 1_000_000_000  # time zones are whole hours apart, or half ones
+DATED_NS = 946_684_800 * 1_000_000_000  # fixed: the year 2000, since 1970; earlier times count from something else
 LEAST = 0.01  # [1] share of records that may have smaller delays
 LOG_TIME = "log time"  # times records that have no stamp
 TIMES = ("time_ns", "received_ns", "stamp_ns")
@@ -30,6 +31,7 @@ TIMES = ("time_ns", "received_ns", "stamp_ns")
 
 def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tuple[dict[str, RawRecords], list[Finding]]:
     """Return the raws on one clock, and what was shifted; roles in ``by_log`` are timed without stamps."""
+    raws = {role: raw if role in by_log else _received_as_stamped(raw) for role, raw in raws.items()}
     delay_ns = {role: 0 if role in by_log else least_delay_ns(raw) for role, raw in raws.items()}
     if not delay_ns or max(delay_ns.values()) - min(delay_ns.values()) <= SAME_CLOCK_NS:
         return dict(raws), []
@@ -43,6 +45,13 @@ def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tupl
         text += f"{shift_ns / 1e9:.3f} s, the smallest delay from stamp to log"
         findings.append(raw.finding("CLOCK-SHIFTED", text))
     return shifted, findings
+
+
+def _received_as_stamped(raw: RawRecords) -> RawRecords:
+    """Return records that arrived when they were stamped, if stamps are dates and log times only count records."""
+    counted = raw.stamp_ns is not None and np.max(raw.received_ns, initial=0) < DATED_NS
+    dated = counted and raw.stamped.all() and np.min(raw.stamp_ns, initial=MAX_TIME_NS) >= DATED_NS
+    return replace(raw, received_ns=raw.stamp_ns) if dated else raw
 
 
 def least_delay_ns(raw: RawRecords) -> int:

@@ -10,6 +10,7 @@ from usbldr.io.file_access.open_file import real_path
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import ENDINGS, compressed_log
 from usbldr.io.limits import limit
+from usbldr.io.messages.roles import choose_roles
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Reader
 from usbldr.io.recordings.joined import JoinedLog, LogPart
@@ -58,7 +59,9 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
     readers, used = _together(path, open_file, {*files})
     others = [file for file in files if file not in used]
     if readers:
-        return _one_log(path, readers, [*_passed_over(copies), *_not_read(others, open_file)])
+        added = _adding(path, readers, others, open_file)
+        others = [file for file in others if file not in [reader.path for reader in added]]
+        return _one_log(path, [*readers, *added], [*_passed_over(copies), *_not_read(others, open_file)])
     readers, unread = _alone(path, others, open_file)
     if readers:
         return _one_log(path, readers, [*_passed_over(copies), *unread])
@@ -163,6 +166,28 @@ def _readable(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> tup
         except LogError:
             unread.add(file)
     return readers, unread
+
+
+def _adding(
+    path: Path, readers: Sequence[Reader], files: Sequence[Path], open_file: Callable[[Path], Reader]
+) -> list[Reader]:
+    """Return the readers of those files that hold or are named for a sensor which the other readers lack.
+
+    A recording or a table is a log by itself, and so is a file with one of their topics.
+    """
+
+    def sensors(reader: Reader) -> set[str]:
+        topics = reader.topics()
+        roles = choose_roles(path, topics, {}, {})
+        named = set[str]().union(*(suggested_sensors(topic.name) for topic in topics))
+        return {*roles.chosen, *roles.unresolved} | named | suggested_sensors(reader.path.stem if len(topics) else "")
+
+    present = set[str]().union(*map(sensors, readers))
+    filled = [file for file in files if file.is_file() and file.stat().st_size and _may_hold_records(file)]
+    found, _ = _readable(filled, open_file)
+    taken = {topic.name for reader in readers for topic in reader.topics()}
+    found = [one for one in found if taken.isdisjoint(topic.name for topic in one.topics())]
+    return [one for one in found if not one.format.startswith((*RECORDINGS, "CSV", NAME)) and sensors(one) - present]
 
 
 def _alone(

@@ -94,7 +94,7 @@ class JoinedLog:
         """Report what was lost or unusual in each part."""
         own = [
             finding
-            if not part.name and part.reader.path == self.path
+            if (not part.name and part.reader.path == self.path) or finding.text.startswith(part.reader.path.name)
             else replace(finding, text=f"{part.name or part.reader.path.name}: {finding.text}")
             for part in self.parts
             for finding in part.reader.findings()

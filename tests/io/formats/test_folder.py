@@ -290,6 +290,20 @@ def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: 
     assert [(topic.name, topic.count) for topic in log.topics()] == [("/GPGGA", 27)]
 
 
+def test_sentences_of_a_sensor_that_the_tables_lack_are_part_of_the_dive(tmp_path: Path) -> None:
+    folder = dive(tmp_path / "dive")
+    bodies = [f"PNORBT7,{T0 / 1e9 + k:.1f},1,-3,{k / 100:.2f},0.25,-0.5,0.003,25,25,25,25" for k in range(COUNT)]
+    (folder / "nortek.log").write_text("".join(sentence(body) + "\n" for body in bodies), encoding="ascii")
+    (beside_a_table,) = open_log(folder).findings()
+    assert beside_a_table.text.startswith("nortek.log is not read: it is a log of its own")
+    (folder / "dvl.csv").unlink()
+
+    log = read_log(folder)
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [k / 100 for k in range(COUNT)]
+    assert log.tables["dvl"]["time_s"].tolist() == log.tables["compass"]["time_s"].tolist() == list(range(COUNT))
+
+
 def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / "dive", short_dive())
     (folder / "notes.txt").write_text("calm", encoding="utf-8")
