@@ -49,9 +49,10 @@ def align_clocks(raws: Mapping[str, RawRecords], by_log: frozenset[str]) -> tupl
 
 def _received_as_stamped(raw: RawRecords) -> RawRecords:
     """Return records that arrived when they were stamped, if stamps are dates and log times only count records."""
-    counted = raw.stamp_ns is not None and np.max(raw.received_ns, initial=0) < DATED_NS
-    dated = counted and raw.stamped.all() and np.min(raw.stamp_ns, initial=MAX_TIME_NS) >= DATED_NS
-    return replace(raw, received_ns=raw.stamp_ns) if dated else raw
+    stamps = raw.stamp_ns
+    if stamps is None or not len(stamps) or not raw.received_ns.max() < DATED_NS <= stamps.min():
+        return raw
+    return replace(raw, received_ns=stamps)
 
 
 def least_delay_ns(raw: RawRecords) -> int:

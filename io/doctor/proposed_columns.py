@@ -49,6 +49,7 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
+OWN_CLOCK_S = 1e6  # [s] since power-on, of a column without a unit: eleven days; a larger number may count milliseconds
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -119,14 +120,16 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
         others = (column for column in columns if column not in times)
         columns = [*dated_columns(dict(topic.first_row), times), *others]
     of_all = bool(topic.first_row) and not suggested_sensors(topic.name)  # one table of all sensors
+    if role not in ("usbl", "gps"):
+        columns = [one for one in columns if one.rule.sensor or one.rule.key in ("time", "received", "valid")]
     for column in columns:
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         certain = column.rule in RULES and column.known and column.rule.dimension == "velocity"  # forward_kn
-        certain = certain or (of_all and column.rule.dimension == "velocity")
+        certain = certain or (of_all and (column.rule.dimension == "velocity" or column.rule is YAW))
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         hinted = hinted or (of_all and role == "usbl" and bool(TARGET.search(words_of(column.name))))
         if of_any or (hinted and column.rule.sensor in (role, "")):
-            if topic.first_row and column.rule.key in found:
+            if topic.first_row and column.rule.key in found and column.rule.dimension:
                 return {}  # two columns of one quantity
             found.setdefault(column.rule.key, column)
     if topic.first_row and _time_key(topic, found) is None:
@@ -148,7 +151,8 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     if epoch := named_epoch(column, cell):
         return epoch
     units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
-    own_clock = "time_s" if "time_s" in units and abs(float(cell)) * 1e9 < SINCE_NS else None
+    longest_s = SINCE_NS / 1e9 if column.known else OWN_CLOCK_S
+    own_clock = "time_s" if "time_s" in units and abs(float(cell)) < longest_s else None
     return next((key for key in keys_since_1970(cell) if key in units), own_clock)
 
 

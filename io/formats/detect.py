@@ -21,6 +21,19 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"\x89MCAP0\r\r\n": f"an MCAP file whose {CONVERTED}",
     b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
     b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
+    b"ULog\x01": "a PX4 log; write its topics as CSV (ulog2csv)",
+    b"\xed\xa1\xda\x01": "an LCM log; write its channels as CSV or MCAP",
+    b"FTP NEW": "a Hypack raw file; export the positions and headings of the vehicle as CSV",
+    b"dbd_label:": "a Slocum glider's log; write its sensors as CSV, with positions in degrees",
+    b"TDSm": "a LabVIEW measurement file (TDMS); export its groups as CSV",
+    b"\xb5b": "a u-blox receiver's log; convert its fixes to NMEA sentences or CSV",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet of an old version; export the sheet as CSV",
+    b"ARROW1": "an Arrow file (Feather); store the table as Parquet or CSV",
+    b"\x93NUMPY": "an array of NumPy, without names of columns; store it as CSV with a line of names",
+    **dict.fromkeys(
+        (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
+        "a network capture; write what the instruments sent to files (tshark -z follow), or record it anew",
+    ),
     b"FMT, 128": "a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from",
     b"%%": "a table of all variables at equal times that MOOS writes (.aslog); read the .alog file beside it",
     **dict.fromkeys(
@@ -34,6 +47,7 @@ FOREIGN_TEXTS: Mapping[str, str] = {
     r"(?i)\s*<(!doctype )?(html|head|body|table)": "an HTML page, whatever its name; export the sheet as CSV",
     r"\s*<\?xml": "XML; export its values as CSV, with a line of names",
     r'\s*(\{\s*"|\[\s*[\[{])': "JSON, but not of one object a record; write it so, or as CSV",
+    r"(?i)\s*(--.*\bdump\b|(create table|insert into|set \w+ ?=)\b)": "a dump of a database; export its tables as CSV",
     r"header:\r?\n\s+stamp:|(?s:.*)^---\r?\n\w+:": "what ros2 topic echo prints; read the recording that it came from, "
     "or write its values as CSV",
 }

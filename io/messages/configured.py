@@ -95,6 +95,8 @@ def field_of(name: str, fields: Sequence[str], arrays: Collection[str] = ()) -> 
 
     Or the only one of that name with a unit.
     """
+    if "[" in name and plain(name) in fields:  # a column may be called so: "velocity[0]"
+        return plain(name)
     for choice in (plain(name), named_unit(plain(name)).label):
         path = _path(choice)
         if listed_field(path, fields, arrays) is not None:

@@ -31,11 +31,12 @@ RULES: Sequence[Rule] = (
         "",
         "time",
         "time",
-        "time|(uhr)?zeit|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|sod|seconds?_of_(the_)?day|elapsed|"
-        "datenum|time_excel|time_labview|x_value",  # the last is LabVIEW's
+        "(?<!receive_)time|(uhr)?zeit|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|"
+        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|time_excel|"
+        "time_labview|x_value",  # the last is LabVIEW's
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
-    Rule("", "received", "time", "(received|arrival)(_time|_unix)?"),
+    Rule("", "received", "time", "(receive_time|(received|arrival)(_time|_unix)?)"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge|voraus"),
     Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|right|steuerbord|rechts)"),
     Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left|backbord|links)", -1.0),
@@ -84,7 +85,9 @@ OTHER = re.compile(
 """Words of columns that are no measurement of these sensors."""
 
 
-UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?([ns])?)?(?=_|$)")
+WRAPPED = re.compile(r"(?<=[a-z0-9]{2}_)(data|value)$")
+"""The last word of a field of a message that wraps a number, as std_msgs/Float64: the words before say what it is."""
+UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?(?:([ns])(?:orth|outh)?)?)?(?=_|$)")
 """A grid in the name of an easting or northing, its zone and hemisphere, in the words of the name."""
 
 
@@ -122,7 +125,7 @@ def utm_code(text: str) -> str:
 def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None:
     """Return what a column holds, None if its name does not tell."""
     unit = named_unit(name)
-    words = UTM.sub("", words_of(unit.label))
+    words = WRAPPED.sub("", UTM.sub("", words_of(unit.label))).strip("_")
     if any(other.search(part) for other in (OTHER, SHIP) for part in (words, words_of(name))):
         return None
     for rule in rules:

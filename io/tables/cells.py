@@ -22,6 +22,8 @@ THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([., '\xa0\u202f])\d{3})(?:\1\d{3})*(?!\
 """A number whose thousands are parted by another character than its decimals."""
 GROUPED, UNGROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}"), re.compile(r"[+-]?[1-9]\d{0,2}")
 """Numbers as they are if points part thousands."""
+DOUBLE = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
+"""The letter before an exponent as Fortran writes it: 1.5D+03."""
 Number = TypeVar("Number", int, float)
 
 
@@ -54,7 +56,7 @@ def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: int = 0) -
             return _in_range(int(text))
         if ISO.fullmatch(text):
             return _in_range(_iso_ns(text))
-        return _in_range(int(((Decimal(text) - at_1970) * unit_ns).to_integral_value()))
+        return _in_range(int(((Decimal(DOUBLE.sub("e", text)) - at_1970) * unit_ns).to_integral_value()))
 
     whats = {1: "a whole number of nanoseconds", SECOND_NS: "a number of seconds before 2116"}
     return _parsed(texts, name, exact, 0, whats.get(unit_ns, "a number or a date and time"))
@@ -78,6 +80,8 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
             if THOUSANDS.fullmatch(text):
                 whole, _, decimals = text.replace(",", ".").rpartition(".")
                 return float(re.sub(r"[^\d+-]", "", whole) + "." + decimals)
+            if DOUBLE.search(text):
+                return float(DOUBLE.sub("e", text))
             return stated_degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
 
     sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number

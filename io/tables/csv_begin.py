@@ -19,7 +19,10 @@ from usbldr.io.units import named_unit
 
 PREAMBLE = 100  # [lines] among which the column names are looked for
 SEPARATOR_LINE = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # of Excel, before the column names
-COMMENT = "# "  # what the column names may follow
+COMMENT = re.compile(r"(?:#+|%+(?=\s))\s*|\s+")
+"""What the column names may follow; rostopic's "%time" is one of them."""
+DATED = " "  # the separator of columns between blanks whose first one is a date and a time of day
+BY_BLANKS = (None, DATED)
 COMMENTS = ("#", "%", "//")  # with which a line begins that is no row
 REMARKS = (*COMMENTS, ";")  # with which a line before the column names begins that is none
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
@@ -37,18 +40,33 @@ def looks_like_csv(head: bytes) -> bool:
 
 def has_blank_columns(head: bytes, whole: bool = False) -> bool:
     """Return whether a file's first bytes are names between blanks, and a row with numbers; ``whole``: as many."""
-    lines = [line.lstrip(COMMENT).split() for line in head_lines(head) if line.strip()]
+    begun = head_lines(head)
+    place = _header_place(begun)
+    lines = [bare(line).split() for line in begun[place:] if line.strip()]
     names, row = (*lines, [], [])[:2]
+    row = row[1:] if _is_dated(names, row) else row
     named = unnamed_columns(Path(), names) is None and not any(map(is_value, names))  # else those of a format
-    numbers = sum(map(is_value, row))
+    numbers = sum(is_value(cell) or foreign_time(cell) for cell in row)
     return named and (numbers == len(row) == len(names) > 1 if whole else len(names) > 1 and numbers > 0)
 
 
+def bare(line: str) -> str:
+    """Return a line without the mark of a comment."""
+    found = COMMENT.match(line)
+    return line[found.end() :] if found else line
+
+
+def _is_dated(names: Sequence[str], row: Sequence[str]) -> bool:
+    """Return whether a row between blanks begins with a date and a time of day, which are one column."""
+    return len(row) == len(names) + 1 > 2 and all(map(foreign_time, (f"{row[0]} 00:00:00", row[1])))
+
+
 def lacks_header(head: bytes) -> bool:
-    """Return whether a file's first bytes are columns of numbers without names."""
+    """Return whether a file's first bytes are columns without names: numbers, or most of them numbers and times."""
     first = next(iter(head_lines(head)), "")
-    cells = first.split(_separator(first))
-    return len(cells) > 1 and all(map(is_value, cells))
+    cells = first.split(_separator(first) if _separator(first) in first else None)
+    values = sum(is_value(cell) or foreign_time(cell.strip()) for cell in cells)
+    return (len(cells) > 1 and values == len(cells)) or values > max(2, len(cells) / 2)
 
 
 def is_value(cell: str) -> bool:
@@ -67,12 +85,14 @@ def _header_place(lines: Sequence[str]) -> int:
     names, width, worded = filled[0] if filled else 0, 0, -1
     for k, following in pairwise(filled):
         separator = _separator(lines[k])
-        cells, row = (cells_of(lines[place].lstrip(COMMENT), separator) for place in (k, following))
+        if separator not in lines[k] and _is_dated(bare(lines[k]).split(), lines[following].split()):
+            return k
+        cells, row = (cells_of(bare(lines[place]), separator) for place in (k, following))
         title = len(cells) > 1 and sum(map(bool, cells)) < 2  # a spreadsheet fills its line with separators
         if title or any(map(is_value, cells)):
             width = 0
             continue
-        if len(cells) != width or lines[names].startswith("#"):
+        if len(cells) != width or COMMENT.match(lines[names]):
             names, width = k, len(cells)
         if 1 < len(cells) == len(row) and any(map(is_value, row)):
             if is_value(row[0]) or foreign_time(row[0]):
@@ -83,7 +103,7 @@ def _header_place(lines: Sequence[str]) -> int:
 
 def _separator(line: str) -> str:
     """Return the separator of a file's columns by its first line; with semicolons, numbers have a decimal comma."""
-    return max(",;\t", key=line.count)
+    return max(",;\t|", key=line.count)
 
 
 def with_point(cell: str) -> str:
@@ -95,7 +115,8 @@ def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row."""
     names, separator, lines, *_ = begin_of_table(file)
     cells = cells_of(next((line for line in lines if line.strip()), ""), separator)
-    return names, cells if separator in (",", None) else [with_point(cell) for cell in cells]
+    cells += [""] * (len(names) - len(cells) if any(cells) else 0)
+    return names, cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells]
 
 
 class TableBegin(NamedTuple):
@@ -118,10 +139,12 @@ def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
         begun = [begun[-1], *islice(lines, PREAMBLE - 1)]
     clean = [line.replace("\0", "") for line in begun]
     place = _header_place(clean)
-    first = clean[place].lstrip(COMMENT) if begun else ""
+    first = bare(clean[place]) if begun else ""
     separator = _separator(first) if _separator(first) in first else None
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
     names, rows = cells_of(first, separator), place + 1
+    if separator is None and _is_dated(names, next((line for line in clean[rows:] if line.strip()), "").split()):
+        separator = DATED
     while not units_are_row and rows < len(begun):
         joined = _joined(names, cells_of(clean[rows], separator))
         if joined is None:
@@ -129,6 +152,8 @@ def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
         names, rows = joined, rows + 1
     while len(names) > 1 and not names[-1]:
         names.pop()  # of separators at the end of the line
+    if names.count("") > 1:
+        names = [name or f"column {k}" for k, name in enumerate(names, 1)]
     return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows, spoilt)
 
 
@@ -140,11 +165,11 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     """
     if len(names) != len(cells) or len(cells) < 2 or any(is_value(cell) or foreign_time(cell) for cell in cells):
         return None
-    bare = [cell.strip("[]() ") for cell in cells]
-    stated = [named_unit(f"x [{unit}]") for unit in bare]
+    plain = [cell.strip("[]() ") for cell in cells]
+    stated = [named_unit(f"x [{unit}]") for unit in plain]
     units = [
         f" [{u}]" if (one.dimension and one.unit == u) or stated_order(u) is not None or named_zone(f"[{u}]") else ""
-        for u, one in zip(bare, stated, strict=True)
+        for u, one in zip(plain, stated, strict=True)
     ]
     of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
     if not of_names and (any(units) or not any(cell.strip("-") for cell in cells)):
@@ -160,8 +185,9 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
 
 def cells_of(line: str, separator: str | None) -> list[str]:
     """Return the cells of a line without the blanks around them; ``separator`` None: blanks part them."""
-    if separator is None:
-        return line.split()
+    if separator in BY_BLANKS:
+        cells = line.split()
+        return [" ".join(cells[:2]), *cells[2:]] if separator == DATED and len(cells) > 1 else cells
     if '"' in line:
         line = re.sub(rf'(^|{re.escape(separator)})="', r'\1"', line)  # of Excel: ="1.2" is a text
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]

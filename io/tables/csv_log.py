@@ -14,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.findings import UNDATED, Finding
-from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain
+from usbldr.io.findings import Finding
+from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
@@ -24,17 +24,27 @@ from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_na
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
+    a_day_later,
     clock_digits,
     foreign_time,
+    on_next_day,
     orders_of,
     parted_time,
     week_and_time,
     with_iso_times,
 )
 from usbldr.io.tables.long_tables import long_columns, widened
-from usbldr.io.tables.text_table import TextTable, line_findings, listed, row_findings
+from usbldr.io.tables.text_table import TextTable, line_findings, row_findings
 from usbldr.io.tables.time_columns import TimeColumn
-from usbldr.io.tables.topic_sheets import FirstRow, TableHead, TopicSheet, topic_sheets, unmatched_text
+from usbldr.io.tables.topic_sheets import (
+    FirstRow,
+    TableHead,
+    TopicSheet,
+    time_findings,
+    time_formats,
+    topic_sheets,
+    unmatched_text,
+)
 
 Value = TypeVar("Value")
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
@@ -63,9 +73,9 @@ class CsvLog:
     def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = (), files: Sequence[Path] = ()) -> None:
         """Take a file or a folder, and which files of the folder to read if the caller knows them."""
         self.path, self._given = path, files
-        self._configured = tuple(configured)
+        self._configured, self._formats = tuple(configured), time_formats(configured)
         self._read: dict[Path, TextTable] = {}
-        self._raw = cache(_wide_texts)
+        self._raw, self._iso = cache(_wide_texts), cache(self._with_iso_times)
         self._begin = cache(self._header_and_row)
         self._row = cache(self._first_cells)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
@@ -93,12 +103,6 @@ class CsvLog:
         filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
         return TableHead(file, self._stem(file), header, sheet_of(source.sensor.replace("/", "__"), filled))
 
-    @property
-    def _formats(self) -> Mapping[str, str]:
-        """The columns of times whose format the configuration states."""
-        of_times = [(one, key) for one in self._configured if one.time_format for key in TIME_UNITS_NS]
-        return {plain(one.columns[key]): one.time_format for one, key in of_times if key in one.columns}
-
     def _header_and_row(self, file: Path) -> tuple[Sequence[str], Sequence[str]]:
         """Return a file's column names as written, and the cells of its first row; those of a long table made wide."""
         names, cells = header_and_row(file)
@@ -125,6 +129,20 @@ class CsvLog:
         """Separator -> how dates with it are read in all files."""
         dated = [file for file in self._texts if any(map(foreign_time, header_and_row(file)[1]))]
         return orders_of([self._raw(file).columns for file in dated], self._formats)
+
+    @cached_property
+    def _on_next_day(self) -> set[Path]:
+        """The files with times of day behind a midnight that others come to."""
+        begun = {file: header_and_row(file) for file in self._texts}
+        of_clocks = [
+            file
+            for file, (names, cells) in begun.items()
+            if any(map(foreign_time, cells)) or any(map(clock_digits, names, cells))
+        ]
+        return on_next_day({file: self._iso(file) for file in of_clocks}) if len(of_clocks) > 1 else set()
+
+    def _with_iso_times(self, file: Path) -> Mapping[str, Sequence[str]]:
+        return with_iso_times(self._raw(file).columns, self._formats, self._orders)
 
     @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
@@ -184,8 +202,9 @@ class CsvLog:
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
-            read = self._raw(file)
-            self._read[file] = read._replace(columns=with_iso_times(read.columns, self._formats, self._orders))
+            columns = self._iso(file)
+            columns = a_day_later(columns) if file in self._on_next_day else columns
+            self._read[file] = self._raw(file)._replace(columns=columns)
         return self._read[file]
 
     def _cells(self, source: CsvSource, name: str) -> Sequence[str]:
@@ -232,14 +251,12 @@ class CsvLog:
 
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and dates that have two readings."""
-        found = [order.finding(self.path.name) for order in self._orders.values() if order.example]
         first: dict[str, str] = {}
         for one in self._topics.values():
             if clock := one.sheet and one.sheet.received:
                 source = self._files[one.table]
                 first[source.file.name] = dict(self._first_row(source)).get(clock.column, "")
-        undated = sorted(name for name, cell in first.items() if cell.startswith("1970-01-01T"))
-        found += [Finding("NO-DATE", f"{listed(undated)}: {UNDATED}")] if undated else []
+        found = time_findings(self.path.name, self._orders, first)
         for topic, one in self._topics.items():
             found += one.findings(topic) if topic in self._left_out else []
             if self._left_out.get(topic):

@@ -135,7 +135,8 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     names = plain_names(header)
     found = dict(sensors_by_name(names, stem.lower()))
     times: Mapping[str, Sequence[NamedColumn]] = found.pop("", {})
-    if not any(column.unit.unit for columns in found.values() for same in columns.values() for column in same):
+    stated = any(column.unit.unit for columns in found.values() for same in columns.values() for column in same)
+    if not stated and not any(map(states_degrees, first_row)):
         return {}
     cells = dict(zip(names, first_row, strict=False))
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])

@@ -1,5 +1,6 @@
 """CSV files as columns of text: which files of a folder they are, and which of their lines are rows."""
 
+import re
 from array import array
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,8 +14,9 @@ from usbldr.io.file_access.open_file import HEAD_BYTES, WESTERN, begin_of, fille
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_begin import (
     BLANKS,
-    COMMENT,
+    BY_BLANKS,
     COMMENTS,
+    bare,
     begin_of_table,
     cells_of,
     is_value,
@@ -26,6 +28,8 @@ from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import unnamed_columns
 
 MOST_BREAKS = 20  # [lines] of a row whose quoted cell has line breaks
+RULE = re.compile(r"[|+\s]*-{3,}[-|+\s]*")
+"""A line of dashes, which parts the names of columns from the rows where programs print tables."""
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 
 
@@ -76,8 +80,8 @@ class _Rows:
             cells = cells[: len(self._header)]  # separators at the end of the line
         if line.count('"') % 2:
             return "a quotation mark is missing"
-        if cells[0].lstrip(COMMENT) in self._header and not any(map(is_value, cells)):
-            return self._names_again([cells[0].lstrip(COMMENT), *cells[1:]])
+        if bare(cells[0]) in self._header and not any(map(is_value, cells)):
+            return self._names_again([bare(cells[0]), *cells[1:]])
         if self._other:
             return self._other
         if more := len(cells) - len(self._header):
@@ -112,12 +116,12 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     """
     names, separator, lines, begin, spoilt = begin_of_table(file, units_are_row)
     header = plain_names(names)
-    known = unnamed_columns(file, header if separator is None else ())
+    known = unnamed_columns(file, header if separator in BY_BLANKS else ())
     if known is not None:
         lines, separator, header, begin = text_lines(file, WESTERN), None, list(known), 0
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
-        raise LogError(f"has two columns {twice[0] or 'without a name'} (its columns: {listed(header)})", path=file)
+        raise LogError(f"has two columns {twice[0]} (its columns: {listed(header)}); rename one", path=file)
     fast = clean_columns(file, header, begin) if separator == "," else None
     if fast is not None:
         count = len(next(iter(fast.values())))
@@ -130,7 +134,7 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     table = _Rows(file, header, separator)
     for number, line in _whole_rows(enumerate(lines, start=begin + 1), len(header), separator):
         blank = not line.strip(f"{separator or ''}{BLANKS}\r\n")
-        if blank or line.startswith(COMMENTS) or (known is not None and line.split() == header):
+        if blank or line.startswith(COMMENTS) or RULE.fullmatch(line) or (known is not None and line.split() == header):
             continue
         cut = 0 if line.endswith("\n") or known is not None else number
         cells = "" if cut else table.cells(line)
@@ -143,7 +147,7 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
             _add(texts, rows, separator)
             rows = []
     _add(texts, rows, separator)
-    return TextTable(texts, numbered, left_out, cut, separator in (",", None))
+    return TextTable(texts, numbered, left_out, cut, separator in (",", *BY_BLANKS))
 
 
 def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | None) -> Iterator[tuple[int, str]]:
@@ -154,7 +158,7 @@ def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | N
     ahead: deque[tuple[int, str]] = deque()
     while (one := ahead.popleft() if ahead else next(lines, None)) is not None:
         number, line = one
-        if line.count('"') % 2 and separator is not None:
+        if line.count('"') % 2 and separator not in BY_BLANKS:
             ahead.extend(islice(lines, MOST_BREAKS - len(ahead)))
             last = next((k for k, (_, later) in enumerate(ahead) if later.count('"') % 2), None)
             if last is not None:
@@ -169,4 +173,4 @@ def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | N
 
 def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:
     for column, cells in zip(texts.values(), zip(*rows, strict=True), strict=bool(rows)):
-        column.add(cells if separator in (",", None) else [with_point(cell) for cell in cells])
+        column.add(cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells])

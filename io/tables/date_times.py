@@ -8,12 +8,13 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice, pairwise
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 
 from usbldr.filters.types import Mask, Vector
-from usbldr.io.gps_time import LAST_WEEK, WEEK_S, utc_ns
+from usbldr.io.gps_time import EPOCH_S, LAST_WEEK, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.tables.date_order import NUMERIC_DATE, DateOrder, date_orders
@@ -29,19 +30,21 @@ ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}(:?\d{2})?))?"
 DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
 DATE_TIME = re.compile(
     rf"({DATE})[T ,_]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})"
-    rf"|(19|20)\d{{6}}[T _]\d{{6}}([.,]\d{{1,9}})?{ZONE}"
+    rf"|\d{{4}}[-:/]\d{{3}}[T: ]{CLOCK}{ZONE}|(19|20)\d{{6}}[T _]\d{{6}}([.,]\d{{1,9}})?{ZONE}"
 )
+DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[T: ]")
 MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
 DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|day|ymd|yyyy", "time|clock|utc|hh?mm"))
-SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|seconds?[\s_]of[\s_](the[\s_])?day)")
+SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|(seconds?|time)[\s_]of[\s_](the[\s_])?day)")
 NAMED_ZONE = re.compile(r"(?:(?:UTC|GMT) ?|[\[(] ?)([+-])(\d{1,2})(?::?([0-5]\d))?(?!\d)", re.IGNORECASE)
 """A zone that a column's name states: "Time (UTC+2)", "Time [+02:00]"."""
 UNKNOWN_ZONE = re.compile(
-    r"[\[(] ?((?!UTC?|GMT)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
+    r"[\[(] ?((?!UTC?|GMT|GPST)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
 )
+GPS_TIME = re.compile(r"(?:^|[^a-z])gpst(?:$|[^a-z])|[\[(] ?gps(?: time)? ?[\])]", re.IGNORECASE)
 ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
 WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
@@ -69,6 +72,9 @@ SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
 CENTURY = 2000  # fixed: years that are within 100 of it are some
 NUMBER = re.compile(r"\d+(\.\d*)?")
+DAYS, FIRST_DAY = "1970-01-0", "1970-01-01T"  # with which times of day without a date begin
+NOON = 12  # [h]
+Key = TypeVar("Key")
 
 
 def foreign_time(cell: str) -> bool:
@@ -141,7 +147,42 @@ def with_iso_times(
     for name in columns:
         if (zone := named_zone(name)) and not any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS))):
             found[name] = [cell + zone if ISO.fullmatch(cell) else cell for cell in found[name]]
+        if GPS_TIME.search(name) and _are(found[name], ISO, or_iso=True):
+            moments = pd.to_datetime(pd.Series(list(found[name])), format="ISO8601", utc=True, errors="coerce")
+            since = (moments - pd.Timestamp(EPOCH_S, unit="s", tz="UTC")).fillna(pd.Timedelta(0))
+            week = pd.Timedelta(weeks=1)
+            weeks, second = (since // week).to_numpy(np.int64), (since % week).dt.total_seconds().to_numpy(np.float64)
+            found[name] = _moments(utc_ns(weeks, second), moments.notna().to_numpy(), found[name])
     return found
+
+
+def on_next_day(tables: Mapping[Key, Mapping[str, Sequence[str]]]) -> set[Key]:
+    """Return the tables whose times of day without a date are behind the midnight that the others come to.
+
+    They begin within an hour of the others' end, at most, and end before these begin if all are taken as of one day.
+    """
+    spans: dict[Key, tuple[pd.Timestamp, pd.Timestamp]] = {}
+    for key, columns in tables.items():
+        undated = next((cells for cells in columns.values() if next(iter(cells), "").startswith(FIRST_DAY)), ())
+        times = [cell for cell in undated if cell.startswith(DAYS)]
+        spans |= {key: (pd.Timestamp(times[0]), pd.Timestamp(times[-1]))} if times else {}
+    evening = [span for span in spans.values() if span[0].hour >= NOON]
+    if not evening:
+        return set()
+    begin, end = min(first for first, _ in evening), max(last for _, last in evening)
+    day, hour = pd.Timedelta(days=1), pd.Timedelta(hours=1)
+    return {key for key, (first, last) in spans.items() if last < begin and first + day - end < hour}
+
+
+def a_day_later(columns: Mapping[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+    """Return the columns of a table with times without a date moved by a day."""
+
+    def moved(cells: Sequence[str]) -> Sequence[str]:
+        if not next(iter(cells), "").startswith(FIRST_DAY):
+            return cells
+        return [f"{DAYS}{int(cell[9]) + 1}{cell[10:]}" if cell.startswith(DAYS) else cell for cell in cells]
+
+    return {name: moved(cells) for name, cells in columns.items()}
 
 
 def named_zone(name: str) -> str:
@@ -263,7 +304,8 @@ def _without_date(cells: Sequence[str]) -> list[str]:
 
 def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:
     """Return dates and times as ISO text; the cell as it stands if it is none."""
-    plain = pd.Series(texts, dtype="str").str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
+    plain = pd.Series(texts, dtype="str").str.replace(DAY_OF_YEAR, _of_year, regex=True)
+    plain = plain.str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
     plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)
     plain = plain.str.replace("_", " ", regex=False)
     zoned = plain.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
@@ -271,6 +313,11 @@ def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]
     day_first = mark in orders and orders[mark].day_first
     moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first, utc=True, errors="coerce")
     return _as_text(moments, cells)
+
+
+def _of_year(found: re.Match[str]) -> str:
+    """Return a year and a day of it as a date."""
+    return f"{np.datetime64(found[1], 'D') + (int(found[2]) - 1)} "
 
 
 def _as_text(moments: "pd.Series[pd.Timestamp]", cells: Sequence[str]) -> list[str]:

@@ -50,7 +50,7 @@ def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
         found = _Contents(file, h5py)
         found.visit("", content)
         content.visititems(found.visit)
-    tables = [*found.tables, *(table for name in found.numbers for table in found.tables_of(name))]
+    tables = [*found.tables, *(table for name in found.groups for table in found.tables_of(name))]
     if not tables:
         refuse_objects(file, [name for kinds in found.objects.values() for name in unread(kinds)])
         refuse_objects(file, [f"{path} ({why})" for path, why in found.left_out.items()])
@@ -126,9 +126,14 @@ class _Contents:
         with self._h5py.File(self._file, "r") as content:
             return np.array([_number(content, one) for one in np.ravel(content[path][part])], dtype=np.float64)
 
+    @property
+    def groups(self) -> list[str]:
+        """The groups that hold columns."""
+        return list(dict.fromkeys([*self.numbers, *self._texts]))
+
     def tables_of(self, group: str) -> list[Table]:
         """Return the tables of a group: its numbers, and texts of as many rows."""
-        sizes = {max(shape) for _, shape, _ in self.numbers[group]}
+        sizes = {max(shape) for _, shape, _ in self.numbers[group] or self._texts[group]}
         beside = [one for one in self._texts[group] if one[1][0] in sizes]
         of_texts = frozenset(label for label, _, _ in beside)
         others, dated = unread(self.objects[group]), frozenset(self._dated[group])

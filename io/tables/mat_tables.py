@@ -19,6 +19,7 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
+from usbldr.io.tables.date_times import SHOWN_ROWS
 from usbldr.io.tables.hdf5_tables import hdf5_log, refuse_objects, unread
 from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
 
@@ -93,6 +94,7 @@ def _of_elements(value: Any) -> Any:
 
 def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Table]:
     arrays: list[Array] = []
+    texts = set[str]()
     for label, given in variables.items():
         value = _of_elements(given)
         if isinstance(value, dict):
@@ -101,10 +103,12 @@ def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Tab
             )
             continue
         values: Column = np.asarray(value)
-        if values.dtype.kind in "biuf":
+        text = values.size > 1 and all(isinstance(one, str) for one in np.ravel(values).tolist()[:SHOWN_ROWS])
+        texts |= {label} if text else set()
+        if values.dtype.kind in "biuf" or text:
             arrays.append((label, values.shape or (1,), np.atleast_1d(values).__getitem__))
     for table in tables_of(file, name, arrays):
-        yield replace(table, unread=unread(objects_of(variables)))
+        yield replace(table, texts=frozenset(texts & table.columns.keys()), unread=unread(objects_of(variables)))
 
 
 def objects_of(variables: Mapping[str, Any]) -> dict[str, str]:

@@ -7,7 +7,7 @@ no value.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -25,10 +25,26 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
 from usbldr.io.tables.csv_sheets import Sheet, plain_names, sheet_of
-from usbldr.io.tables.date_times import with_iso_times
+from usbldr.io.tables.date_order import DateOrder
+from usbldr.io.tables.date_times import (
+    a_day_later,
+    on_next_day,
+    orders_of,
+    parted_time,
+    week_and_time,
+    with_iso_times,
+)
 from usbldr.io.tables.text_table import listed
-from usbldr.io.tables.time_columns import TimeColumn
-from usbldr.io.tables.topic_sheets import FirstRow, TableHead, TopicSheet, topic_sheets, unmatched_text
+from usbldr.io.tables.time_columns import ISO, TimeColumn
+from usbldr.io.tables.topic_sheets import (
+    FirstRow,
+    TableHead,
+    TopicSheet,
+    time_findings,
+    time_formats,
+    topic_sheets,
+    unmatched_text,
+)
 
 TEXT = "OUT"  # fixed: the kinds of NumPy's arrays of texts
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
@@ -80,10 +96,9 @@ def _times_of(names: Iterable[str]) -> set[str]:
     return {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
 
 
-def _cells(values: Column, name: str) -> Column:
-    """Return the texts of a column as the cells of a CSV file, dates and times in ISO's notation."""
-    cells = ["" if value is None else str(value).strip() for value in values]
-    return np.array(with_iso_times({name: cells})[name], dtype=object)
+def _cells(values: Column) -> list[str]:
+    """Return a column as the cells of a CSV file."""
+    return ["" if value is None else str(value).strip() for value in values]
 
 
 def _own_sheet(table: Table) -> Sheet | None:
@@ -99,9 +114,10 @@ class TableLog:
     ) -> None:
         """Take the tables of a file, or of the files of a folder."""
         self.path, self.format = path, kind
-        self._configured = tuple(configured)
+        self._configured, self._formats = tuple(configured), time_formats(configured)
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
         self._columns: dict[tuple[str, str], Column] = {}
+        self._read = cache(self._read_column)
         self._all = [one for one in tables if one.rows > 1 or (not one.rows and _own_sheet(one))] or tables
         sizes = {table.file: table.file.stat().st_size for table in tables}
         self._budget = UnpackingBudget(path, sum(sizes.values()))
@@ -126,18 +142,45 @@ class TableLog:
         for topic, table in self._tables.items():
             stem, names = table.topic.rpartition("/")[2], list(table.columns)
             date = [self._date(table, name) for name in names]
-            timed = "" in sensors_by_name(names, stem)
+            timed = "" in sensors_by_name(names, stem) or any(map(ISO.fullmatch, date))
             alike = [one for one in self._all if one.rows == table.rows and one is not table]
             elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
             heads[topic] = TableHead(table.file, stem, names, _own_sheet(table), date if timed else None, elsewhere)
         return topic_sheets(heads, self._configured, self.path)
 
+    @cached_property
+    def _raw(self) -> Mapping[str, Mapping[str, Sequence[str]]]:
+        """Table -> the cells of its texts, and of numbers that make up a time; one that cannot be read is left out."""
+        found: dict[str, dict[str, Sequence[str]]] = {}
+        for table in self._all:
+            names = plain_names(list(table.columns))
+            parts = {*parted_time(names).values(), *(week_and_time(names) or ())}
+            texts = {short for name, short in zip(table.columns, names, strict=True) if name in table.texts}
+            stem = table.topic.rpartition("/")[2]
+            for name in texts | parts if self._configured or sensors_by_name(names, stem) else ():
+                with suppress(LogError):
+                    found.setdefault(table.topic, {})[name] = _cells(self._read(table.topic, name))
+        return found
+
+    @cached_property
+    def _orders(self) -> Mapping[str, DateOrder]:
+        """Separator -> how dates with it are read in all tables."""
+        return orders_of(self._raw.values(), self._formats)
+
+    @cached_property
+    def _iso(self) -> Mapping[str, Mapping[str, Sequence[str]]]:
+        """The same with dates and times in ISO's notation."""
+        found = {topic: with_iso_times(cells, self._formats, self._orders) for topic, cells in self._raw.items()}
+        later = on_next_day(found)
+        return {topic: a_day_later(cells) if topic in later else cells for topic, cells in found.items()}
+
     def _date(self, table: Table, name: str) -> str:
-        """Return a date and time for a column of dates, the first of texts named as times; else an empty text."""
+        """Return a date and time for a column of dates, the first value of texts and times; else an empty text."""
         if name in table.dated:
             return "1970-01-01 00:00:00"
         (short,) = plain_names([name])
-        return self._first_value(table, short) if name in table.texts and short in _times_of([short]) else ""
+        shown = short in self._iso.get(table.topic, ()) or short in _times_of([short])
+        return self._first_value(table, short) if shown else ""
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the tables, or their parts."""
@@ -172,7 +215,8 @@ class TableLog:
         """Return the first value of a column as text, empty if there is none or it cannot be read."""
         values: Column = np.empty(0)
         with suppress(LogError):
-            values = self._column(table, name)[:1]
+            values = self._column(table, name)
+            values = values[values != ""][:1] if values.dtype.kind in TEXT else values[:1]
         if values.dtype.kind == "M":
             values = np.datetime_as_string(values, unit="ms")
         return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))
@@ -229,18 +273,27 @@ class TableLog:
 
     def _column(self, table: Table, name: str) -> Column:
         if (key := (table.topic, name)) not in self._columns:
-            self._budget.take_bytes(table.rows * 8)
-            with reading(table.file, self.format):
-                own = dict(zip(plain_names(list(table.columns)), table.columns.values(), strict=True))
-                values = (own.get(name) or self._by_full_name[name])()
-            if len(values) != table.rows:
-                count = f"{len(values)} of {table.rows} values"
-                raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
-            if values.dtype.kind in TEXT:
-                values = _cells(values, name)
-            long = values.dtype.kind == "f" and values.dtype.itemsize > np.float64().itemsize
-            self._columns[key] = values.astype(np.float64) if long else values
+            values = self._read(*key)
+            raw, iso = self._raw.get(table.topic, {}), self._iso.get(table.topic, {})
+            if name in iso and (values.dtype.kind in TEXT or iso[name] is not raw[name]):
+                values = np.array(iso[name], dtype=object)
+            elif values.dtype.kind in TEXT:
+                values = np.array(with_iso_times({name: _cells(values)}, self._formats)[name], dtype=object)
+            self._columns[key] = values
         return self._columns[key]
+
+    def _read_column(self, topic: str, name: str) -> Column:
+        """Return a column as its file holds it; raise LogError if that is not possible."""
+        table = next(one for one in self._all if one.topic == topic)
+        self._budget.take_bytes(table.rows * 8)
+        with reading(table.file, self.format):
+            own = dict(zip(plain_names(list(table.columns)), table.columns.values(), strict=True))
+            values = (own.get(name) or self._by_full_name[name])()
+        if len(values) != table.rows:
+            count = f"{len(values)} of {table.rows} values"
+            raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
+        long = values.dtype.kind == "f" and values.dtype.itemsize > np.float64().itemsize
+        return values.astype(np.float64) if long else values
 
     @cached_property
     def _by_full_name(self) -> Mapping[str, Callable[[], Column]]:
@@ -254,6 +307,12 @@ class TableLog:
             for file, left_out in {table.file: table.left_out for table in self._all}.items()
             for path, why in left_out.items()
         ]
+        first: dict[str, str] = {}
+        for one in self._topics.values():
+            table, clock = self._tables[one.table], one.sheet and one.sheet.received
+            if clock and clock.column in self._iso.get(table.topic, ()):
+                first[table.topic] = self._first_value(table, clock.column)
+        found += time_findings(self.path.name, self._orders, first)
         for topic, one in self._topics.items():
             found += one.findings(topic)
             if why := self._left_out.get(topic):

@@ -7,11 +7,19 @@ from typing import NamedTuple, TypeAlias
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
-from usbldr.io.findings import Finding
-from usbldr.io.messages.configured import ConfiguredColumns, topic_with_columns
+from usbldr.io.findings import UNDATED, Finding
+from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
-from usbldr.io.tables.date_times import DATE_NAME, UNKNOWN_ZONE, named_zone, parted_time, week_and_time
+from usbldr.io.tables.date_order import DateOrder
+from usbldr.io.tables.date_times import (
+    DATE_NAME,
+    DAYS,
+    UNKNOWN_ZONE,
+    named_zone,
+    parted_time,
+    week_and_time,
+)
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import TimeColumn
 
@@ -78,6 +86,19 @@ class TopicSheet(NamedTuple):
 def unmatched_text(names: Sequence[str]) -> str:
     """Return why a table with these columns cannot be read."""
     return f"its columns match no sensor ({listed(names)}); {PROPOSED}"
+
+
+def time_formats(configured: Sequence[ConfiguredColumns]) -> Mapping[str, str]:
+    """Return the columns of times whose format the configuration states."""
+    of_times = [(one, key) for one in configured if one.time_format for key in TIME_UNITS_NS]
+    return {plain(one.columns[key]): one.time_format for one, key in of_times if key in one.columns}
+
+
+def time_findings(log: str, orders: Mapping[str, DateOrder], first: Mapping[str, str]) -> list[Finding]:
+    """Report dates that have two readings, and tables (name -> the first cell of their times) without dates."""
+    found = [order.finding(log) for order in orders.values() if order.example]
+    undated = sorted(name for name, cell in first.items() if cell.startswith(DAYS))
+    return [*found, *([Finding("NO-DATE", f"{listed(undated)}: {UNDATED}")] if undated else [])]
 
 
 def topic_sheets(

@@ -60,7 +60,7 @@ def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: P
          "writes a draft"),
         ("compass", "time_ns,heading_deg\n1,south\n2,north", '{file}: line 2: heading_deg is "south", not a number'),
         ("compass", "time_ns,heading_deg,heading_deg\n1,2,3",
-         "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg)"),
+         "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg); rename one"),
         ("dvl", "1600000000,0.5,1.25\n1600000001,0.5,1.25",
          "{file}: has no header: its first line holds numbers; insert a line with the column names"),
     ],

@@ -193,4 +193,4 @@ def test_a_clock_that_is_not_understood_is_no_clock_of_1970(tmp_path: Path) -> N
     (topic,) = open_log(file).topics()
 
     assert topic.count == 0
-    assert "a column time [seconds since 2026-01-01 02:00 CEST] of which neither a unit nor a date" in topic.problem
+    assert "a column time [seconds since 2026-01-01 02:00 CEST] without a known unit" in topic.problem

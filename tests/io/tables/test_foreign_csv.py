@@ -211,7 +211,7 @@ def test_times_of_day_without_a_date_get_that_of_each_file(tmp_path: Path) -> No
     assert codes(undated)["NO-DATE"].startswith(said)
     assert log.start_ns == 1_599_955_200 * SECOND - SECOND // 2
     assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.0]
-    assert log.tables["depth"]["time_s"].tolist() == [0.75, 1.75]
+    assert log.tables["depth"]["time_s"].tolist() == undated.tables["depth"]["time_s"].tolist() == [0.75, 1.75]
     assert "NO-DATE" not in codes(log)
 
 

@@ -81,6 +81,45 @@ def test_texts_are_read_as_the_cells_of_csv_files(tmp_path: Path, form: str, not
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], numbers[:-1])
 
 
+TABLES = {"CSV": as_csv, "Parquet": WRITERS["Parquet"], "HDF5": WRITERS["HDF5"], "MATLAB": WRITERS["MATLAB"]}
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_times_and_angles_in_texts_are_the_same_in_all_tables(tmp_path: Path, form: str) -> None:
+    angles = {"Latitude (deg)": ["45 30.0 S", "45 30.6 S"], "Longitude (deg)": ["E 7.25", "E 7.26"]}
+    sides = {"Lat (deg)": [45.5, 45.51], "NS": ["S", "S"], "Lon (deg)": [7.25, 7.26], "EW": ["E", "E"]}
+    parts = {"Month": [9, 9], "Day": [13, 13], "Hour": [12, 12], "Minute": [26, 26], "Second": [40.0, 41.5]}
+    clocks = ["12:26:40", "12:26:41.5"]
+    tables: Tables = {
+        "compass": {"Date": ["13.09.2020", "13.09.2020"], "Time": clocks, "Heading (deg)": [1.0, 2.0]},
+        "depth": {"Year": [2020, 2020], **parts, "Depth (m)": [3.0, 4.0]},
+        "gps": {"Time (UTC+2)": ["2020-09-13 14:26:40", "2020-09-13 14:26:41.5"], **angles},
+        "gnss": {"timestamp": [1_600_000_000.0, 1_600_000_001.5], **sides},
+    }
+
+    file = TABLES[form](tmp_path, tables)
+    log, other = read_log(file, Request(topics={"gps": "/gps"})), read_log(file, Request(topics={"gps": "/gnss"}))
+
+    assert log.start_ns == other.start_ns == 1_600_000_000 * SECOND
+    assert [table["time_s"].tolist() for table in log.tables.values()] == [[0.0, 1.5]] * 3
+    for one in (log, other):
+        np.testing.assert_allclose(one.tables["gps"][["lat_deg", "lon_deg"]], [[-45.5, 7.25], [-45.51, 7.26]])
+
+
+@pytest.mark.parametrize("form", TABLES)
+def test_tables_of_times_of_day_lie_on_both_sides_of_midnight(tmp_path: Path, form: str) -> None:
+    compass = {"Time": ["23:59:58.5", "23:59:59.5"], "Heading (deg)": [30.0, 31.0]}
+    depth = {"Time": ["00:00:00.25", "00:00:01.25"], "Depth (m)": [3.0, 3.0]}
+
+    log = read_log(TABLES[form](tmp_path, {"compass": compass, "depth": depth}))
+
+    assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.0]
+    assert log.tables["depth"]["time_s"].tolist() == [1.75, 2.75]
+    assert [one.text.partition(":")[0] for one in log.findings if one.code == "NO-DATE"] == [
+        "compass.csv, depth.csv" if form == "CSV" else "compass, depth"
+    ]
+
+
 def test_texts_in_an_array_of_records_are_read(tmp_path: Path) -> None:
     rows = [(b"2020-09-13T12:26:40Z", "1.5"), (b"2020-09-13T12:26:41Z", "2.5")]
     with h5py.File(tmp_path / "dive.h5", "w") as file:
@@ -394,7 +433,7 @@ def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
     log = open_log(tmp_path / "dive.mat")
 
     columns = {topic.name: [name for name, _ in topic.first_row] for topic in log.topics()}
-    assert columns == {"/dvl": ["time", "vel.0", "vel.1"], "/dvl/nav": ["hdg"]}
+    assert columns == {"/dvl": ["time", "vel.0", "vel.1", "note"], "/dvl/nav": ["hdg"]}
     (tmp_path / "usbldr.toml").write_text(
         '[dvl]\ntopic = "/dvl"\ncolumns = { time_unix_s = "time", x = "vel.0", y = "vel.1" }\n'
         '[compass]\ncolumns = { time_unix_s = "/dvl/time", heading = "hdg" }\n'
