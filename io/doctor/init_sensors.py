@@ -142,11 +142,13 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
 def grid_lines(log: Log, role: str) -> list[ConfigLine]:
     """Return the line that asks for the grid of a sensor's eastings and northings, if they are some."""
     topic = log.provenance[role].topic
-    found = {finding.code: finding.text for finding in log.findings if finding.topic == topic}
-    if "GRID-UNKNOWN" not in found:
+    found = [finding for finding in log.findings if finding.topic == topic]
+    if all(finding.code != "GRID-UNKNOWN" for finding in found):
         return []
-    if code := utm_code(found.get("COLUMNS-BY-NAME", "")):
-        return [(f'{"" if find_spec("pyproj") else "# "}grid = "{code}"', "CHECK: by the names of its columns")]
+    codes = (utm_code(finding.text) for finding in found if finding.code == "COLUMNS-BY-NAME")
+    if code := next(filter(None, codes), ""):
+        why = "CHECK: by the names of its columns, or a line before them"
+        return [(f'{"" if find_spec("pyproj") else "# "}grid = "{code}"', why)]
     return [('# grid = "EPSG:?"', "CHECK: state the code of the grid: EPSG:32631 is UTM zone 31 north")]
 
 

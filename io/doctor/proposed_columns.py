@@ -3,12 +3,11 @@
 A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from usbldr.io.messages.configured import TIME_UNITS_NS
-from usbldr.io.messages.field_names import NEEDED, RULES, NamedColumn, Rule, named_column, words_of
+from usbldr.io.messages.field_names import NEEDED, RULES, TARGET, NamedColumn, Rule, named_column, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES, Roles
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
@@ -32,7 +31,6 @@ PLACES = (
     Rule("", "east_m", "length", "x|e"),  # the doctor finds the frame
     Rule("", "north_m", "length", "y|n"),
 )
-TARGET = re.compile(r"(^|_)target(_|$)")  # of a USBL system; of a controller it is where the vehicle should be
 YAW = Rule("compass", "heading_deg", "angle", "yaw|kurs")  # whose sense the doctor finds; the second is German
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
 KEYS = {

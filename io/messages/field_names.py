@@ -87,6 +87,11 @@ OTHER = re.compile(
 
 WRAPPED = re.compile(r"(?<=[a-z0-9]{2}_)(data|value)$")
 """The last word of a field of a message that wraps a number, as std_msgs/Float64: the words before say what it is."""
+TARGET = re.compile(r"(^|_)target(_|$)")  # of a USBL system; of a controller it is where the vehicle should be
+OF_USBL = re.compile(
+    r"(^|_)(target_(name|id|type|depth|address)|slant_range|beacon|transponder|(vessel|ship)_(east|north|lat|lon))"
+)
+"""Words of columns beside the positions of targets, in a table of a USBL system."""
 UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?(?:([ns])(?:orth|outh)?)?)?(?=_|$)")
 """A grid in the name of an easting or northing, its zone and hemisphere, in the words of the name."""
 
@@ -117,7 +122,9 @@ def words_of(label: str) -> str:
 
 
 def utm_code(text: str) -> str:
-    """Return the code of the UTM zone that a text names, "EPSG:32631" of "UTM 31N"; empty if it names none."""
+    """Return the code of the grid that a text names, "EPSG:32631" of "UTM 31N"; empty if it names none."""
+    if code := re.search(r"\bEPSG:(\d{4,5})\b", text):
+        return code[0]
     zones = [zone for zone in UTM.finditer(words_of(text)) if zone[2] and 0 < int(zone[1]) <= 60]
     return f"EPSG:32{6 if zones[0][2] == 'n' else 7}{int(zones[0][1]):02d}" if zones else ""
 
@@ -142,6 +149,8 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     A position belongs to the USBL or the GPS that its name suggests, or that of its ``place``, the file; another may be
     an estimate. A depth that is named for the USBL is no depth sensor's.
     """
+    names = list(names)
+    acoustic = any(OF_USBL.search(words_of(name)) for name in names)
     found: dict[str, dict[str, list[NamedColumn]]] = {}
     if NO_SENSOR.search(place):
         return found
@@ -149,7 +158,7 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
         own, file = (_positioning(words) for words in (words_of(column.unit.label), words_of(place)))
         sensor = column.rule.sensor
         if column.rule.dimension != "time" and not sensor:
-            sensor = own or file or "?"
+            sensor = own or file or ("usbl" if acoustic and TARGET.search(words_of(column.name)) else "?")
         if sensor != "?" and not (sensor == "depth" and own == "usbl"):
             found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)
     return {

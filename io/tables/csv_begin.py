@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
+from usbldr.io.messages.field_names import utm_code
 from usbldr.io.tables.date_order import stated_order
 from usbldr.io.tables.date_times import foreign_time, named_zone
 from usbldr.io.tables.time_columns import ISO
@@ -119,6 +120,11 @@ def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     return names, cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells]
 
 
+def remarked_grid(file: Path) -> str:
+    """Return the code of the grid that a line before the names of a file's columns states, empty if none does."""
+    return utm_code(next(filter(utm_code, begin_of_table(file).remarks), ""))
+
+
 class TableBegin(NamedTuple):
     """The beginning of a file."""
 
@@ -127,6 +133,7 @@ class TableBegin(NamedTuple):
     lines: Iterator[str]  # behind the names, and behind a line of their units
     number: int  # of the last line before these
     spoilt: Mapping[int, str]  # line before them -> why it is none
+    remarks: Sequence[str]  # the lines before the names
 
 
 def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
@@ -154,7 +161,7 @@ def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
         names.pop()  # of separators at the end of the line
     if names.count("") > 1:
         names = [name or f"column {k}" for k, name in enumerate(names, 1)]
-    return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows, spoilt)
+    return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows, spoilt, clean[:place])
 
 
 def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:

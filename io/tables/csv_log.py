@@ -19,7 +19,7 @@ from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.csv_begin import header_and_row
+from usbldr.io.tables.csv_begin import header_and_row, remarked_grid
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
@@ -249,6 +249,13 @@ class CsvLog:
         parsed = numbers(cells, name, self._table(source.file).by_commas)
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
+    def _grid(self, topic: str, one: TopicSheet) -> list[Finding]:
+        """Report the grid that a line before the names of a file's columns states, if it holds eastings."""
+        code = remarked_grid(self._files[one.table].file)
+        eastings = one.sheet and any("east" in name.lower() for name in one.sheet.columns.values())
+        text = f"{topic}: a line before its columns states their grid, {code}"
+        return [Finding("COLUMNS-BY-NAME", text, topic)] if code and eastings else []
+
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and dates that have two readings."""
         first: dict[str, str] = {}
@@ -258,7 +265,7 @@ class CsvLog:
                 first[source.file.name] = dict(self._first_row(source)).get(clock.column, "")
         found = time_findings(self.path.name, self._orders, first)
         for topic, one in self._topics.items():
-            found += one.findings(topic) if topic in self._left_out else []
+            found += [*one.findings(topic), *self._grid(topic, one)] if topic in self._left_out else []
             if self._left_out.get(topic):
                 file = self._files[one.table].file
                 found += row_findings(file, self._table(file), self._left_out[topic], topic)

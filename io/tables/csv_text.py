@@ -114,7 +114,7 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor is a line
     of units behind the names, unless ``units_are_row``.
     """
-    names, separator, lines, begin, spoilt = begin_of_table(file, units_are_row)
+    names, separator, lines, begin, spoilt, _ = begin_of_table(file, units_are_row)
     header = plain_names(names)
     known = unnamed_columns(file, header if separator in BY_BLANKS else ())
     if known is not None:

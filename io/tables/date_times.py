@@ -148,11 +148,7 @@ def with_iso_times(
         if (zone := named_zone(name)) and not any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS))):
             found[name] = [cell + zone if ISO.fullmatch(cell) else cell for cell in found[name]]
         if GPS_TIME.search(name) and _are(found[name], ISO, or_iso=True):
-            moments = pd.to_datetime(pd.Series(list(found[name])), format="ISO8601", utc=True, errors="coerce")
-            since = (moments - pd.Timestamp(EPOCH_S, unit="s", tz="UTC")).fillna(pd.Timedelta(0))
-            week = pd.Timedelta(weeks=1)
-            weeks, second = (since // week).to_numpy(np.int64), (since % week).dt.total_seconds().to_numpy(np.float64)
-            found[name] = _moments(utc_ns(weeks, second), moments.notna().to_numpy(), found[name])
+            found[name] = _utc_of_gps(found[name])
     return found
 
 
@@ -249,6 +245,14 @@ def _of_weeks(week: str, time: str, columns: Mapping[str, Sequence[str]]) -> lis
     good = np.isfinite(weeks + seconds) & (weeks < LAST_WEEK) & (np.abs(seconds) <= WEEK_S)
     ns = utc_ns(np.where(good, weeks, 0).astype(np.int64), np.where(good, seconds, 0.0))
     return _moments(ns, good, columns[time])
+
+
+def _utc_of_gps(cells: Sequence[str]) -> list[str]:
+    """Return dates and times of GPS time as those of UTC."""
+    moments = pd.to_datetime(pd.Series(list(cells), dtype="str"), format="ISO8601", utc=True, errors="coerce")
+    since_1970 = moments.to_numpy("datetime64[ns]", na_value=np.datetime64(0, "ns")).astype(np.int64)
+    weeks, rest_ns = np.divmod(since_1970 - EPOCH_S * 10**9, WEEK_S * 10**9)
+    return _moments(utc_ns(weeks, rest_ns / 1e9), moments.notna().to_numpy(np.bool_), cells)
 
 
 def _of_day(name: str, cells: Sequence[str]) -> bool:

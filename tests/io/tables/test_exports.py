@@ -87,3 +87,24 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, begin: bytes, said: str) -
     (tmp_path / "dive.raw").write_bytes(begin * 20)
 
     assert said in refusal(LogError, open_log, tmp_path / "dive.raw")
+
+
+@pytest.mark.parametrize("line", ["# UTM zone 32N", "Projection: WGS84 UTM Zone 32 North;;", "Grid,EPSG:32632"])
+def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path, line: str) -> None:
+    fixes = "".join(f"{T0_S + k},500000.0,{4_983_000 + k:.1f}\n" for k in range(30))
+    fixes = f"{line}\nTime [s],Easting [m],Northing [m]\n{fixes}"
+    write_csv(tmp_path, dvl=DVL, compass=FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg"), usbl=fixes)
+
+    run("init", tmp_path, "--output", tmp_path / "found.toml")
+
+    written = (tmp_path / "found.toml").read_text("utf-8").replace('# grid = "', 'grid = "')  # without pyproj
+    assert tomllib.loads(written)["usbl"]["grid"] == "EPSG:32632"
+
+
+@pytest.mark.parametrize(("beside", "kind"), [("Target Name", "usbldr/usbl"), ("Note", "")])
+def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: str) -> None:
+    write_csv(tmp_path, export=f"Time [s],{beside},Target Easting [m],Target Northing [m]\n{T0_S},ROV,1.5,2.5\n")
+
+    (topic,) = open_log(tmp_path).topics()
+
+    assert topic.type == kind

@@ -622,7 +622,7 @@ def test_dates_are_times_in_a_column_of_any_name_and_of_a_configured_format(tmp_
     assert named.start_ns == pd.Timestamp("2026-05-18T12:00:00.5").value
 
 
-@given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text.strip(" ")), row=st.integers(0, 3))
+@given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text[:2] != "//"), row=st.integers(0, 3))
 @settings(max_examples=15)
 def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
     times = ["2020-09-13T12:26:40", "2020-09-13T12:26:41", "2020-09-13T12:26:42", "2020-09-13T12:26:43"]
