@@ -125,6 +125,12 @@ def _by_look(
     return reader
 
 
+def _json(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    lines = _by_look("instruments.json_lines_log", "looks_like_json_lines", "json_lines_log")
+    columns = _by_look("tables.json_columns", "looks_like_json_columns", "json_columns_log")
+    return columns(path, head, known) or lines(path, head, known)
+
+
 def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Reader | None]:
     """Return how a format of another package is recognised: by its function of the path and the first bytes."""
 
@@ -154,7 +160,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "Parquet files and folders of them": _by_look("tables.parquet_tables", PARQUET, "parquet_log"),
     "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", HDF5, "hdf5_log"),
     "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
-    "JSON lines": _by_look("instruments.json_lines_log", "looks_like_json_lines", "json_lines_log"),
+    "JSON lines and columns": _json,
     "text files of NMEA sentences": _nmea,
     "CSV folders": _csv,
     **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},

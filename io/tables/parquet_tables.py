@@ -6,16 +6,17 @@ Members of structures are named with dots.
 from collections.abc import Iterator
 from io import SEEK_END
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from usbldr.filters.errors import LogError
 from usbldr.io.file_access.container_ends import PARQUET
 from usbldr.io.file_access.open_file import filled_files, opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column, Reader
-from usbldr.io.tables.table_log import Table, TableLog
+from usbldr.io.tables.table_log import MOST_ELEMENTS, Table, TableLog
 
 NAME = "Parquet"
 ENDING = ".parquet"
@@ -66,6 +67,7 @@ def parquet_table(file: Path, name: str = "") -> Table:
         texts = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type == "STRING")
         lists = dict.fromkeys(leaf.path.partition(".list.")[0] for leaf in leaves if leaf.max_repetition_level)
         rows = int(content.metadata.num_rows)
+        lengths = {path: _first_length(content, path) for path in lists}
 
     def column(path: str) -> Column:
         groups = (content.metadata.row_group(k) for k in range(content.metadata.num_row_groups))
@@ -75,10 +77,29 @@ def parquet_table(file: Path, name: str = "") -> Table:
             read = read.flatten()
         return _values(arrow, read.column(0).combine_chunks())
 
+    def element(path: str, place: int) -> Column:
+        read = content.read([path]).column(0).combine_chunks()
+        budget.take_bytes(read.nbytes)
+        if not (np.asarray(read.value_lengths().fill_null(0)) == lengths[path]).all():
+            raise LogError(f"the lists of {path} differ in length; write their elements as columns", path=file)
+        return _values(arrow, read.flatten())[place :: lengths[path]]
+
     columns = {path: lambda path=path: column(path) for path in places}
+    for path, length in lengths.items():
+        columns |= {f"{path}.{k}": lambda path=path, k=k: element(path, k) for k in range(length)}
+    lists = [path for path in lists if not lengths[path]]
     left_out = dict.fromkeys(lists, "it holds a list in each row; write the elements as columns")
     lost = tuple(f"{one} (a list, not read)" for one in lists)
     return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated, texts, lost, left_out)
+
+
+def _first_length(content: Any, path: str) -> int:
+    """Return how many numbers the first list of a column holds; 0 for many, for none and for lists of others."""
+    batch = next(content.iter_batches(1, columns=[path]), None)
+    first: Any = batch.column(0)[0].as_py() if batch is not None and batch.num_columns == 1 else None
+    elements = cast("list[object]", first if isinstance(first, list) else [])
+    plain = all(isinstance(one, int | float) for one in elements)
+    return len(elements) if plain and len(elements) <= MOST_ELEMENTS else 0
 
 
 def _values(arrow: Any, column: Any) -> Column:

@@ -22,7 +22,7 @@ FORMATS = (
     "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), MAVLink telemetry logs (.tlog), DataFlash logs (.BIN), "
     "PD0 files, PD4 and PD5 files, PD6 text, MOOS logs (.alog), LSF logs of IMC messages, "
     "Parquet files and folders of them, HDF5 files (also netCDF-4), MATLAB files (.mat), "
-    "JSON lines, text files of NMEA sentences and CSV folders"
+    "JSON lines and columns, text files of NMEA sentences and CSV folders"
 )
 
 

@@ -1,5 +1,6 @@
 """Tables in Parquet, HDF5 and MATLAB files: written by their own libraries, read as the CSV files that they equal."""
 
+import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -131,8 +132,34 @@ def test_texts_in_an_array_of_records_are_read(tmp_path: Path) -> None:
     assert log.tables["compass"][["time_s", "heading_deg"]].to_numpy().tolist() == [[0.0, 1.5], [1.0, 2.5]]
 
 
-def test_a_column_of_lists_in_parquet_is_named(tmp_path: Path) -> None:
-    velocity = [[1.5, 0.0], [1.5, 0.0]]
+def test_the_elements_of_lists_in_parquet_are_columns(tmp_path: Path) -> None:
+    columns = {"time_ns": [T0, T0 + SECOND], "velocity": [[1.5, 0.25], [1.75, 0.5]], "beams": [[1.0, 2.0], [3.0]]}
+    pd.DataFrame(columns).to_parquet(tmp_path / "dvl.parquet")
+    toml = '[dvl]\naxes = "FRD"\ncolumns = { time_ns = "time_ns", x = "velocity.0", y = "velocity.1" }\n'
+    (tmp_path / "dvl.usbldr.toml").write_text(toml, encoding="ascii")
+
+    dvl = read_log(tmp_path / "dvl.parquet").tables["dvl"]
+
+    assert dvl[["forward_mps", "starboard_mps"]].to_numpy().tolist() == [[1.5, 0.25], [1.75, 0.5]]
+    (tmp_path / "dvl.usbldr.toml").write_text(toml.replace("velocity", "beams"), encoding="ascii")
+    with pytest.raises(LogError, match="the lists of beams differ in length; write their elements as columns"):
+        read_log(tmp_path / "dvl.parquet")
+
+
+@pytest.mark.parametrize("of_rows", [False, True])
+def test_columns_in_json_are_tables(tmp_path: Path, of_rows: bool) -> None:
+    frame = pd.DataFrame({"Time": ["2020-09-13 12:26:40", "2020-09-13 12:26:41.5"], "Heading (deg)": [1.5, None]})
+    text = json.dumps({"compass": json.loads(frame.to_json()) if of_rows else frame.to_dict("list")})
+    (tmp_path / "dive.json").write_text(text.replace("NaN", "null"), encoding="ascii")
+
+    records = read_whole(open_log(tmp_path / "dive.json"), {"/compass": ["heading_deg"]})["/compass"]
+
+    assert records.received_ns.tolist() == [1_600_000_000 * SECOND, 1_600_000_001 * SECOND + SECOND // 2]
+    np.testing.assert_array_equal(records.columns["heading_deg"], [1.5, np.nan])
+
+
+def test_a_column_of_lists_of_texts_in_parquet_is_named(tmp_path: Path) -> None:
+    velocity = [["a", "b"], ["a"]]
     pd.DataFrame({"time_ns": [T0, T0 + SECOND], "velocity": velocity}).to_parquet(tmp_path / "dvl.parquet")
 
     log = open_log(tmp_path / "dvl.parquet")
