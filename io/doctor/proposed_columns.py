@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from usbldr.io.messages.configured import TIME_UNITS_NS
-from usbldr.io.messages.field_names import NEEDED, RULES, TARGET, NamedColumn, Rule, named_column, words_of
+from usbldr.io.messages.field_names import NEEDED, RULES, TARGET, NamedColumn, Rule, named_column, true_ones, words_of
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES, Roles
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
@@ -113,6 +113,8 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
     columns = [column for path in paths if (column := named_column(path, (*VECTORS, *RULES, YAW, FLAG, *PLACES)))]
+    headings = [column for column in columns if column.rule.key == "heading_deg"]
+    columns = [column for column in columns if column not in headings or column in true_ones(headings)]
     times = [column for column in columns if column.rule.key == "time"]
     if topic.first_row:
         others = (column for column in columns if column not in times)

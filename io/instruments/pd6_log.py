@@ -16,7 +16,8 @@ from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
 from usbldr.io.reader import Records
 
-LINE = re.compile(r"^\s*:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")  # a colon begins a line
+LOGGED = r"\d[-\d/.:T]*Z?[\s,;]+"  # a part of the time at which a line was logged
+LINE = re.compile(rf"^\s*(?:{LOGGED}){{0,2}}:(SA|TS|WI|WS|WE|WD|BI|BS|BE|BD|RA)((?:,[^,:]*)+?)\s*$")
 TIME = re.compile(r"\d{14}", re.ASCII)
 LINES: Mapping[str, Mapping[str, int]] = {
     "BI": {"x": 0, "y": 1, "z": 2, "status": 4},

@@ -161,11 +161,19 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
             sensor = own or file or ("usbl" if acoustic and TARGET.search(words_of(column.name)) else "?")
         if sensor != "?" and not (sensor == "depth" and own == "usbl"):
             found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)
+    if headings := found.get("compass", {}).get("heading_deg"):
+        found["compass"]["heading_deg"] = list(true_ones(headings))
     return {
         sensor: columns
         for sensor, columns in found.items()
         if not sensor or any(needed <= columns.keys() for needed in NEEDED[sensor])
     }
+
+
+def true_ones(headings: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
+    """Return the only one of several headings that is named true, else all of them."""
+    true = [heading for heading in headings if re.search(r"(^|_)true(_|$)", words_of(heading.name))]
+    return true if len(true) == 1 else headings
 
 
 def _positioning(words: str) -> str:

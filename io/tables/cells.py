@@ -10,11 +10,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.io.messages.field_names import named_column
 from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.time_columns import ISO, SECOND_NS
-from usbldr.io.units import stated_degrees
+from usbldr.io.units import named_unit, stated_degrees
 
 NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
 WORDS: Mapping[str, str] = {"true": "1", "false": "0", **dict.fromkeys(NO_VALUE, "nan")}
@@ -82,8 +83,13 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
                 return float(re.sub(r"[^\d+-]", "", whole) + "." + decimals)
             if DOUBLE.search(text):
                 return float(DOUBLE.sub("e", text))
+            value, _, unit = text.partition(" ")
+            if unit and named_unit(f"x [{unit}]")[2:] == own:
+                return float(value)
             return stated_degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
 
+    column = named_column(name)
+    own = (column.rule.dimension, 1.0) if column and column.unit.factor == 1 else ()  # "1.5 m/s" as Grafana writes it
     sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number
 
     return _parsed(texts, name, number, float("nan"), "a number")

@@ -186,6 +186,7 @@ class CsvLog:
         if faults and not len(times):
             self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
             problem = f"{source.file}: line {lines[min(faults)]}: {faults[min(faults)]}"
+        problem = problem or one.mixed(plain_names(source.header), lambda name: self._cells(source, name))
         return one.info(topic, "csv", times, problem, lambda: self._first_row(source))
 
     def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:
@@ -230,10 +231,12 @@ class CsvLog:
         received = self._times(source, clock)
         columns = {path: self._column(source, sheet, path) for path in paths}
         faults: dict[int, str] = {}
+        wholly = False
         for parsed in (received, *columns.values()):
             faults = {**parsed.faults, **faults}
+            wholly |= bool(parsed.faults) and parsed.values.dtype.kind == "f" and not np.isfinite(parsed.values).any()
         lines = self._own_rows(source, self._table(source.file).lines)
-        if faults and len(faults) == len(lines):
+        if wholly or (faults and len(faults) == len(lines)):
             raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
         self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
         good = np.delete(np.arange(len(lines)), list(faults)) if faults else slice(None)

@@ -1,5 +1,6 @@
 """The topics of a log of tables: each table by usbldr's own names, by names with units, or by the configuration."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,8 +10,9 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
 from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
+from usbldr.io.messages.field_names import words_of
 from usbldr.io.reader import Nanoseconds, TopicInfo
-from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
+from usbldr.io.tables.csv_sheets import PROPOSED, TEXTS, Sheet, configured_sheet, foreign_sheets, plain_names
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
     DATE_NAME,
@@ -36,6 +38,9 @@ class TableHead:
     elsewhere: Sequence[str] = ()  # columns of other tables, which only the configuration names
 
 
+DEVICE = re.compile(r"(device|sensor|instrument|dvl|compass|imu|gps)_(id|no|number|serial|name)|device|instrument")
+"""The name of a column that may say which of several devices measured."""
+MOST_DEVICES = 8  # more are numbers of something else
 FirstRow: TypeAlias = tuple[tuple[str, str], ...]  # columns and their first cells
 
 
@@ -71,6 +76,18 @@ class TopicSheet(NamedTuple):
 
     def _described(self, info: TopicInfo, first_row: FirstRow) -> TopicInfo:
         return replace(info, first_row=first_row, table=self.table if self.by_name else "", unused=self.unused)
+
+    def mixed(self, names: Sequence[str], cells: Callable[[str], Sequence[str]]) -> str:
+        """Return why its rows are no records of one sensor: a column names several devices whose rows have a value."""
+        values = [column for path, column in self.sheet.columns.items() if path not in TEXTS] if self.sheet else []
+        for name in names if values else ():
+            if DEVICE.fullmatch(words_of(name)) and name not in values:
+                pairs = zip(cells(name), cells(values[0]), strict=True)
+                devices = sorted({device for device, value in pairs if device and value})
+                if 1 < len(devices) <= MOST_DEVICES:
+                    text = f"its rows are of {len(devices)} devices ({name}: {listed(devices)})"
+                    return f"{text}; write those of each to a file of its own"
+        return ""
 
     def findings(self, topic: str) -> list[Finding]:
         """Report what the names of columns were taken for."""

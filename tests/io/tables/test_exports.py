@@ -108,3 +108,49 @@ def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: s
     (topic,) = open_log(tmp_path).topics()
 
     assert topic.type == kind
+
+
+def test_a_column_without_one_number_is_named_by_its_first_cell(tmp_path: Path) -> None:
+    cells = [f"{T0_S},1 bar\n", f"{T0_S + 1},\n", f"{T0_S + 2},2 bar\n"]
+    write_csv(tmp_path, compass="Time [s],Heading (deg)\n" + "".join(cells))
+
+    assert refusal(LogError, read_log, tmp_path).endswith('line 2: Heading (deg) is "1 bar", not a number')
+
+
+def test_cells_may_state_the_unit_of_their_column(tmp_path: Path) -> None:
+    toml = '[compass]\ncolumns = { time_unix_s = "t", heading = "Heading" }\n'
+    toml += '[depth]\ncolumns = { time_unix_s = "t", depth_m = "Depth" }\n'
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="ascii")
+
+    log = read_log(write_csv(tmp_path, panel=f"t,Heading,Depth\n{T0_S},1.5 deg,2.5 m\n{T0_S + 1},2.5 deg,20 cm\n"))
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [1.5]  # 20 cm is not one of metres, and its row is left out
+    assert log.tables["depth"]["depth_m"].tolist() == [2.5]
+
+
+@pytest.mark.parametrize("column", ["device_id", "sensor id", "DVL No"])
+def test_rows_of_two_devices_are_not_those_of_one(tmp_path: Path, column: str) -> None:
+    rows = "".join(f"{T0_S + k},{k % 2 + 1},{1 - k % 2},0\n" for k in range(10))
+    write_csv(tmp_path, dvl=f"Time [s],{column},Forward [m/s],Starboard [m/s]\n{rows}")
+
+    assert f"its rows are of 2 devices ({column}: 1, 2); write those of each" in refusal(LogError, read_log, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "taken"),
+    [("GPS Heading (deg),C True Heading (deg)", 2), ("Heading true [deg],Heading mag [deg]", 1)],
+)
+def test_of_several_headings_the_true_one_is_taken(tmp_path: Path, names: str, taken: int) -> None:
+    log = read_log(write_csv(tmp_path, compass=f"Time [s],{names}\n{T0_S},1,2\n"))
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [taken]
+
+
+@pytest.mark.parametrize("before", ["", "2020/09/13 12:26:40.1 ", "2020-09-13T12:26:40.100Z,", "1600000000.1;"])
+def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: str) -> None:
+    lines = [":SA, +0.00, +0.00, 12.50", ":TS,20091312264000,35.0,+15.0,20.0,1500.0,  0", ":BS,  +250, +1500,    +0,A"]
+    (tmp_path / "dvl.log").write_text("".join(f"{before}{line}\r\n" for line in lines * 3), encoding="ascii")
+
+    log = open_log(tmp_path / "dvl.log")
+
+    assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
