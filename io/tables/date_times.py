@@ -57,10 +57,11 @@ PARTS: Mapping[str, str] = {
     "minute": "minutes?|mins?",
     "second": "seconds?|secs?",
     "second_of_day": r"sod|seconds?_of_(the_)?day",
-    "nanosecond": "nanosec(ond)?s?|nsecs?",
+    "nanosecond": "nano(sec(ond)?)?s?|nsecs?",
 }
 """Parts of a time that have a column each, and the names of these."""
-DATES, CLOCKS = (("year", "month", "day"), ("year", "day_of_year")), (("hour", "minute", "second"), ("second_of_day",))
+DATES = ("year", "month", "day"), ("year", "day_of_year")
+CLOCKS = ("nanosecond", "hour", "minute", "second"), ("hour", "minute", "second"), ("second_of_day",)
 PARTED: Sequence[tuple[str, ...]] = (*((*date, *clock) for date in DATES for clock in CLOCKS), ("nanosecond", "second"))
 """The parts of a whole time. The last one's column becomes that of the time."""
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")

@@ -154,3 +154,13 @@ def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: st
     log = open_log(tmp_path / "dvl.log")
 
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
+
+
+def test_nanoseconds_beside_the_parts_of_a_time_belong_to_it(tmp_path: Path) -> None:
+    rows = "".join(f"2020,9,13,12,26,{40 + k},{250_000_000 * k},10\n" for k in range(3))
+    names = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Heading (deg)"
+
+    log = read_log(write_csv(tmp_path, compass=f"{names}\n{rows}"))
+
+    assert log.start_ns == T0_S * SECOND
+    assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.25, 2.5]
