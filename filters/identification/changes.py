@@ -164,8 +164,8 @@ def _off_neighbours_m(timeline: Timeline, given: Parameters) -> Array:
 
 def _of_scatter(timeline: Timeline, given: Parameters) -> FoundChanges:
     """Return the likeliest time from which on the fixes scatter otherwise, by their sigmas, with Laplace's tails."""
-    off: Array = np.linalg.solve(np.linalg.cholesky(timeline.fix_cov_m2), _off_neighbours_m(timeline, given)[..., None])
-    size, count = np.linalg.norm(off[..., 0], axis=1), len(off)
+    off = np.linalg.solve(np.linalg.cholesky(timeline.fix_cov_m2), _off_neighbours_m(timeline, given)[..., None])
+    size, count = np.linalg.norm(off[..., 0].astype(np.float64), axis=1), len(off)
     first = np.arange(BLOCK * LEAST_BLOCKS // 2, count - BLOCK * LEAST_BLOCKS // 2 + 1)  # of those after
     before, tiny = np.cumsum(size)[first - 1], np.finfo(float).tiny  # fixes without noise
     mean = np.maximum([before / first, (size.sum() - before) / (count - first)], tiny)

@@ -109,7 +109,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     return Identification(parameters, evidence, noise_changes(given, parameters), explanations(choice), pairs)
 
 
-def _perhaps_sd(choice: Choice) -> Mapping[str, float]:
+def _perhaps_sd(choice: Choice) -> dict[str, float]:
     """Return what errors that displace the whole track may be although they are not taken, RMS over all subsets.
 
     Each subset counts as much as it is likely if such an error is as likely as none: on a straight way a log says

@@ -46,6 +46,7 @@ def test_a_few_are_outliers(every: int) -> None:
     track = track_of(moved(every, AWAY_M))
 
     assert not any("RIVAL-FIXES" in text for text in track.warnings)
+    assert track.open_cov_m2 is not None
     assert np.abs(track.open_cov_m2).max() < 1e-3  # of what the log leaves open of a latency and a lever arm
 
 
