@@ -1,5 +1,4 @@
-"""Find when sensors change within a log: a compass that turns, a DVL whose scale jumps, fixes that shift, come later or
-scatter more.
+"""Find when sensors change within a log: a compass that turns, a DVL whose scale jumps, fixes that shift or come later.
 
 From a change of dead reckoning on, its displacement is that of the vehicle times another complex factor. It may last
 for a while; a change of the fixes is for good, since false_runs.py finds those that come back. Fixes minus dead
@@ -52,7 +51,6 @@ SHIFT_SD_M = 20.0  # of the fixes, each axis: to another beacon, antenna or orig
 LATER_SD_S = 3.0  # of the fixes, by judgement: another computer or export
 
 LEAST_PART = 0.3  # [-] of the fixes, by judgement: fewer that lie elsewhere are false (false_runs.py)
-NOTABLE_FACTOR = 1.5  # of the scatter of the fixes: the squares of their sigmas are then wrong by more than 2
 EARLIER = 0.45  # [-] of the fixes, by judgement: with so many the part before a change is right, as it was set up
 
 
@@ -120,13 +118,9 @@ class FoundChanges(NamedTuple):
 
 
 def changes(timeline: Timeline, given: Parameters) -> tuple[FoundChanges, ...]:
-    """Return the changes of each of KINDS for which there is strong evidence, none if they do not describe the log.
-
-    The last is the likeliest change of the noise of the fixes.
-    """
+    """Return the changes of each of KINDS for which there is strong evidence; none if they do not describe the log."""
     if len(timeline.fix_time_s) < BLOCK * LEAST_BLOCKS:
         return ()
-    scatter = _of_scatter(timeline, given)
     timeline = timeline.with_fixes(_among_neighbours(timeline, given))
     group = segment_numbers(timeline, timeline.fix_time_s)
     points = {NO_ERROR}
@@ -135,8 +129,7 @@ def changes(timeline: Timeline, given: Parameters) -> tuple[FoundChanges, ...]:
         mounted = {"heading_bias": -fit.rotation_rad}
         points = {near(mounted | {"usbl_latency": late_s}) for late_s in (0.0, fit.latency_s)}  # not linear in turns
     blocks = _blocks_about(timeline, given, points)
-    of_kinds = [_described(timeline, given, [one._replace(kind=kind) for one in blocks]) for kind in KINDS]
-    return *of_kinds, scatter
+    return tuple(_described(timeline, given, [one._replace(kind=kind) for one in blocks]) for kind in KINDS)
 
 
 def _described(timeline: Timeline, given: Parameters, blocks: Sequence[_Blocks]) -> FoundChanges:
@@ -151,31 +144,15 @@ def _described(timeline: Timeline, given: Parameters, blocks: Sequence[_Blocks])
 
 def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
     """Return which fixes lie where their neighbours do, (F,): without outliers, noise is Gaussian."""
-    off_m = np.abs(_off_neighbours_m(timeline, given))
+    off_m = np.abs(off_neighbours_m(timeline, given))
     return np.all(off_m <= OUTLIER_SIGMAS * TO_SD * np.median(off_m, axis=0), axis=1)
 
 
-def _off_neighbours_m(timeline: Timeline, given: Parameters) -> Array:
+def off_neighbours_m(timeline: Timeline, given: Parameters) -> Array:
     """Return how far each fix lies from the median of its neighbours, against dead reckoning, (F, 2)."""
     off_m = linearised(timeline, given.usbl_from_dvl_m, len(timeline.fix_time_s), NO_ERROR).residual_m
     around_m = np.pad(off_m, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
     return off_m - np.median(sliding_window_view(around_m, 2 * NEIGHBOURS + 1, axis=0), axis=2)
-
-
-def _of_scatter(timeline: Timeline, given: Parameters) -> FoundChanges:
-    """Return the likeliest time from which on the fixes scatter otherwise, by their sigmas, with Laplace's tails."""
-    off = np.linalg.solve(np.linalg.cholesky(timeline.fix_cov_m2), _off_neighbours_m(timeline, given)[..., None])
-    size, count = np.linalg.norm(off[..., 0].astype(np.float64), axis=1), len(off)
-    first = np.arange(BLOCK * LEAST_BLOCKS // 2, count - BLOCK * LEAST_BLOCKS // 2 + 1)  # of those after
-    before, tiny = np.cumsum(size)[first - 1], np.finfo(float).tiny  # fixes without noise
-    mean = np.maximum([before / first, (size.sum() - before) / (count - first)], tiny)
-    fix = int(first[np.argmin(first * np.log(mean[0]) + (count - first) * np.log(mean[1]))])
-    usual = [float(np.median(part)) for part in (size[:fix], size[fix:])]
-    if max(usual) < NOTABLE_FACTOR * min(usual) or not all(usual):
-        return FoundChanges()
-    factor = usual[1] / usual[0]
-    start_s = float(timeline.fix_time_s[fix])
-    return FoundChanges((SensorChange(start_s, 0.0, 0.0, fix_sd_scale=factor),), math.log(STRONG_ODDS * count))
 
 
 class _Found(NamedTuple):

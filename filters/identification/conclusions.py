@@ -46,6 +46,7 @@ HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 4.0  # [-] on the sigma of a settled error: its fixes come again; only 1/16 of what they say is counted twice
 OF_RIVAL = 0.5  # [-] by judgement: share of the cases in which the explanation that is not taken is the right one
+PERHAPS = 0.2  # [-] by judgement: share of the logs with a latency, or with a lever arm that is not as stated
 OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
 
 
@@ -112,12 +113,12 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
 def _perhaps_sd(choice: Choice) -> dict[str, float]:
     """Return what errors that displace the whole track may be although they are not taken, RMS over all subsets.
 
-    Each subset counts as much as it is likely if such an error is as likely as none: on a straight way a log says
-    little against a latency. J. Hoeting and others, "Bayesian Model Averaging: A Tutorial", Statistical Science 14(4),
-    1999, doi:10.1214/ss/1009212519.
+    Each subset counts as much as it is likely: on a straight way a log says little against a latency. J. Hoeting and
+    others, "Bayesian Model Averaging: A Tutorial", Statistical Science 14(4), 1999, doi:10.1214/ss/1009212519.
     """
-    absent, found = LEVER_OR_LATENCY - choice.member.present, choice.found
-    log_share = choice.score - LOG_PRIOR_ODDS * np.array([len(subset & absent) for subset in choice.subsets])
+    absent, found = sorted(LEVER_OR_LATENCY - choice.member.present), choice.found
+    odds = math.log(PERHAPS / (1 - PERHAPS)) - LOG_PRIOR_ODDS
+    log_share = choice.score + odds * np.array([len(subset.intersection(absent)) for subset in choice.subsets])
     share = np.exp(log_share - log_share.max())
     exists = {key: share * [key in subset for subset in choice.subsets] / share.sum() for key in absent}
     square = {name: found.mean[name] ** 2 + found.sd[name] ** 2 for key in absent for name in KEYS[key]}

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.changes import FoundChanges, changes
+from usbldr.filters.identification.changing_noise import change_of_noise, with_noise
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
@@ -86,8 +87,16 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
     outliers = gross(timeline)
+    unchanged = _explanation(timeline, stated, outliers, FoundChanges())
+    noise = change_of_noise(timeline.with_fixes(~outliers), stated)
+    louder = _explanation(timeline, stated, outliers, noise) if noise.changes else unchanged
+    if louder.log_evidence > unchanged.log_evidence:  # the others are compared with these sigmas
+        unchanged = louder._replace(changes=(), log_evidence=louder.log_evidence + noise.cost)
+    else:
+        noise = FoundChanges()
+    timeline = unchanged.timeline
     changed = [one for one in changes(timeline.with_fixes(~outliers), stated) if one.changes]
-    possible = [_explanation(timeline, stated, outliers, one) for one in (FoundChanges(), *changed)]
+    possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
     shifts_s = [one.start_s for found in changed for one in found.changes if any(one.fix_shift_m)]
     possible.append(_with_lost_dvl(timeline, stated, outliers, possible[0], shifts_s))
     best = max(possible, key=lambda one: one.log_evidence)
@@ -97,7 +106,8 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     rows = tuple(np.flatnonzero(false).tolist())
     starts = false_starts(best.timeline, choice.member) if false[0] else ()
     kept_linearised.cache_clear()
-    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts, changes=best.changes)
+    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
+    parameters = replace(parameters, changes=with_noise(best.changes, noise.changes))
     return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
 
 

@@ -74,7 +74,7 @@ DAY_S = 86400  # fixed
 CENTURY = 2000  # fixed: years that are within 100 of it are some
 NUMBER = re.compile(r"\d+(\.\d*)?")
 DAYS, FIRST_DAY = "1970-01-0", "1970-01-01T"  # with which times of day without a date begin
-NOON = 12  # [h]
+NOON = 12  # fixed: [h]
 Key = TypeVar("Key")
 
 

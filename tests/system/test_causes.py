@@ -202,7 +202,7 @@ CAUSES = {
     ),
     "noise that rises": (
         {"usbl": scattered},
-        r"the noise of the usbl grows by a factor of [1-4]\.\d at about ([789]|3[3-7])\d s",
+        r"from ([789]|3[3-7])\d s on the USBL fixes scatter [1-4]\.\d times as much as before",
     ),
     "a noisy compass": (
         {

@@ -19,6 +19,7 @@ from usbldr.filters.identification.changes import (
     _with,
     changes,
 )
+from usbldr.filters.identification.changing_noise import change_of_noise
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
@@ -281,7 +282,19 @@ def test_fixes_without_noise_and_a_few_outliers_do_not_scatter_more() -> None:
     jumping = replace(DIVE, fix_m=DIVE.fix_m + 30.0 * (np.arange(len(DIVE.fix_m)) % 20 == 0)[:, None])
 
     assert [identify(line, ASSUMED).change_texts for line in (DIVE, jumping)] == [{}, {}]
-    assert changes(exact, ASSUMED)[-1] == FoundChanges()
+    assert change_of_noise(exact, ASSUMED) == FoundChanges()
+
+
+def test_a_change_of_the_noise_is_found_beside_fixes_that_shift() -> None:
+    louder = (DIVE.fix_time_s >= 250.0)[:, None]
+    noise_m = np.random.default_rng(9).normal(0, 1.0, DIVE.fix_m.shape)
+    line = changed_fixes(150.0, (9.0, -12.0))
+
+    found = identify(replace(line, fix_m=line.fix_m + louder * noise_m), ASSUMED)
+
+    shifted, scattered = found.change_texts
+    assert (shifted, scattered) == (pytest.approx(150.0, abs=2.0), pytest.approx(250.0, abs=15.0))
+    assert found.parameters.changes[-1].fix_sd_scale > 3 > 1 == found.parameters.changes[-2].fix_sd_scale
 
 
 def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> None:
