@@ -96,6 +96,21 @@ def over_fish(log: Log, seed: int) -> Log:
     return examined(replace(log, tables={**log.tables, "dvl": changed}))
 
 
+def beside_iron(log: Log, seed: int) -> Log:
+    """Return a log whose compass is turned by up to 50° for about half a minute, at a random time."""
+    rng, table = np.random.default_rng(seed), log.tables["compass"]
+    from_s = table["time_s"] - rng.uniform(200.0, 600.0)
+    heading_deg = table["heading_deg"] + rng.choice([-50.0, 50.0]) * np.exp(-((from_s / 15.0) ** 2))
+    return replace(log, tables={**log.tables, "compass": table.assign(heading_deg=heading_deg % 360.0)})
+
+
+def restarting(log: Log, seed: int) -> Log:
+    """Return a log whose compass sends 0 for 8 s, every 200 s."""
+    table = log.tables["compass"]
+    changed = table.assign(heading_deg=table["heading_deg"].where((table["time_s"] + 50.0) % 200.0 > 8.0, 0.0))
+    return examined(replace(log, tables={**log.tables, "compass": changed}))
+
+
 def silent(log: Log, seed: int) -> Log:
     """Return a log in which no sensor records for 25 s, at a random time."""
     begin_s = np.random.default_rng(seed).uniform(200.0, 600.0)
@@ -128,6 +143,12 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "fixes 3 s later from the middle on": (later, 0.0),
     "a DVL over fish: off for 20 s, five times": (over_fish, 0.0),
     "no sensor records for 25 s": (silent, 0.0),
+    "a compass beside iron: up to 50° for half a minute": (beside_iron, 0.0),
+    "a compass that sends 0 for 8 s, four times": (restarting, 0.0),
+    "fixes that scatter by 3 m after 60 %": (
+        fixes(lambda t, z, rng: z + (t > 480.0)[:, None] * rng.normal(0, 3, z.shape)),
+        0.0,
+    ),
 }
 
 
