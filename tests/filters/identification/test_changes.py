@@ -22,6 +22,8 @@ from usbldr.filters.identification.changes import (
 from usbldr.filters.identification.changing_noise import change_of_noise
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
+from usbldr.filters.identification.lost_dvl import lost_dvl
+from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
@@ -337,6 +339,19 @@ def test_a_compass_that_is_turned_for_a_while_is_not_taken_for_fixes_that_shift(
     assert [one.dvl_lost for one in found.parameters.changes] == [True, False]
     tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
     assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.5
+
+
+def test_a_lost_dvl_is_sought_where_fixes_seem_to_shift(monkeypatch: pytest.MonkeyPatch) -> None:
+    shift = SensorChange(200.0, 0.0, 0.0, fix_shift_m=(9.0, 0.0))
+    sought_s = list[float]()
+    monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges((shift,), 100.0),))
+    monkeypatch.setattr(evidence, "lost_dvl", lambda *given: sought_s.extend(given[2]) or ())
+
+    identify(DIVE, ASSUMED)
+
+    assert sought_s == [200.0]
+    ((begin, end),) = lost_dvl(DIVE, Member(ASSUMED, frozenset()), [-np.inf, 200.0])
+    assert begin.start_s < 200.0 < end.start_s
 
 
 def test_a_lost_dvl_has_an_outage_and_dead_reckoning_goes_on() -> None:
