@@ -46,7 +46,7 @@ from usbldr.filters.identification.linearisation import (
     keys_of,
     prior_sds,
 )
-from usbldr.filters.identification.lost_dvl import cost, lost_dvl
+from usbldr.filters.identification.lost_reckoning import cost, lost_spans, without_both
 from usbldr.filters.identification.noise_fit import estimate_compass_noise, estimate_dvl_noise, estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
 from usbldr.filters.models.parameters import Parameters, SensorChange
@@ -60,7 +60,9 @@ USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outs
 LEAST_FACTOR = 1e-3  # fixed: on dead reckoning; a smaller one is as far outside
 MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
-MOST_LOST = 6  # [spans] of a DVL that loses its lock: each takes about a second to be found
+MOST_LOST = (
+    6  # [spans] of a DVL that loses its lock, or of a compass beside iron: each takes about a second to be found
+)
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 LINEARISATIONS = 2  # about the estimates of each subset
 
@@ -98,7 +100,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     changed = [one for one in changes(timeline.with_fixes(~outliers), stated) if one.changes]
     possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
     shifts_s = [one.start_s for found in changed for one in found.changes if any(one.fix_shift_m)]
-    possible.append(_with_lost_dvl(timeline, stated, outliers, possible[0], shifts_s))
+    possible.append(_with_lost_reckoning(timeline, stated, outliers, possible[0], shifts_s))
     best = max(possible, key=lambda one: one.log_evidence)
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = _likeliest([_choice(kept, member, stated) for member in best.members])
@@ -107,7 +109,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     starts = false_starts(best.timeline, choice.member) if false[0] else ()
     kept_linearised.cache_clear()
     parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
-    parameters = replace(parameters, changes=with_noise(best.changes, noise.changes))
+    parameters = replace(parameters, changes=without_both(with_noise(best.changes, noise.changes)))
     return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
 
 
@@ -134,17 +136,17 @@ def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed
     return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
 
 
-def _with_lost_dvl(
+def _with_lost_reckoning(
     timeline: Timeline, stated: Parameters, outliers: Mask, best: _Explanation, shifts_s: Sequence[float]
 ) -> _Explanation:
-    """Return the explanation with the spans in which the DVL is lost, one after the other while each is likelier.
+    """Return the explanation with the spans of lost dead reckoning, one after the other while each is likelier.
 
     Where fixes seem to shift for good, at ``shifts_s``, dead reckoning may be lost instead.
     """
     found, near = FoundChanges(), timeline.with_fixes(~outliers)
     for _ in range(MOST_LOST):
         before, line = found, without_changes(near, found.changes)
-        for span in lost_dvl(line, robust_member(line, best.members[0], stated), () if found.changes else shifts_s):
+        for span in lost_spans(line, robust_member(line, best.members[0], stated), () if found.changes else shifts_s):
             one = FoundChanges(tuple(sorted((*before.changes, *span))), before.cost + cost(line))
             other = _explanation(timeline, stated, outliers, one)
             if other.log_evidence > best.log_evidence:

@@ -189,14 +189,14 @@ class Identification:
         """Return when sensors changed -> what the change is, and what to check."""
         before, texts = SensorChange(0.0, 0.0, 0.0), dict[float, str]()
         for one in self.parameters.changes:
-            if before.dvl_lost:
+            if before.lost:
                 texts[before.start_s] = (
                     f"from {before.start_s:.0f} to {one.start_s:.0f} s DVL or compass do not read the vehicle's "
                     "motion, as the fixes before and after show (check bottom lock and magnetic disturbances; or the "
                     "USBL's head or beacon was moved)"
                 )
             before, last = one, before
-            if one.dvl_lost or last.dvl_lost or math.isinf(one.start_s):
+            if one.lost or last.lost or math.isinf(one.start_s):
                 continue
             if of_fixes := _change_of_fixes_text(last, one):
                 texts[one.start_s] = of_fixes

@@ -162,7 +162,7 @@ class SensorChange(NamedTuple):
     start_s: float
     heading_bias_rad: float  # anticlockwise, as the state
     dvl_scale: float  # [-] of its readings
-    dvl_lost: bool = False  # its readings are not of this vehicle's motion over ground
+    lost: tuple[str, ...] = ()  # "dvl", "compass": it does not read this vehicle's motion over ground
     fix_shift_m: tuple[float, float] = (0.0, 0.0)  # of the USBL fixes, east and north
     fix_late_s: float = 0.0  # of their stamps
     fix_sd_scale: float = 1.0  # factor on their sigmas

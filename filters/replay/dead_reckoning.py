@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,13 +11,13 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
-from usbldr.filters.types import Array, Outage, Timeline, Trajectory, Vector
+from usbldr.filters.types import Array, Mask, Outage, Timeline, Trajectory, Vector
 
-CLOCKS: Mapping[str, tuple[str, str, str, str]] = {
-    "dvl_clock": ("dvl_mps", "dr_mps", "dvl_count", "dvl_sd_mps"),
-    "compass_clock": ("yaw_rad", "dr_yaw_rad", "yaw_count", "yaw_sd_rad"),
+COLUMNS: Mapping[str, tuple[str, str, str, str]] = {
+    "dvl": ("dvl_mps", "dr_mps", "dvl_count", "dvl_sd_mps"),
+    "compass": ("yaw_rad", "dr_yaw_rad", "yaw_count", "yaw_sd_rad"),
 }
-"""Errors of clocks, and the columns of a timeline that they move: records, dead reckoning, how many, and sigmas."""
+"""Those of a timeline by sensor: its records, what dead reckoning takes of them, how many, and their sigmas."""
 START_FIXES = 5  # whose median tolerates two outliers
 MAJORITY = 4.0  # [-] by judgement, a power: a third of the fixes is right in one log of 17, a half in one of two
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
@@ -140,8 +141,8 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
             shorter = np.sqrt(np.maximum(left_m2, 0.0) / np.maximum(level_m2, 1e-12))
         away_m = rotated(-error.get("usbl_heading", 0.0), line.fix_away_m) * shorter[:, None]
         line = replace(line, fix_m=line.fix_m + away_m - line.fix_away_m, fix_away_m=away_m)
-    for state, columns in CLOCKS.items():
-        if clock_s := error.get(state, 0.0):
+    for sensor, columns in COLUMNS.items():
+        if clock_s := error.get(f"{sensor}_clock", 0.0):
             line = _with_earlier_records(line, clock_s, *columns)
     names = ("heading_bias", "deviation_sin", "deviation_cos", "dvl_scale")
     constant, of_sin, of_cos, scale = (error.get(name, 0.0) for name in names)
@@ -175,22 +176,13 @@ def _with_earlier_records(
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:
-    """Return the timeline with all read as before the first change; a DVL that is lost has an outage."""
+    """Return the timeline with all read as before the first change; a sensor that is lost has an outage."""
     since = np.searchsorted([one.start_s for one in changed], timeline.time_s, side="right")
-    lost = np.array([False, *(one.dvl_lost for one in changed)])[since]
-    if lost.any() and not lost.all():
-        kept_s, last_s = timeline.time_s[~lost], float(timeline.time_s[-1])
-        ends_s = [*(one.start_s for one in changed), last_s]
-        gaps = [
-            Outage("dvl", one.start_s, end_s) for one, end_s in zip(changed, ends_s[1:], strict=True) if one.dvl_lost
-        ]
-        timeline = replace(
-            timeline,
-            dvl_mps=np.where(lost[:, None], np.nan, timeline.dvl_mps),
-            dvl_count=np.where(lost, 0, timeline.dvl_count),
-            dr_mps=interpolate(replace(timeline, time_s=kept_s), timeline.dr_mps[~lost], timeline.time_s),
-            outages=(*timeline.outages, *gaps),
-        )
+    for sensor in COLUMNS:
+        lost = np.array([False, *(sensor in one.lost for one in changed)])[since]
+        if lost.any() and not lost.all():
+            timeline = _without_sensor(timeline, lost, *COLUMNS[sensor])
+    gaps = [Outage(name, one.start_s, end.start_s) for one, end in pairwise(changed) for name in one.lost]
     turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]
     scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
     since = np.searchsorted([one.start_s for one in changed], timeline.fix_time_s, side="right")
@@ -199,6 +191,7 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
     sd_scale = np.array([1.0, *(one.fix_sd_scale for one in changed)])[since][:, None, None]
     return replace(
         timeline,
+        outages=(*timeline.outages, *gaps),
         fix_time_s=np.maximum.accumulate(timeline.fix_time_s - late_s),  # those of a step back are at once
         fix_m=timeline.fix_m - shift_m,
         fix_cov_m2=timeline.fix_cov_m2 * sd_scale**2,
@@ -208,6 +201,18 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
         dvl_mps=timeline.dvl_mps / (1 + scale),
         dr_mps=timeline.dr_mps / (1 + scale),
     )
+
+
+def _without_sensor(timeline: Timeline, lost: Mask, measured: str, reckoned: str, count: str, _sd: str) -> Timeline:
+    """Return the timeline without a sensor's records in the lost epochs; dead reckoning goes on between their ends."""
+    t, values = timeline.time_s, getattr(timeline, reckoned).reshape(len(lost), -1)
+    between = interpolate(replace(timeline, time_s=t[~lost]), values[~lost], t).reshape(
+        getattr(timeline, reckoned).shape
+    )
+    records = getattr(timeline, measured).copy()
+    records[lost] = np.nan
+    columns: dict[str, Any] = {measured: records, reckoned: between, count: np.where(lost, 0, getattr(timeline, count))}
+    return replace(timeline, **columns)
 
 
 def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, sd: Mapping[str, float]) -> Array:

@@ -22,13 +22,13 @@ from usbldr.filters.identification.changes import (
 from usbldr.filters.identification.changing_noise import change_of_noise
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
-from usbldr.filters.identification.lost_dvl import lost_dvl
+from usbldr.filters.identification.lost_reckoning import lost_spans
 from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.replay.run import run
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Outage, Timeline
 from weaving import Faults, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
@@ -320,7 +320,7 @@ def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float)
     found = identify(line, ASSUMED)
 
     begin, end = found.parameters.changes
-    assert (begin.dvl_lost, end.dvl_lost) == (True, False)
+    assert (begin.lost, end.lost) == (("dvl", "compass"), ())
     assert (begin.start_s, end.start_s) == pytest.approx((from_s, from_s + 40.0), abs=10.0)
     assert len(found.parameters.false_fixes) < 10
     ((since_s, text),) = found.change_texts.items()
@@ -336,32 +336,39 @@ def test_a_compass_that_is_turned_for_a_while_is_not_taken_for_fixes_that_shift(
 
     found = identify(line, ASSUMED)
 
-    assert [one.dvl_lost for one in found.parameters.changes] == [True, False]
+    assert [one.lost for one in found.parameters.changes] == [("dvl", "compass"), ()]
     tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
     assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.5
 
 
-def test_a_lost_dvl_is_sought_where_fixes_seem_to_shift(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_dead_reckoning_is_sought_where_fixes_seem_to_shift(monkeypatch: pytest.MonkeyPatch) -> None:
     shift = SensorChange(200.0, 0.0, 0.0, fix_shift_m=(9.0, 0.0))
     sought_s = list[float]()
     monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges((shift,), 100.0),))
-    monkeypatch.setattr(evidence, "lost_dvl", lambda *given: sought_s.extend(given[2]) or ())
+    monkeypatch.setattr(evidence, "lost_spans", lambda *given: sought_s.extend(given[2]) or ())
 
     identify(DIVE, ASSUMED)
 
     assert sought_s == [200.0]
-    ((begin, end),) = lost_dvl(DIVE, Member(ASSUMED, frozenset()), [-np.inf, 200.0])
-    assert begin.start_s < 200.0 < end.start_s
+    spans = lost_spans(DIVE, Member(ASSUMED, frozenset()), [-np.inf, 200.0])
+    assert [begin.lost for begin, _ in spans] == [("dvl",), ("dvl", "compass")]
+    assert all(begin.start_s < 200.0 < end.start_s for begin, end in spans)
 
 
-def test_a_lost_dvl_has_an_outage_and_dead_reckoning_goes_on() -> None:
-    lost = without_changes(DIVE, (SensorChange(100.0, 0.0, 0.0, dvl_lost=True), SensorChange(140.0, 0.1, 0.0)))
+def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its_ends() -> None:
+    lost = without_changes(
+        DIVE, (SensorChange(100.0, 0.0, 0.0, lost=("dvl", "compass")), SensorChange(140.0, 0.1, 0.0))
+    )
 
     inside = (DIVE.time_s >= 100.0) & (DIVE.time_s < 140.0)
     assert np.isnan(lost.dvl_mps[inside]).all()
+    assert np.isnan(lost.yaw_rad[inside]).all()
     assert not lost.dvl_count[inside].any()
-    assert [(gap.sensor, gap.start_s, gap.end_s) for gap in lost.outages] == [("dvl", 100.0, 140.0)]
+    assert not lost.yaw_count[inside].any()
+    assert lost.outages == (Outage("dvl", 100.0, 140.0), Outage("compass", 100.0, 140.0))
     np.testing.assert_array_equal(lost.dvl_count[~inside], DIVE.dvl_count[~inside])
     np.testing.assert_array_equal(lost.dr_mps[~inside], DIVE.dr_mps[~inside])
     np.testing.assert_allclose(lost.dr_mps[inside], DIVE.dr_mps[inside], atol=0.3)
+    ends_rad = DIVE.dr_yaw_rad[np.flatnonzero(inside)[[0, -1]] + [-1, 1]]
+    np.testing.assert_allclose(lost.dr_yaw_rad[inside], np.linspace(*ends_rad, inside.sum() + 2)[1:-1])
     assert lost.yaw_rad[-1] == pytest.approx(DIVE.yaw_rad[-1] - 0.1)

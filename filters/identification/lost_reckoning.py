@@ -1,7 +1,9 @@
-"""Find a span of time in which the DVL does not measure the vehicle's motion, although its velocities look possible.
+"""Find a span of time in which DVL or compass do not read the vehicle's motion, although their records look possible.
 
-From then on all fixes lie beside dead reckoning, as in a run of false fixes that lasts to the end of the log or from
-its beginning. The likeliest span about the edge of such a run is sought; evidence.py compares the two.
+As of a DVL over fish, or of a compass beside iron. From the span on all fixes lie beside dead reckoning, as in a run of
+false fixes that lasts to the end of the log or from its beginning. The likeliest span about the edge of such a run is
+sought without the DVL and without both sensors; evidence.py compares them. Filters use neither in the span that is
+found: its fixes do not show which of the two is wrong.
 """
 
 import math
@@ -19,19 +21,26 @@ from usbldr.filters.types import Mask, Timeline
 
 REACHES_S = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0)  # of the span before and after the edge
 FINER = (0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5)  # of a reach: between neighbours of REACHES_S
-MOST = 0.25  # [-] of the log, by judgement: a DVL that is wrong for longer is not to be trusted at all
+MOST = 0.25  # [-] of the log, by judgement: dead reckoning that is wrong for longer is not to be trusted at all
 MARGIN_S = 5.0  # a span that is too long costs little, one that is too short displaces the rest of the track
-Lost = tuple[SensorChange, SensorChange]  # the DVL is lost, and there again
+BOTH = ("dvl", "compass")
+LOST = (("dvl",), BOTH)  # sensors that a span is sought without
+Lost = tuple[SensorChange, SensorChange]  # dead reckoning is lost, and there again
 
 
-def lost_dvl(timeline: Timeline, member: Member, shifts_s: Sequence[float] = ()) -> tuple[Lost, ...]:
-    """Return the likeliest span about each edge of a run that lasts from the first fix or to the last, and each shift.
+def lost_spans(timeline: Timeline, member: Member, shifts_s: Sequence[float] = ()) -> tuple[Lost, ...]:
+    """Return the likeliest span of lost sensors about each edge of a run from the first fix or to the last, and shift.
 
     ``shifts_s`` are times at which the fixes seem to shift for good.
     """
     false = false_runs(timeline, member).false[:MAX_FIXES]
     edges_s = {*_edges_s(timeline, false), *filter(math.isfinite, shifts_s)}
-    return tuple(_likeliest(timeline, member, edge_s) for edge_s in sorted(edges_s))
+    return tuple(_likeliest(timeline, member, edge_s, lost) for edge_s in sorted(edges_s) for lost in LOST)
+
+
+def without_both(changed: Sequence[SensorChange]) -> tuple[SensorChange, ...]:
+    """Return changes that leave out both sensors where one is lost."""
+    return tuple(one._replace(lost=BOTH) if one.lost else one for one in changed)
 
 
 def cost(timeline: Timeline) -> float:
@@ -46,10 +55,10 @@ def _edges_s(timeline: Timeline, false: Mask) -> Sequence[float]:
     return [float(timeline.fix_time_s[row]) for row, there in ((steps[0], false[0]), (steps[-1], false[-1])) if there]
 
 
-def _likeliest(timeline: Timeline, member: Member, edge_s: float) -> Lost:
+def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...]) -> Lost:
     def tried(reach_s: tuple[float, float]) -> Lost:
         begin_s = max(edge_s - reach_s[0], float(timeline.time_s[0]))
-        return SensorChange(begin_s, 0.0, 0.0, dvl_lost=True), SensorChange(edge_s + reach_s[1], 0.0, 0.0)
+        return SensorChange(begin_s, 0.0, 0.0, lost), SensorChange(edge_s + reach_s[1], 0.0, 0.0)
 
     @cache
     def log_likelihood(reach_s: tuple[float, float]) -> float:
