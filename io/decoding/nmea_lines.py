@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import NamedTuple
 
-from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, VARIANTS, SentenceKind, kind_of
+from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, UNKNOWN, VARIANTS, kind_of
 from usbldr.io.decoding.nmea_times import NO_TIME, date_ns, prefixed_clock_ns, prefixed_ns, time_of_day_ns
 from usbldr.io.reader import Nanoseconds
 
@@ -104,7 +104,7 @@ def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int, boo
         full = name + VARIANTS.get(name, _subtype)(fields)
     except IndexError:
         return None
-    kind = SENTENCE_KINDS.get(full, SentenceKind())
+    kind = SENTENCE_KINDS.get(full, UNKNOWN)
     time = NO_TIME
     if kind.time is not None and kind.time < len(fields):
         time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])

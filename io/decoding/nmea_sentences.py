@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, SentenceKind, SentenceValues, decode_sentences
+from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, UNKNOWN, SentenceValues, decode_sentences
 from usbldr.io.decoding.nmea_lines import SENTENCE, FoundSentence, scan_lines
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, times_from_sentences
 from usbldr.io.findings import Finding
@@ -39,7 +39,7 @@ class Sentences:
 
     def info(self, topic: str) -> TopicInfo:
         """Return the topic for the user; without a position if that of another sentence is used."""
-        known = SENTENCE_KINDS.get(self.kind, SentenceKind())
+        known = SENTENCE_KINDS.get(self.kind, UNKNOWN)
         stamped = ("header.stamp",) if self.stamp_ns is not None else ()
         return TopicInfo(
             name=topic,
@@ -60,7 +60,7 @@ class Sentences:
 
     def records(self, paths: Sequence[str]) -> tuple[Records, int]:
         """Return the wanted columns, and how many sentences do not match their kind."""
-        known = SENTENCE_KINDS.get(self.kind, SentenceKind())
+        known = SENTENCE_KINDS.get(self.kind, UNKNOWN)
         rows: Sequence[SentenceValues | None] = [()] * len(self.contents)
         if set(known.columns) & set(paths):
             rows = decode_sentences(self.kind, self.contents)
@@ -71,7 +71,7 @@ class Sentences:
             if path == "header.stamp" and self.stamp_ns is not None:
                 columns[path] = self.stamp_ns[order]
             elif path in known.columns:
-                place = known.columns.index(path)
+                place = [*known.columns].index(path)
                 columns[path] = np.array([row[place] for row in decoded])
             else:
                 columns[path] = _numbers_or_texts([_field(self.contents[i], path) for i in order])
@@ -135,7 +135,7 @@ def find_sentences(
         indices = [i for i, row in enumerate(rows) if row.name == name]
         kind, arrived = rows[indices[0]].kind, received[indices]
         stamps = stamp_ns[[rows[i].line for i in indices]] if stamp_ns is not None else None
-        if SENTENCE_KINDS.get(kind, SentenceKind()).time is not None:
+        if SENTENCE_KINDS.get(kind, UNKNOWN).time is not None:
             stamps = np.where(time[indices] == NO_TIME, arrived if stamps is None else stamps, own[indices])
         preferred = kind not in PREFERRED or name.removesuffix(kind) + PREFERRED[kind] not in names
         by_name[name] = Sentences(kind, [rows[i].content for i in indices], arrived, stamps, preferred)
