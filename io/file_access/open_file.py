@@ -16,6 +16,7 @@ from usbldr.io.file_access.file_view import FileView
 from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
 
+BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
 HEAD_BYTES = 1 << 14  # [bytes] by which a text and its encoding are recognised
 LETTER_BYTES = 4  # fixed: of the widest letters, those of UTF-32
 MARKS = {

@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLITE, begins_container
 from usbldr.io.file_access.decompression import compression_of
-from usbldr.io.file_access.open_file import begin_of, is_tar, opened
+from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of, is_tar, opened
 from usbldr.io.reader import Reader
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
@@ -53,7 +53,6 @@ FOREIGN_TEXTS: Mapping[str, str] = {
 }
 """Texts of other programs by a pattern of their beginning, with what to do about them."""
 MATLAB_4, MATLAB_4_NAME = struct.Struct("<5I"), 64  # fixed: the numbers before the name of a matrix; its bytes at most
-BEGIN_BYTES = 1 << 17  # [bytes] by which a format is known: the longest record behind one that is cut
 
 
 def _foreign_text(head: bytes) -> str:
@@ -82,20 +81,6 @@ def _is_matlab_4(path: Path) -> bool:
         and bool(end)
         and label.decode("latin-1").isidentifier()
     )
-
-
-def _pd45(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.pd45_log import name_of_pd45, pd45_log
-
-    name = name_of_pd45(head)
-    return pd45_log(path, name) if name else None
-
-
-def _nmea(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    from usbldr.io.instruments.nmea_log import form_of, nmea_file
-
-    form = form_of(head)
-    return nmea_file(path, form) if form and not _is_other_text(head) else None
 
 
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
@@ -153,7 +138,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "MAVLink telemetry logs (.tlog)": _by_look("instruments.tlog_log", "looks_like_tlog", "telemetry_log"),
     "DataFlash logs (.BIN)": _by_look("instruments.dataflash_log", "looks_like_dataflash", "dataflash_log"),
     "PD0 files": _by_look("instruments.pd0_log", "looks_like_pd0", "pd0_log"),
-    "PD4 and PD5 files": _pd45,
+    "PD4 and PD5 files": _by_look("instruments.pd45_log", "name_of_pd45", "pd45_log"),
     "PD6 text": _by_look("instruments.pd6_log", "looks_like_pd6", "pd6_log"),
     "MOOS logs (.alog)": _by_look("instruments.alog_log", "looks_like_alog", "alog_log"),
     "LSF logs of IMC messages": _by_look("instruments.lsf_log", "looks_like_lsf", "lsf_log"),
@@ -161,7 +146,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", HDF5, "hdf5_log"),
     "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
     "JSON lines and columns": _json,
-    "text files of NMEA sentences": _nmea,
+    "text files of NMEA sentences": _by_look("instruments.nmea_log", "form_of", "nmea_file"),
     "CSV folders": _csv,
     **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},
 }

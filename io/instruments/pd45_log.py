@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from usbldr.io.decoding.nmea_times import NO_TIME, times_from_sentences
+from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of
 from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.instruments.ensembles import ensembles, first_ensemble
 from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
@@ -32,9 +33,10 @@ def name_of_pd45(head: bytes) -> str:
     return f"PD{4 + first[1]}" if first else ""
 
 
-def pd45_log(file: Path, kind: str) -> RecordsLog:
+def pd45_log(file: Path) -> RecordsLog:
     """Return the log of a PD4 or PD5 file: bottom track, and of PD5 heading and depth if they are not constant."""
-    return log_in_memory(file, kind, "pd45", _read)
+    head, _ = begin_of(file, BEGIN_BYTES)
+    return log_in_memory(file, name_of_pd45(head), "pd45", _read)
 
 
 def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
