@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 import msgspec
@@ -42,7 +43,8 @@ class SentenceKind:
 
 
 def _kinds() -> Iterator[tuple[str, SentenceKind]]:
-    for file in (files("usbldr.io.decoding") / "sentences").iterdir():
+    folder = Path(str(files("usbldr.io.decoding"))) / "sentences"
+    for file in sorted(folder.glob("*.toml")):
         listed = tomllib.loads(file.read_text(encoding="utf-8"))["sentence"]
         for kind in msgspec.convert(listed, tuple[SentenceKind, ...]):
             yield from ((name, kind) for name in kind.names)
