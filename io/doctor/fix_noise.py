@@ -24,7 +24,10 @@ def fix_noise_findings(log: Log, timeline: Timeline, found: Identification) -> l
         return _stated_sd(log, stated_m, found)
     sigmas = sigmas * MEDIAN_SIGMAS / max(float(np.median(sigmas[used])), 1e-9)
     outliers = _outliers(log, timeline.fix_time_s, residual_m, sigmas)
-    return [*outliers, *_stated_sd(log, stated_m, found), *_change(log, timeline.fix_time_s, sigmas)]
+    findings = [*outliers, *_stated_sd(log, stated_m, found)]
+    if any(one.fix_sd_scale != 1 for one in found.parameters.changes):  # a SENSOR-CHANGE says it
+        return findings
+    return findings + _change(log, timeline.fix_time_s, sigmas)
 
 
 def _outliers(log: Log, fix_time_s: Vector, residual_m: Vector, sigmas: Vector) -> list[Finding]:

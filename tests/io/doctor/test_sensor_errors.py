@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
-from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.types import Vector
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor import fix_noise
@@ -163,6 +163,21 @@ def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(log,
     noise = [one for one in printed if one.code == "USBL-NOISE"]
     assert bool(noise) == reported
     assert all(f"sd_scale = {0.8 * ratio:.2g} under [usbl]" in one.text for one in noise)
+
+
+@pytest.mark.parametrize(("changes", "named"), [((), 1), ((SensorChange(300.0, 0.0, 0.0, fix_sd_scale=3.0),), 0)])
+def test_a_change_of_noise_is_named_once(
+    log: Log, monkeypatch: pytest.MonkeyPatch, changes: tuple[SensorChange, ...], named: int
+) -> None:
+    """A found change is a SENSOR-CHANGE."""
+    line = timeline(log)
+    residual_m = np.hypot(*np.random.default_rng(1).normal(0.0, 1.0, (2, len(line.fix_time_s))))
+    residual_m[len(residual_m) // 2 :] *= 4.0
+    monkeypatch.setattr(fix_noise, "residuals_m", lambda _: residual_m)
+
+    printed = fix_noise_findings(log, line, Identification(replace(log.parameters, changes=changes)))
+
+    assert [one.code for one in printed].count("USBL-NOISE-CHANGE") == named
 
 
 @pytest.mark.filterwarnings("error")
