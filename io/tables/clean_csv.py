@@ -147,7 +147,7 @@ def _by_pyarrow(rows: BinaryIO, header: Sequence[str]) -> dict[str, Any] | None:
 
 def _is_clean(rows: BinaryIO, width: int) -> bool:
     """Return whether rows are such text: so many cells in the first one, and in all on average."""
-    first, empty = rows.tell(), b"\n" + b"," * (width - 1)
+    first, last, empty = rows.tell(), b"", b"\n" + b"," * (width - 1)
     while block := rows.read(BLOCK_BYTES) + rows.readline(limit(LINE_CHARACTERS)):
         letters = np.frombuffer(block, dtype=np.uint8)
         lines, commas = (int(np.count_nonzero(letters == ord(letter))) for letter in "\n,")
@@ -160,8 +160,8 @@ def _is_clean(rows: BinaryIO, width: int) -> bool:
             or (b"\r" in block and not lines == block.count(b"\r") == block.count(b"\r\n"))
         ):
             return False
-        first = -1
-    return first < 0
+        first, last = -1, block[block.rfind(b"\n", 0, -1) + 1 :]
+    return first < 0 and b"," in last.rstrip(b",\r\n")  # else it may hold words
 
 
 def _pieces(file: Path, options: dict[str, Any]) -> Iterator[list[str]]:

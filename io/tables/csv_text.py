@@ -24,12 +24,15 @@ from usbldr.io.tables.csv_begin import (
     with_point,
 )
 from usbldr.io.tables.csv_sheets import plain_names
+from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import unnamed_columns
 
 MOST_BREAKS = 20  # [lines] of a row whose quoted cell has line breaks
 RULE = re.compile(r"[|+\s]*-{3,}[-|+\s]*")
 """A line of dashes, which parts the names of columns from the rows where programs print tables."""
+CLOSING = re.compile(r"\W*(\d+ )?[^\W\d]{3}.*", re.DOTALL)
+"""Words behind the last row, as programs write: "(500 rows)", "-- end of file --", "Total: 500 records"."""
 PIECE = 10_000  # [rows] split into cells at once: some megabytes
 
 
@@ -111,8 +114,8 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
     A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
-    file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor is a line
-    of units behind the names, unless ``units_are_row``.
+    file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor are words
+    behind the last row, nor a line of units behind the names, unless ``units_are_row``.
     """
     names, separator, lines, begin, spoilt, _ = begin_of_table(file, units_are_row)
     header = plain_names(names)
@@ -130,17 +133,23 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
     rows: list[Sequence[str]] = []
     numbered = array("q")
     left_out: dict[int, str] = dict(spoilt if known is None else {})
-    cut = 0
+    closing: dict[int, str] = {}  # lines of words -> why they are no rows, if others follow
+    cut, first = 0, ""
     table = _Rows(file, header, separator)
     for number, line in _whole_rows(enumerate(lines, start=begin + 1), len(header), separator):
         blank = not line.strip(f"{separator or ''}{BLANKS}\r\n")
         if blank or line.startswith(COMMENTS) or RULE.fullmatch(line) or (known is not None and line.split() == header):
+            continue
+        if (is_value(first) or foreign_time(first)) and _closes(line, separator):
+            closing[number] = "it holds words, and rows follow"
             continue
         cut = 0 if line.endswith("\n") or known is not None else number
         cells = "" if cut else table.cells(line)
         if isinstance(cells, str):
             left_out |= {number: cells} if cells else {}
             continue
+        left_out |= closing
+        closing, first = {}, cells[0]
         rows.append(cells)
         numbered.append(number)
         if len(rows) == PIECE:
@@ -148,6 +157,13 @@ def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
             rows = []
     _add(texts, rows, separator)
     return TextTable(texts, numbered, left_out, cut, separator in (",", *BY_BLANKS))
+
+
+def _closes(line: str, separator: str | None) -> bool:
+    """Return whether a line holds words in one cell: behind rows that begin with a value, it is none of them."""
+    text = line.strip(f"{separator or ''}{BLANKS}\r\n")
+    alone = separator not in text if separator else text.startswith(("(", "-", "*"))
+    return alone and CLOSING.fullmatch(text) is not None
 
 
 def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | None) -> Iterator[tuple[int, str]]:

@@ -89,6 +89,29 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, begin: bytes, said: str) -
     assert said in refusal(LogError, open_log, tmp_path / "dive.raw")
 
 
+@pytest.mark.parametrize(
+    "end", ["(2 rows)\n", "\n-- end of file --\n\n", "Total: 2 records\nEOF", "# EOF\n", "END,,\n", "***END***\n"]
+)
+@pytest.mark.parametrize("mark", [",", ";", "|"])
+def test_words_behind_the_last_row_are_no_lost_data(tmp_path: Path, end: str, mark: str) -> None:
+    rows = f"Time [s],Heading (deg),Note\n{T0_S},10.5,1\n{T0_S + 1},11.5,2\n{end}".replace(",", mark)
+    (tmp_path / "compass.csv").write_text(rows, encoding="ascii")
+
+    log = read_log(tmp_path / "compass.csv")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [10.5, 11.5]
+    assert [one.text for one in log.findings if one.lost_data] == []
+
+
+@pytest.mark.parametrize("end", [f"{T0_S + 2}\n", "(2 rows)\n1600000002,12.5\n", "1600000002,12"])
+def test_a_last_line_that_may_be_a_cut_row_is_lost_data(tmp_path: Path, end: str) -> None:
+    (tmp_path / "compass.csv").write_text(f"Time [s],Heading (deg)\n{T0_S},10.5\n{T0_S + 1},11.5\n{end}", "ascii")
+
+    assert [one.lost_data for one in read_log(tmp_path / "compass.csv").findings if one.code != "COLUMNS-BY-NAME"] == [
+        True
+    ]
+
+
 @pytest.mark.parametrize("line", ["# UTM zone 32N", "Projection: WGS84 UTM Zone 32 North;;", "Grid,EPSG:32632"])
 def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path, line: str) -> None:
     fixes = "".join(f"{T0_S + k},500000.0,{4_983_000 + k:.1f}\n" for k in range(30))
