@@ -26,6 +26,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "ROLE-SHIP": "info",
     "COLUMNS-BY-NAME": "info",
     "DATE-ORDER": "info",
+    "DATE-OF-OTHERS": "info",
     "CONCATENATED": "info",
     "TOPIC-PARTS": "info",
     "LAYOUT-FILE": "info",

@@ -25,6 +25,8 @@ ISO = re.compile(
     r"(\d{4})[-/](\d\d)[-/](\d\d)[T _,;]+(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII
 )
 DAY_FIRST = re.compile(r"(?<!\d)(\d\d)\.(\d\d)\.(\d{4})(?=[T _,;]+\d\d:)", re.ASCII)
+SLASHED = re.compile(r"(?<!\d)(\d\d)/(\d\d)/(\d{4})(?=[T _,;]+\d\d:)", re.ASCII)
+"""A date with the day or the month first, before a time of day."""
 CLOCK = re.compile(r"(?<![\d.:])(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?![\d:])", re.ASCII)
 EPOCH = re.compile(
     r"(?:(?<![A-Za-z\d.:])|(?<=[\\,]c:))(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|(\d{18,19}))(?![\d:])", re.ASCII

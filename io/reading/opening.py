@@ -19,6 +19,7 @@ from usbldr.io.instruments.nmea_log import carried_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import NamedColumns, Reader
+from usbldr.io.recordings.dated_log import with_dates
 from usbldr.io.recordings.joined import UNDATED, JoinedLog, LogPart
 from usbldr.io.recordings.parts_log import with_parts
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
@@ -134,10 +135,10 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     parts = [_part(_opened(paths[real], configuration, request, paths), sections.get(real)) for real in paths]
     (first, *others) = parts
     reader = first.reader
+    units_ns = time_units_ns(configured_columns(configuration, request.topics))
     if others or first.offset_ns or first.dated:
-        units_ns = time_units_ns(configured_columns(configuration, request.topics))
         reader = JoinedLog(path, tuple(sorted(parts, key=_first_ns)), time_units_ns=units_ns)
-    reader = with_parts(reader, _chosen_topics(configuration, request))
+    reader = with_parts(with_dates(reader, units_ns), _chosen_topics(configuration, request))
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     layouts = layout_files(stated_layouts(stated))
     return OpenedLog(reader, tuple(paths.values()), configuration, stated.file, layouts)

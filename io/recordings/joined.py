@@ -49,8 +49,7 @@ class JoinedLog:
         found: dict[tuple[str, str], TopicInfo] = {}
         for part in self.parts:
             for stated in part.reader.topics():
-                first, last = (t if t is None else t - part.offset_ns for t in (stated.first_ns, stated.last_ns))
-                topic, key = replace(stated, first_ns=first, last_ns=last), _key(stated)
+                topic, key = moved_topic(stated, part.offset_ns), _key(stated)
                 found[key] = _together(found[key], topic) if key in found else topic
         return tuple(found.values())
 
@@ -88,7 +87,7 @@ class JoinedLog:
             present = {_key(topic) for topic in part.reader.topics() if topic.count}
             own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
             for topic, records in part.reader.blocks(own) if own else ():
-                yield topic, _moved(records, part.offset_ns, self.time_units_ns)
+                yield topic, moved_records(records, part.offset_ns, self.time_units_ns)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""
@@ -148,7 +147,13 @@ def _together(a: TopicInfo, b: TopicInfo) -> TopicInfo:
     )
 
 
-def _moved(records: Records, offset_ns: int, units_ns: Mapping[str, int]) -> Records:
+def moved_topic(topic: TopicInfo, offset_ns: int) -> TopicInfo:
+    """Subtract a clock's offset from a topic's times."""
+    first, last = (t if t is None else t - offset_ns for t in (topic.first_ns, topic.last_ns))
+    return replace(topic, first_ns=first, last_ns=last)
+
+
+def moved_records(records: Records, offset_ns: int, units_ns: Mapping[str, int]) -> Records:
     """Subtract a clock's offset from log times and stamps; a stamp of zero is unset and stays so."""
     if not offset_ns:
         return records

@@ -24,10 +24,8 @@ from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_na
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
-    a_day_later,
     clock_digits,
     foreign_time,
-    on_next_day,
     orders_of,
     parted_time,
     week_and_time,
@@ -130,17 +128,6 @@ class CsvLog:
         dated = [file for file in self._texts if any(map(foreign_time, header_and_row(file)[1]))]
         return orders_of([self._raw(file).columns for file in dated], self._formats)
 
-    @cached_property
-    def _on_next_day(self) -> set[Path]:
-        """The files with times of day behind a midnight that others come to."""
-        begun = {file: header_and_row(file) for file in self._texts}
-        of_clocks = [
-            file
-            for file, (names, cells) in begun.items()
-            if any(map(foreign_time, cells)) or any(map(clock_digits, names, cells))
-        ]
-        return on_next_day({file: self._iso(file) for file in of_clocks}) if len(of_clocks) > 1 else set()
-
     def _with_iso_times(self, file: Path) -> Mapping[str, Sequence[str]]:
         return with_iso_times(self._raw(file).columns, self._formats, self._orders)
 
@@ -203,9 +190,7 @@ class CsvLog:
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
-            columns = self._iso(file)
-            columns = a_day_later(columns) if file in self._on_next_day else columns
-            self._read[file] = self._raw(file)._replace(columns=columns)
+            self._read[file] = self._raw(file)._replace(columns=self._iso(file))
         return self._read[file]
 
     def _cells(self, source: CsvSource, name: str) -> Sequence[str]:

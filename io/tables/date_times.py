@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice, pairwise
 from types import MappingProxyType
-from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -73,9 +72,7 @@ SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
 CENTURY = 2000  # fixed: years that are within 100 of it are some
 NUMBER = re.compile(r"\d+(\.\d*)?")
-DAYS, FIRST_DAY = "1970-01-0", "1970-01-01T"  # with which times of day without a date begin
-NOON = 12  # fixed: [h]
-Key = TypeVar("Key")
+DAYS = "1970-01-0"  # with which times of day without a date begin
 
 
 def foreign_time(cell: str) -> bool:
@@ -151,35 +148,6 @@ def with_iso_times(
         if GPS_TIME.search(name) and _are(found[name], ISO, or_iso=True):
             found[name] = _utc_of_gps(found[name])
     return found
-
-
-def on_next_day(tables: Mapping[Key, Mapping[str, Sequence[str]]]) -> set[Key]:
-    """Return the tables whose times of day without a date are behind the midnight that the others come to.
-
-    They begin within an hour of the others' end, at most, and end before these begin if all are taken as of one day.
-    """
-    spans: dict[Key, tuple[pd.Timestamp, pd.Timestamp]] = {}
-    for key, columns in tables.items():
-        undated = next((cells for cells in columns.values() if next(iter(cells), "").startswith(FIRST_DAY)), ())
-        times = [cell for cell in undated if cell.startswith(DAYS)]
-        spans |= {key: (pd.Timestamp(times[0]), pd.Timestamp(times[-1]))} if times else {}
-    evening = [span for span in spans.values() if span[0].hour >= NOON]
-    if not evening:
-        return set()
-    begin, end = min(first for first, _ in evening), max(last for _, last in evening)
-    day, hour = pd.Timedelta(days=1), pd.Timedelta(hours=1)
-    return {key for key, (first, last) in spans.items() if last < begin and first + day - end < hour}
-
-
-def a_day_later(columns: Mapping[str, Sequence[str]]) -> dict[str, Sequence[str]]:
-    """Return the columns of a table with times without a date moved by a day."""
-
-    def moved(cells: Sequence[str]) -> Sequence[str]:
-        if not next(iter(cells), "").startswith(FIRST_DAY):
-            return cells
-        return [f"{DAYS}{int(cell[9]) + 1}{cell[10:]}" if cell.startswith(DAYS) else cell for cell in cells]
-
-    return {name: moved(cells) for name, cells in columns.items()}
 
 
 def named_zone(name: str) -> str:

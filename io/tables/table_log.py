@@ -27,8 +27,6 @@ from usbldr.io.tables.cf_times import whole_ns
 from usbldr.io.tables.csv_sheets import Sheet, plain_names, sheet_of
 from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
-    a_day_later,
-    on_next_day,
     orders_of,
     parted_time,
     week_and_time,
@@ -170,9 +168,7 @@ class TableLog:
     @cached_property
     def _iso(self) -> Mapping[str, Mapping[str, Sequence[str]]]:
         """The same with dates and times in ISO's notation."""
-        found = {topic: with_iso_times(cells, self._formats, self._orders) for topic, cells in self._raw.items()}
-        later = on_next_day(found)
-        return {topic: a_day_later(cells) if topic in later else cells for topic, cells in found.items()}
+        return {topic: with_iso_times(cells, self._formats, self._orders) for topic, cells in self._raw.items()}
 
     def _date(self, table: Table, name: str) -> str:
         """Return a date and time for a column of dates, the first value of texts and times; else an empty text."""
