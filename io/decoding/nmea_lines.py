@@ -43,9 +43,12 @@ class FoundSentence(NamedTuple):
 
 
 def scan_lines(
-    lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str]
+    lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str], day_first: bool | None = None
 ) -> tuple[list[FoundSentence], list[int], int]:
-    """Return the sentences, the lines of those with a wrong checksum or cut, and how many lines hold no sentence."""
+    """Return the sentences, the lines of those with a wrong checksum or cut, and how many lines hold no sentence.
+
+    ``day_first``: whether it is, in dates like 12/31/2025 before sentences.
+    """
     found: list[FoundSentence] = []
     wrong: list[int] = []
     without, last = 0, NO_TIME
@@ -56,7 +59,7 @@ def scan_lines(
             name, body, checksum = match.groups()
             content = f"{name},{body}"
             prefix = line[begin : match.start()]
-            logged = prefixed_ns(prefix) if received_ns is None else int(received_ns[number])
+            logged = prefixed_ns(prefix, day_first) if received_ns is None else int(received_ns[number])
             clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
             last = logged if logged != NO_TIME else last
             begin = match.end()

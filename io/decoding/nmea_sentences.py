@@ -12,15 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.io.decoding.date_order import date_orders
 from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, UNKNOWN, SentenceValues, decode_sentences
 from usbldr.io.decoding.nmea_lines import SENTENCE, FoundSentence, scan_lines
-from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, times_from_sentences
+from usbldr.io.decoding.nmea_times import NO_TIME, SLASHED, on_nearest_date, times_from_sentences
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
 TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
 SAMPLE = 20  # [sentences] from which the fields of a kind are taken
+DATE_END = 40  # [letters] of a line in which the date before a sentence stands
 FEW = 20  # [sentences] that may be logged at one time: a short file
+MOVE_CLOCK = "correct it by clock_offset_s under [[file]]"
 SATELLITES = frozenset(("GP", "GN", "GL", "GA", "GB", "BD", "GQ", "GI"))
 """Talkers by which a receiver says whose satellites it used: fixed by NMEA 0183."""
 PREFERRED = {"RMC": "GGA", "GLL": "GGA", "GNS": "GGA"}
@@ -114,12 +117,16 @@ def find_sentences(
 
     ``received_ns`` and ``stamp_ns`` (n,) are those of the lines; without them the beginnings of the lines are used.
     """
-    found, wrong, without = scan_lines(lines, received_ns, form)
+    lines = list(lines)
+    dates = [found[0] for line in lines if (found := SLASHED.search(line, 0, DATE_END))] if received_ns is None else []
+    order = date_orders([dates]).get("/")
+    found, wrong, without = scan_lines(lines, received_ns, form, order and order.day_first)
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     topic = "" if received_ns is None else source  # a file is none
     wrong += [row.line for row in found if not row.checked and row.name in checked]
     findings = _counted(source, topic, rows, wrong, without)
+    findings += [order.finding(source, MOVE_CLOCK)] if order and order.example else []
     if not rows:
         return SentenceSet({}, tuple(findings))
     rows, joined = _of_one_receiver(source, topic, rows)

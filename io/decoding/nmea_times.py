@@ -25,7 +25,7 @@ ISO = re.compile(
     r"(\d{4})[-/](\d\d)[-/](\d\d)[T _,;]+(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?", re.ASCII
 )
 DAY_FIRST = re.compile(r"(?<!\d)(\d\d)\.(\d\d)\.(\d{4})(?=[T _,;]+\d\d:)", re.ASCII)
-SLASHED = re.compile(r"(?<!\d)(\d\d)/(\d\d)/(\d{4})(?=[T _,;]+\d\d:)", re.ASCII)
+SLASHED = re.compile(r"(?<!\d)(\d\d?)/(\d\d?)/(\d{4})(?=[T _,;]+\d\d:)", re.ASCII)
 """A date with the day or the month first, before a time of day."""
 CLOCK = re.compile(r"(?<![\d.:])(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?![\d:])", re.ASCII)
 EPOCH = re.compile(
@@ -34,13 +34,17 @@ EPOCH = re.compile(
 """Digits behind a letter are a serial number, those behind "c:" the time of a tag block of NMEA 4."""
 
 
-def prefixed_ns(prefix: str) -> int:
+def prefixed_ns(prefix: str, day_first: bool | None = None) -> int:
     """Return the log time before a sentence, NO_TIME without one.
 
-    It is as in ISO 8601 or 31.12.2025 12:00:00, or s, ms, us, ns since 1970 that are a time of this century.
+    It is as in ISO 8601 or 31.12.2025 12:00:00, or s, ms, us, ns since 1970 that are a time of this century; or
+    12/31/2025 12:00:00, if it is known whether the day is first.
     """
     if len(prefix) < 9:
         return NO_TIME
+    if day_first is not None:
+        day, month = (1, 2) if day_first else (2, 1)
+        prefix = SLASHED.sub(lambda date: f"{date[3]}-{date[month]:0>2}-{date[day]:0>2}", prefix)
     iso = ISO.search(DAY_FIRST.sub(r"\3-\2-\1", prefix))
     if iso:
         *parts, fraction, zone = iso.groups()

@@ -10,9 +10,9 @@ from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
 from usbldr.io.messages.field_names import utm_code
-from usbldr.io.tables.date_order import stated_order
 from usbldr.io.tables.date_times import foreign_time, named_zone
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns

@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.registry import FRAMES
@@ -22,7 +23,6 @@ from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_begin import header_and_row, remarked_grid
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
-from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
     clock_digits,
     foreign_time,

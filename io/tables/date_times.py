@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.types import Mask, Vector
+from usbldr.io.decoding.date_order import NUMERIC_DATE, DateOrder, date_orders
 from usbldr.io.gps_time import EPOCH_S, LAST_WEEK, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
 from usbldr.io.reader import Nanoseconds
-from usbldr.io.tables.date_order import NUMERIC_DATE, DateOrder, date_orders
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.units import named_unit
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError
+from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.file_access.optional_library import reading
 from usbldr.io.findings import Finding
 from usbldr.io.limits import BeyondLimitError, UnpackingBudget
@@ -25,7 +26,6 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
 from usbldr.io.tables.csv_sheets import Sheet, plain_names, sheet_of
-from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
     orders_of,
     parted_time,

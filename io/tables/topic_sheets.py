@@ -8,12 +8,12 @@ from typing import NamedTuple, TypeAlias
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
+from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, TEXTS, Sheet, configured_sheet, foreign_sheets, plain_names
-from usbldr.io.tables.date_order import DateOrder
 from usbldr.io.tables.date_times import (
     DATE_NAME,
     DAYS,

@@ -4,6 +4,7 @@ import contextlib
 import math
 import random
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -155,6 +156,24 @@ def test_lines_with_a_time_of_day_are_timed_by_it(tmp_path: Path) -> None:
     texts = {finding.code: finding.text for finding in open_log(tmp_path / "a.nmea").findings()}
     assert "timed by the time of day before them" in texts["NMEA-TIME"]
     assert "no sentence contains a date" in texts["NMEA-DATE"]
+
+
+@pytest.mark.parametrize(
+    ("form", "day", "code"),
+    [("{m:02}/{d:02}/{y}", 13, None), ("{d}/{m}/{y}", 13, None), ("{m:02}/{d:02}/{y}", 5, "DATE-ORDER")],
+)
+def test_a_date_before_the_sentences_of_a_ship_dates_them(
+    tmp_path: Path, form: str, day: int, code: str | None
+) -> None:
+    """As SCS of NOAA writes it: 09/13/2020,23:59:58.100,$HEHDT."""
+    begin = datetime(2020, 9, day, 23, 59, 58, tzinfo=UTC)
+    times = [begin + timedelta(seconds=k) for k in range(4)]
+    dates = [form.format(m=time.month, d=time.day, y=time.year) for time in times]
+    lines = [f"{date},{time:%H:%M:%S}.100,{sentence('HEHDT,30.0,T')}" for date, time in zip(dates, times, strict=True)]
+
+    first = round(begin.timestamp()) * SECOND + SECOND // 10
+    assert read_times(tmp_path, lines, "/HEHDT") == [first + k * SECOND for k in range(4)]
+    assert [one.code for one in open_log(tmp_path / "a.nmea").findings()] == ([code] if code else [])
 
 
 def read_times(folder: Path, lines: Sequence[str], topic: str) -> list[int]:

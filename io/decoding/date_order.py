@@ -27,13 +27,13 @@ class DateOrder(NamedTuple):
     example: str = ""  # a date that has two readings; empty: none has
     why: str = ""  # empty: nothing decided
 
-    def finding(self, log: str) -> Finding:
-        """Return what is said of a log whose days and months could be exchanged."""
+    def finding(self, log: str, remedy: str = "state time_format") -> Finding:
+        """Return what is said of a log whose days and months could be exchanged, and what to do."""
         other, taken = (_day(self.example, first) for first in (not self.day_first, self.day_first))
         text = f"{log}: {self.example} is read as {taken}, and not as {other}"
         if self.why:
-            return Finding("DATE-ORDER", f"{text}: {self.why}; state time_format if it is wrong")
-        return Finding("DATE-AMBIGUOUS", f"{text}; nothing in the log decides this: state time_format")
+            return Finding("DATE-ORDER", f"{text}: {self.why}; {remedy} if it is wrong")
+        return Finding("DATE-AMBIGUOUS", f"{text}; nothing in the log decides this: {remedy}")
 
 
 def stated_order(text: str) -> bool | None:
