@@ -33,13 +33,15 @@ SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a
 
 
 def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
-    """Return latitude and longitude in degrees, (n,) each; they may be ddmm.mmmm, with N, S, E or W beside them.
+    """Return latitude and longitude in degrees, (n,) each; they may be ddmm.mmmm, with N, S, E or W beside, or 1e-7.
 
     If they have columns for these letters, values without a letter are NaN.
     """
     lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
     if in_degrees_and_minutes(raw):
         lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
+    elif _in_ten_millionths(raw):
+        lat, lon = lat * 1e-7, lon * 1e-7
     if "lat_side" not in raw.values:
         return lat, lon
     south, west = ([in_hemisphere(1.0, str(side)) for side in raw.text(name)] for name in ("lat_side", "lon_side"))
@@ -59,10 +61,35 @@ def in_degrees_and_minutes(raw: RawRecords) -> bool:
     return len(places) > 0 and bool(possible.all()) and bool(np.median(places[:, 0]) > FULL_CIRCLE)
 
 
+def _in_ten_millionths(raw: RawRecords) -> bool:
+    """Tell whether latitudes and longitudes are 1e-7 degrees: whole numbers beyond all degrees and minutes."""
+    places = np.column_stack([raw.number("lat_deg"), raw.number("lon_deg")])  # (n, 2)
+    places = np.abs(places[np.isfinite(places).all(axis=1)])
+    possible = (places <= [90e7, 180e7]) & (places == np.trunc(places))
+    return len(places) > 0 and bool(possible.all()) and bool(np.median(places[:, 0]) > 90_00)
+
+
 def notation_of(raw: RawRecords) -> list[Convention]:
-    """Return that angles are degrees and minutes if their values alone tell."""
-    by_values = "lat_side" not in raw.values and in_degrees_and_minutes(raw)
-    return [Convention("unit", "ddmm.mmmm", "values")] if by_values else []
+    """Return that angles are degrees and minutes, or 1e-7 degrees, if their values alone tell."""
+    if "lat_side" in raw.values:
+        return []
+    notations = {"ddmm.mmmm": in_degrees_and_minutes(raw), "1e-7deg": _in_ten_millionths(raw)}
+    return [Convention("unit", notation, "values") for notation, found in notations.items() if found]
+
+
+def radian_findings(raw: RawRecords) -> list[Finding]:
+    """Report latitudes and longitudes of columns without a unit that may be radians: all are within half a circle."""
+    if not raw.layout.by_columns or "lat_side" in raw.values or raw.layout.scale.keys() & {"lat_deg", "lon_deg"}:
+        return []
+    lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
+    known = np.isfinite(lat + lon) & ((lat != 0) | (lon != 0))
+    if not known.any() or np.any(np.abs(lat[known]) > np.pi / 2) or np.any(np.abs(lon[known]) > np.pi):
+        return []
+    text = (
+        "latitudes within 1.571 and longitudes within 3.142 are degrees in the Gulf of Guinea, or radians: state the "
+        'unit in columns, such as lat_deg = "lat [rad]", lon_deg = "lon [rad]" (or [deg])'
+    )
+    return [raw.finding("POSITION-RADIANS", text)]
 
 
 def _pair(raw: RawRecords) -> tuple[Vector, Vector]:
@@ -236,6 +263,6 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     columns |= pose_columns(raw, str(frame))
     times = times_of(raw, section.time, section.latency_s)
     chosen = [frame_chosen, *(notation_of(raw) if latlon else ()), sd_chosen]
-    on_grid = [] if frame == "latlon" else grid_findings(raw, east, north)
-    made = converted_table(times, columns, chosen, [*findings, *invalid, *on_grid])
+    places = radian_findings(raw) if latlon else [] if frame == "latlon" else grid_findings(raw, east, north)
+    made = converted_table(times, columns, chosen, [*findings, *invalid, *places])
     return replace(made.only(good), geodetic=frame == "latlon")

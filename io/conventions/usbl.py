@@ -87,6 +87,7 @@ def usbl(
     drop = depth - (end.depth_m if end else 0.0)
     if kind == "latlon":
         fixes = _on_map(raw, "latlon", origin, drop)._replace(conventions=positions.notation_of(raw))
+        findings += positions.radian_findings(raw)
     elif kind == "range_bearing":
         fixes = _by_range(raw, section, end, drop)
     else:

@@ -71,6 +71,11 @@ def _draft(path: Path, request: Request) -> Draft:
         again, _ = _with_proposals(path, request, stated, in_mm)
         if again is not None and again.log is not None:
             examination, proposals = again, in_mm
+    if examination is not None and proposals:
+        in_radians = _in_radians(proposals, examination)
+        again = _with_proposals(path, request, stated, in_radians)[0] if in_radians else None
+        if again is not None and again.log is not None and "DVL-UNIT" not in _codes(again):
+            examination, proposals = again, in_radians
     head: Mapping[str, object] = {}
     if examination is None or examination.log is None:
         tried = [
@@ -136,6 +141,25 @@ def _of_ship(
 def _unlike_fixes_m(found: Examination) -> float:
     """Return the residual of the fixes against dead reckoning."""
     return found.sensor_check.result.best.residual_m if found.sensor_check.result else math.inf
+
+
+def _codes(found: Examination) -> set[str]:
+    return {one.code for one in found.findings}
+
+
+def _in_radians(proposals: Mapping[str, Proposal], found: Examination) -> Mapping[str, Proposal]:
+    """Return proposals with positions in radians if these are possible and velocities are impossible in degrees."""
+    topics = {one.topic for one in found.findings if one.code == "POSITION-RADIANS"}
+    if not topics or (found.log is not None and "DVL-UNIT" not in _codes(found)):
+        return {}
+    turned = {role: one for role, one in proposals.items() if one.topic.name in topics and "lat_deg" in one.columns}
+    angles = {
+        role: {key: f"{one.columns[key]} [rad]" for key in ("lat_deg", "lon_deg")} for role, one in turned.items()
+    }
+    return {
+        **proposals,
+        **{role: replace(one, columns={**one.columns, **angles[role]}) for role, one in turned.items()},
+    }
 
 
 def _with_proposals(

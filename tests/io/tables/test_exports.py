@@ -3,6 +3,7 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from commands import run
@@ -10,7 +11,7 @@ from logs import refusal
 from recordings import SECOND, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
-from usbldr.io.reading.read import read_log
+from usbldr.io.reading.read import Request, read_log
 
 T0_S = 1_600_000_000  # 2020-09-13 12:26:40 UTC
 DVL = "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0_S * SECOND + k * SECOND},1.0,0\n" for k in range(30))
@@ -187,3 +188,42 @@ def test_nanoseconds_beside_the_parts_of_a_time_belong_to_it(tmp_path: Path) -> 
 
     assert log.start_ns == T0_S * SECOND
     assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.25, 2.5]
+
+
+@pytest.mark.parametrize(("lat", "lon", "unit"), [(59.0, 10.5, "rad"), (0.5, 1.2, "deg")])
+def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(
+    tmp_path: Path, lat: float, lon: float, unit: str
+) -> None:
+    """Circles of 60 m at 1 m/s: 111.2 km are a degree of latitude."""
+    t = np.arange(400)
+    turned = t / 60
+    north_deg, east_deg = np.sin(turned) * 60 / 111.2e3, (1 - np.cos(turned)) * 60 / 111.2e3
+    places = np.column_stack([lat + north_deg, lon + east_deg / np.cos(np.radians(lat))])
+    places = np.radians(places) if unit == "rad" else places
+    fixes = "".join(f"{T0_S + k},{a:.10f},{b:.10f}\n" for k, (a, b) in zip(t, places, strict=True))
+    headings = "".join(
+        f"{(T0_S + k) * SECOND},{angle:.3f}\n" for k, angle in zip(t, np.degrees(turned) % 360, strict=True)
+    )
+    velocities = "".join(f"{(T0_S + k) * SECOND},1,0\n" for k in t)
+    sheets = {"dvl": f"{DVL.partition(chr(10))[0]}\n{velocities}", "compass": f"time_ns,heading_deg\n{headings}"}
+    folder = write_csv(tmp_path / "dive", **sheets, usbl=f"time,lat,lon\n{fixes}", gps=f"time,lat,lon\n{fixes}")
+
+    run("init", folder, "--output", tmp_path / "found.toml")
+
+    drafted = tomllib.loads((tmp_path / "found.toml").read_text("utf-8"))
+    proposed = {drafted[sensor]["columns"]["lat_deg"] for sensor in ("usbl", "gps")}
+    assert proposed == {"lat [rad]" if unit == "rad" else "lat"}
+    log = read_log(folder, Request(str(tmp_path / "found.toml")))
+    assert log.tables["gps"][["lat_deg", "lon_deg"]].iloc[0].tolist() == pytest.approx([lat, lon], abs=1e-7)
+    assert ("POSITION-RADIANS" in {one.code for one in log.findings}) == (unit == "deg")
+
+
+def test_whole_numbers_beyond_all_degrees_and_minutes_are_ten_millionths_of_degrees(tmp_path: Path) -> None:
+    """As autopilots write them."""
+    toml = '[gps]\ncolumns = { time_unix_s = "time", lat_deg = "lat", lon_deg = "lon" }\n'
+    (tmp_path / "usbldr.toml").write_text(toml, encoding="ascii")
+    rows = "".join(f"{T0_S + k},{450_000_000 + 90 * k},{-70_000_000}\n" for k in range(5))
+
+    gps = read_log(write_csv(tmp_path, gps=f"time,lat,lon\n{rows}")).tables["gps"]
+
+    assert gps[["lat_deg", "lon_deg"]].iloc[-1].tolist() == pytest.approx([45.000036, -7.0])
