@@ -3,11 +3,21 @@
 A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from usbldr.io.messages.configured import TIME_UNITS_NS
-from usbldr.io.messages.field_names import NEEDED, RULES, TARGET, NamedColumn, Rule, named_column, true_ones, words_of
+from usbldr.io.messages.configured import QUATERNION, TIME_UNITS_NS
+from usbldr.io.messages.field_names import (
+    KEYS,
+    NEEDED,
+    RULES,
+    TARGET,
+    NamedColumn,
+    Rule,
+    named_column,
+    true_ones,
+    words_of,
+)
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES, Roles
 from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
@@ -32,20 +42,12 @@ PLACES = (
     Rule("", "north_m", "length", "y|n"),
 )
 YAW = Rule("compass", "heading_deg", "angle", "yaw|kurs")  # whose sense the doctor finds; the second is German
+COMPLETE = {**NEEDED, "compass": (*NEEDED["compass"], frozenset(QUATERNION))}
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
-KEYS = {
-    "x_mps": "x",
-    "y_mps": "y",
-    "z_mps": "z",
-    "forward_mps": "x",
-    "starboard_mps": "y",
-    "up_mps": "z",
-    "heading_deg": "heading",
-    "pressure_pa": "pressure",
-    "east_m": "x",
-    "north_m": "y",
-}
-"""usbldr's own columns and the keys of ``columns`` for them, if these are others."""
+QUATERNIONS = tuple(
+    Rule("compass", key, None, f"(q|quat|quaternion|orientation)_?({key[1]}|{number})")
+    for key, number in zip(QUATERNION, (1, 2, 3, 0), strict=True)  # the scalar comes first, as PX4 writes it
+)
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
 OWN_CLOCK_S = 1e6  # [s] since power-on, of a column without a unit: eleven days; a larger number may count milliseconds
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
@@ -76,14 +78,27 @@ class Proposal:
 
 
 def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request) -> dict[str, Proposal]:
-    """Return role -> proposal for the roles that no topic fills and no option names."""
+    """Return role -> proposal for the roles that no topic fills and no option names.
+
+    If a table has no time but that of the vehicle's own clock, others that have this one, too, are timed by it.
+    """
+    found = _proposed(topics, roles, request, set())
+    clocks = {one.columns.get(key) for one in found.values() for key in ("time_s", "time_unix_us")}
+    cells = {name: cell for one in found.values() for name, cell in one.topic.first_row if name in clocks}
+    own = {name for name, cell in cells.items() if not keys_since_1970(cell)}
+    return _proposed(topics, roles, request, own) if own else found
+
+
+def _proposed(
+    topics: Sequence[TopicInfo], roles: Roles, request: Request, own_clocks: Collection[str]
+) -> dict[str, Proposal]:
     unknown = [topic for topic in dict.fromkeys(map(whole_table, topics)) if _unknown(topic)]
     unread = [topic.type for topic in topics if topic.first_row and topic.problem]
     found: dict[str, Proposal] = {}
     for role in ROLES:
         own = f"usbldr/{role}" in unread  # a file or columns that a name gives to the sensor
         if role not in roles.chosen and (own or role not in roles.unresolved) and role not in request.topics:
-            fitting = [(topic, columns) for topic in unknown if (columns := _columns(role, topic))]
+            fitting = [(topic, columns) for topic in unknown if (columns := _columns(role, topic, own_clocks))]
             fitting.sort(key=lambda one: (role not in suggested_sensors(one[0].name), -one[0].count))
             if fitting:
                 (topic, columns), *others = fitting
@@ -105,20 +120,23 @@ def _unknown(topic: TopicInfo) -> bool:
     return (readable or bool(topic.first_row)) and not known and named
 
 
-def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
+def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str]) -> dict[str, NamedColumn]:
     """Return own column -> field for a topic that looks like a sensor, empty if it does not."""
     paths = [name for name, _ in topic.first_row] or [path for one in topic.fields for path in _elements(one, topic)]
     found: dict[str, NamedColumn] = {}
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
-    columns = [column for path in paths if (column := named_column(path, (*VECTORS, *RULES, YAW, FLAG, *PLACES)))]
+    columns = [
+        column for path in paths if (column := named_column(path, (*VECTORS, *QUATERNIONS, *RULES, YAW, FLAG, *PLACES)))
+    ]
     headings = [column for column in columns if column.rule.key == "heading_deg"]
     columns = [column for column in columns if column not in headings or column in true_ones(headings)]
     times = [column for column in columns if column.rule.key == "time"]
     if topic.first_row:
         others = (column for column in columns if column not in times)
-        columns = [*dated_columns(dict(topic.first_row), times), *others]
+        own = [column for column in times if column.name in own_clocks]
+        columns = [*(own or dated_columns(dict(topic.first_row), times)), *others]
     of_all = bool(topic.first_row) and not suggested_sensors(topic.name)  # one table of all sensors
     if role not in ("usbl", "gps"):
         columns = [one for one in columns if one.rule.sensor or one.rule.key in ("time", "received", "valid")]
@@ -126,6 +144,7 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         certain = column.rule in RULES and column.known and column.rule.dimension == "velocity"  # forward_kn
         certain = certain or (of_all and (column.rule.dimension == "velocity" or column.rule is YAW))
+        certain = certain or column.rule in QUATERNIONS
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         hinted = hinted or (of_all and role == "usbl" and bool(TARGET.search(words_of(column.name))))
         if of_any or (hinted and column.rule.sensor in (role, "")):
@@ -134,8 +153,8 @@ def _columns(role: str, topic: TopicInfo) -> dict[str, NamedColumn]:
             found.setdefault(column.rule.key, column)
     if topic.first_row and _time_key(topic, found) is None:
         return {}
-    complete = [needed for needed in NEEDED[role] if needed <= found.keys()]
-    others = frozenset[str]().union(*NEEDED[role]).difference(*complete[:1])  # columns of another kind of position
+    complete = [needed for needed in COMPLETE[role] if needed <= found.keys()]
+    others = frozenset[str]().union(*COMPLETE[role]).difference(*complete[:1])  # columns of another kind of position
     others |= frozenset({"elevation_deg"} if "slant_range_m" in others else ())
     return {key: column for key, column in found.items() if key not in others} if complete else {}
 
@@ -146,6 +165,8 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     cell = dict(topic.first_row).get(column.name, "") if column else ""
     if column is None or ISO.fullmatch(cell) or not is_number(cell):
         return "time_unix_s" if ISO.fullmatch(cell) else None
+    if _counts_us(column, cell):
+        return "time_unix_us"
     if of_gps(column, cell):
         return None
     if epoch := named_epoch(column, cell):
@@ -154,6 +175,11 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     longest_s = SINCE_NS / 1e9 if column.known else OWN_CLOCK_S
     own_clock = "time_s" if "time_s" in units and abs(float(cell)) < longest_s else None
     return next((key for key in keys_since_1970(cell) if key in units), own_clock)
+
+
+def _counts_us(column: NamedColumn, cell: str) -> bool:
+    """Return whether a time counts microseconds since power-on, as PX4 does: a whole number too large for seconds."""
+    return words_of(column.name) == "timestamp" and cell.isdigit() and OWN_CLOCK_S <= int(cell) < SINCE_NS / 1e6
 
 
 def _elements(field: str, topic: TopicInfo) -> Sequence[str]:

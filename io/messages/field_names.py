@@ -78,6 +78,20 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
     "depth": (frozenset({"depth_m"}), frozenset({"pressure_pa"})),
 }
 """A sensor is there if all columns of one of these are."""
+
+KEYS = {
+    "x_mps": "x",
+    "y_mps": "y",
+    "z_mps": "z",
+    "forward_mps": "x",
+    "starboard_mps": "y",
+    "up_mps": "z",
+    "heading_deg": "heading",
+    "pressure_pa": "pressure",
+    "east_m": "x",
+    "north_m": "y",
+}
+"""usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
     r"(^|_)(set|target_(heading|hdg|depth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
     r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
@@ -171,7 +185,8 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
 
 
 def true_ones(headings: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
-    """Return the only one of several headings that is named true, else all of them."""
+    """Return the only one of several headings that is named true and not for the GPS, else all that are not, or all."""
+    headings = [one for one in headings if _positioning(words_of(one.name)) != "gps"] or headings
     true = [heading for heading in headings if re.search(r"(^|_)true(_|$)", words_of(heading.name))]
     return true if len(true) == 1 else headings
 

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
-from usbldr.io.messages.field_names import NamedColumn, named_column, sensors_by_name
+from usbldr.io.messages.field_names import KEYS, NamedColumn, named_column, sensors_by_name
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
-from usbldr.io.tables.time_columns import ISO, NAME_THEM, TimeColumn, dated_columns, time_column, time_fault
+from usbldr.io.settings.toml_text import quoted
+from usbldr.io.tables.time_columns import ISO, TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees
 
@@ -104,7 +105,10 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     if missing:
         if holds_values(header):
             return Sheet(CANONICAL + sensor, columns, problem=NO_HEADER)
-        problem = f"has no column {', '.join(missing)} (its columns: {', '.join(header)}); {PROPOSED}"
+        lacks = (
+            f"has no column {', '.join(missing)}" if columns or "time_ns" in header else "names no quantity with a unit"
+        )
+        problem = f"{lacks} (its columns: {', '.join(header)}); {PROPOSED}"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"
     texts = frozenset(TEXTS & columns.keys() if sensor != "dvl" else ())
@@ -143,7 +147,12 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
     sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
     untimed = time_fault(stamps, arrivals, cells)
-    faults = {sensor: untimed or _fault(columns, cells, sides[sensor]) for sensor, columns in found.items()}
+    faults = {
+        sensor: untimed
+        or _doubled(sensor, columns, time_column(stamps[0], cells))
+        or _fault(columns, cells, sides[sensor])
+        for sensor, columns in found.items()
+    }
     refused = {sensor: Sheet(CANONICAL + sensor, {}, problem=why) for sensor, why in faults.items() if why}
     if untimed:
         return refused
@@ -184,13 +193,23 @@ def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[s
 def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:
     """Return why the columns of a sensor cannot be read, empty if they can; "45° 12.5' N" and sides state a unit."""
     for key, same in columns.items():
-        if len(same) > 1 and key != "target":  # it may have a number and a name
-            return f"has columns for the same quantity ({', '.join(column.name for column in same)}); {NAME_THEM}"
         by_cell = same[0].rule.dimension == "angle" and states_degrees(cells.get(same[0].name, ""))
         if not (same[0].known or by_cell or (sides and key in ("lat_deg", "lon_deg"))):
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
             return f"has a column {same[0].name} without a known unit ({units})"
     return ""
+
+
+def _doubled(sensor: str, columns: Mapping[str, Sequence[NamedColumn]], clock: TimeColumn) -> str:
+    """Return that several columns hold one quantity, and how to choose one; empty if none do."""
+    doubled = [same for key, same in columns.items() if len(same) > 1 and key != "target"]  # a number and a name
+    if not doubled:
+        return ""
+    time = next((key for key, unit_ns in TIME_UNITS_NS.items() if (unit_ns, AT_1970.get(key, 0)) == clock[1:]), "")
+    keys = {time: clock.column, **{KEYS.get(key, key): same[0].name for key, same in columns.items()}}
+    line = ", ".join(f"{key} = {quoted(name)}" for key, name in keys.items())
+    names = ", ".join(column.name for column in doubled[0])
+    return f"has columns for the same quantity ({names}); choose one under [{sensor}]: columns = {{ {line} }}"
 
 
 def configured_sheet(sensors: Sequence[ConfiguredColumns], header: Sequence[str], file: Path, topic: str) -> Sheet:

@@ -400,7 +400,7 @@ def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None
     log = without_units(tmp_path / "dive")
     sheet = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()
     again = [f"{line},{line.split(',')[1]}" for line in sheet]
-    (log / "ahrs.csv").write_text("\n".join(["stamp,heading,gps_heading", *again[1:], ""]), encoding="utf-8")
+    (log / "ahrs.csv").write_text("\n".join(["stamp,heading,imu_heading", *again[1:], ""]), encoding="utf-8")
 
     said, text = asked_in(log, tmp_path / "found.toml")
 
@@ -429,7 +429,7 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path
     assert said.endswith(f"{file} is written: complete the lines marked CHECK")
     assert "usbldr init" not in said
     assert tomllib.loads(text)["dvl"]["columns"] == DVL_COLUMNS
-    assert "CHECK: /compass cannot be read as compass: compass.csv has no column heading_deg, time_ns" in text
+    assert "CHECK: /compass cannot be read as compass: compass.csv names no quantity with a unit" in text
     asked = '# [compass]\n# columns = { time_unix_s = "?", heading = "?" }'
     completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
     file.write_text(completed, encoding="utf-8")
@@ -445,7 +445,7 @@ def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(tmp_path:
     found = tomllib.loads(text)
     assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
     assert '# [gps]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }' in text
-    assert "CHECK: /gps cannot be read as gps: gps.csv has no column lat_deg, lon_deg, time_ns" in text
+    assert "CHECK: /gps cannot be read as gps: gps.csv names no quantity with a unit" in text
 
 
 def test_positions_without_direction_and_time_in_other_units_are_proposed(tmp_path: Path) -> None:

@@ -227,3 +227,44 @@ def test_whole_numbers_beyond_all_degrees_and_minutes_are_ten_millionths_of_degr
     gps = read_log(write_csv(tmp_path, gps=f"time,lat,lon\n{rows}")).tables["gps"]
 
     assert gps[["lat_deg", "lon_deg"]].iloc[-1].tolist() == pytest.approx([45.000036, -7.0])
+
+
+@pytest.mark.parametrize("unit", ["", " (deg)"])
+def test_of_two_true_headings_the_sentence_chooses_one(tmp_path: Path, unit: str) -> None:
+    """As an iVer writes them; that of the GPS is its course."""
+    names = f"Time (s),DFS Depth (m),GPS True Heading{unit},Compass True Heading{unit},C True Heading{unit}"
+    rows = "".join(f"{T0_S + k},9,1,{20 + k},30\n" for k in range(5))
+    folder = write_csv(tmp_path, compass=f"{names}\n{rows}")
+
+    said = refusal(LogError, read_log, folder)
+    line = said.partition("choose one under [compass]: ")[2]
+    (tmp_path / "usbldr.toml").write_text(f"[compass]\n{line}\n", encoding="ascii")
+
+    assert f"(Compass True Heading{unit}, C True Heading{unit})" in said
+    assert read_log(folder).tables["compass"]["heading_deg"].tolist() == [20, 21, 22, 23, 24]
+
+
+@pytest.mark.parametrize("names", ["q[0],q[1],q[2],q[3]", "q_0,q_1,q_2,q_3", "qw,qx,qy,qz"])
+def test_quaternions_and_microseconds_of_an_autopilot_are_proposed(tmp_path: Path, names: str) -> None:
+    """A folder of ulog2csv: half a heading's sine and cosine turn north to the bow; the vehicle's clock times all."""
+    half = np.radians(np.arange(30) + 100) / 2
+    rows = [f"{30_000_000 + k * 10**6}" for k in range(30)]
+    turns = [f"{t},{t},{np.cos(h):.6f},0,0,{np.sin(h):.6f}\n" for t, h in zip(rows, half, strict=True)]
+    places = [f"{t},{(T0_S + k) * 10**6},{450_000_000 + 90 * k},70000000\n" for k, t in enumerate(rows)]
+    write_csv(
+        tmp_path / "dive",
+        vehicle_attitude_0=f"timestamp,timestamp_sample,{names}\n{''.join(turns)}",
+        vehicle_gps_position_0=f"timestamp,time_utc_usec,lat,lon\n{''.join(places)}",
+        dvl="timestamp,vx,vy,vz\n" + "".join(f"{t},1,0,0\n" for t in rows),
+        usbl="timestamp,lat,lon\n" + "".join(f"{t},{45 + 9e-6 * k:.7f},7\n" for k, t in enumerate(rows)),
+    )
+
+    run("init", tmp_path / "dive", "--output", tmp_path / "found.toml")
+
+    drafted = tomllib.loads((tmp_path / "found.toml").read_text("utf-8"))
+    columns = {role: drafted[role]["columns"] for role in ("dvl", "compass", "usbl", "gps")}
+    assert {one["time_unix_us"] for one in columns.values()} == {"timestamp"}
+    assert ",".join(columns["compass"][f"q{part}"] for part in "wxyz") == names
+    read_as = Request(str(tmp_path / "found.toml"), set_keys=("compass.convention=NED",))
+    heading = read_log(tmp_path / "dive", read_as).tables["compass"]["heading_deg"]
+    assert heading.tolist() == pytest.approx(list(range(100, 130)), abs=1e-3)

@@ -300,7 +300,7 @@ def test_sides_beside_a_position_are_its_signs(tmp_path: Path, header: str, row:
          "has not one column of time (Time [s], stamp_ns); name its columns with"),
         ("nav", "Heading (deg),Roll (deg)", "1,1",
          "has not one column of time (none); name its columns with the key columns of a"),
-        ("nav", "t_s,IMU Heading (deg),GPS Heading (deg)", "1,1,1",
+        ("nav", "t_s,IMU Heading (deg),AHRS Heading (deg)", "1,1,1",
          "has columns for the same quantity (IMU Heading (deg)"),
         ("compass", "Time,Heading [deg]", "2026-01-01 02:00:00 CEST,1",
          'has "2026-01-01 02:00:00 CEST" in the first row of the column Time, which is neither a date and time nor a'),
