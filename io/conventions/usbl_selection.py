@@ -14,6 +14,7 @@ from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
+from usbldr.io.settings.toml_text import quoted
 
 FULL_FIX = 2  # fixed: of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
 REPLIES_WITH_RANGE = ("MSG_RESPU", "MSG_RESPX")  # SeaTrac's kinds of messages with a range, as HoloOcean uses them
@@ -33,7 +34,8 @@ def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRec
     listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
     wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
     if wanted is None:
-        text = f"{raw.topic.name} holds fixes of {len(names)} targets: {listed}; choose one with target under [usbl]"
+        text = f"{raw.topic.name} holds fixes of {len(names)} targets: {listed}"
+        text += f"; choose one under [usbl]: target = {quoted(str(names[0]))}"
         raise UsageError(text, path=raw.log, topic=raw.topic.name)
     if wanted not in names:
         raise SettingError(f"[usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")

@@ -38,7 +38,9 @@ class TableHead:
     elsewhere: Sequence[str] = ()  # columns of other tables, which only the configuration names
 
 
-DEVICE = re.compile(r"(device|sensor|instrument|dvl|compass|imu|gps)_(id|no|number|serial|name)|device|instrument")
+DEVICE = re.compile(
+    r"(device|sensor|instrument|dvl|compass|imu|gps|vehicle)_(id|no|number|serial|name)|device|instrument|vehicle"
+)
 """The name of a column that may say which of several devices measured."""
 MOST_DEVICES = 8  # more are numbers of something else
 FirstRow: TypeAlias = tuple[tuple[str, str], ...]  # columns and their first cells
@@ -81,7 +83,7 @@ class TopicSheet(NamedTuple):
         """Return why its rows are no records of one sensor: a column names several devices whose rows have a value."""
         values = [column for path, column in self.sheet.columns.items() if path not in TEXTS] if self.sheet else []
         for name in names if values else ():
-            if DEVICE.fullmatch(words_of(name)) and name not in values:
+            if DEVICE.fullmatch(words_of(name)) and self.sheet and name not in self.sheet.columns.values():
                 pairs = zip(cells(name), cells(values[0]), strict=True)
                 devices = sorted({device for device, value in pairs if device and value})
                 if 1 < len(devices) <= MOST_DEVICES:

@@ -9,7 +9,7 @@ import pytest
 from commands import run
 from logs import refusal
 from recordings import SECOND, write_csv
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import Request, read_log
 
@@ -268,3 +268,20 @@ def test_quaternions_and_microseconds_of_an_autopilot_are_proposed(tmp_path: Pat
     read_as = Request(str(tmp_path / "found.toml"), set_keys=("compass.convention=NED",))
     heading = read_log(tmp_path / "dive", read_as).tables["compass"]["heading_deg"]
     assert heading.tolist() == pytest.approx(list(range(100, 130)), abs=1e-3)
+
+
+@pytest.mark.parametrize("column", ["vehicle", "Vehicle ID", "Beacon No"])
+@pytest.mark.parametrize("units", [" [deg]", ""])
+def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: Path, column: str, units: str) -> None:
+    rows = "".join(f"{T0_S + k},{('ROV', 'TMS')[k % 2]},{45 + k % 2},7\n" for k in range(10))
+    write_csv(tmp_path, usbl=f"Time [s],{column},lat{units},lon{units}\n{rows}")
+    named = f'columns = {{ time_unix_s = "Time", target = "{column}", lat_deg = "lat", lon_deg = "lon" }}\n'
+    (tmp_path / "usbldr.toml").write_text("" if units else f"[usbl]\n{named}", encoding="ascii")
+
+    said = refusal(UsageError, read_log, tmp_path)
+    line = said.partition("choose one under [usbl]: ")[2]
+    (tmp_path / "usbldr.toml").write_text(f"[usbl]\n{line}\n{'' if units else named}", encoding="ascii")
+
+    assert "2 targets: ROV (5 fixes), TMS (5 fixes)" in said
+    assert read_log(tmp_path).origin.lat_deg == 45
+    assert len(read_log(tmp_path).tables["usbl"]) == 5
