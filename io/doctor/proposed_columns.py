@@ -135,8 +135,10 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str]) -> dict[s
     times = [column for column in columns if column.rule.key == "time"]
     if topic.first_row:
         others = (column for column in columns if column not in times)
-        own = [column for column in times if column.name in own_clocks]
-        columns = [*(own or dated_columns(dict(topic.first_row), times)), *others]
+        cells = dict(topic.first_row)
+        clocks = [one for one in times if one.name in own_clocks] or dated_columns(cells, times)
+        since_1970 = [one for one in clocks if keys_since_1970(cells[one.name])]  # a date beside it may have a zone
+        columns = [*(since_1970[:1] or clocks), *others]
     of_all = bool(topic.first_row) and not suggested_sensors(topic.name)  # one table of all sensors
     if role not in ("usbl", "gps"):
         columns = [one for one in columns if one.rule.sensor or one.rule.key in ("time", "received", "valid")]

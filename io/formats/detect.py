@@ -215,7 +215,7 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
     from usbldr.io.tables.csv_begin import has_blank_columns, lacks_header
 
     if lacks_header(head):
-        raise LogError("has no header: its first line holds numbers; insert a line with the column names", path=path)
+        raise LogError("has no header: its first row holds numbers; insert a line with the column names", path=path)
     if has_blank_columns(head):
         why = "is a table with blanks between its columns, whose first row is not of as many numbers as there are names"
         raise LogError(f"{why}; write commas between the columns", path=path)

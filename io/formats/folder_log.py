@@ -212,12 +212,15 @@ def _may_hold_records(file: Path) -> bool:
 
 
 def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> list[Finding]:
-    """Name the files that are not read: a loss if one is named like a sensor."""
+    """Name the files that are not read: a loss if one is named like a sensor; of the first others, foreign formats."""
     sensors = [file for file in files if _may_hold_records(file) and _named_like_a_sensor(file)]
     findings = [
         Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=True) for file in sensors
     ]
-    others = [file.name for file in files if file not in sensors and _may_hold_records(file)]
+    others = [file for file in files if file not in sensors and _may_hold_records(file)]
+    foreign = {file: why for file in others[:SHOWN] if (why := _why(file, open_file)).startswith("is ")}
+    findings += [Finding("NOT-READ", f"{file.name} is not read: it {why}") for file, why in foreign.items()]
+    others = [file.name for file in others if file not in foreign]
     if others:
         text = f"not read of this folder: {listed(others, SHOWN)}; --with FILE adds one"
         findings.append(Finding("NOT-READ", text))

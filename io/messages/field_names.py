@@ -61,7 +61,9 @@ RULES: Sequence[Rule] = (
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
     Rule("usbl", "bearing_deg", "angle", "bearing"),
     Rule("usbl", "elevation_deg", "angle", "elevation"),
-    Rule("usbl", "target", None, "(target|beacon|transponder|^vehicle)(_?(id|name|no|number|address))?"),
+    Rule(
+        "usbl", "target", None, "(target|beacon|transponder|^vehicle)(_?(id|name|no|number|address))?|tp_?(id|name|no)"
+    ),
     Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
 )
 NEUTRAL: Mapping[Dimension | None, str] = {

@@ -8,7 +8,7 @@ HINTS: Mapping[str, str] = {
     "dvl": r"dvl|doppler|velocity_report|bottom_?(track|lock)|nortek|a50|a125",
     "compass": r"[ck]ompass|(?:^|[/_ ])kurs|heading|hdg|hdt|ahrs|imu|gyro",
     "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/|"
-    r"beacon|transponder",
+    r"beacon|transponder|(?:^|[/_ ])apos(?:[/_ ]|$)",
     "gps": rf"{GPS_ITSELF}|fix",
     "depth": r"depth|pressure",
 }

@@ -63,8 +63,11 @@ def _is_dated(names: Sequence[str], row: Sequence[str]) -> bool:
 
 
 def lacks_header(head: bytes) -> bool:
-    """Return whether a file's first bytes are columns without names: numbers, or most of them numbers and times."""
-    first = next(iter(head_lines(head)), "")
+    """Return whether a file's first bytes are columns without names: numbers, or most of them numbers and times.
+
+    Lines of words may come before.
+    """
+    first = next((line for line in head_lines(head) if not line.startswith((*REMARKS, "*"))), "")
     cells = first.split(_separator(first) if _separator(first) in first else None)
     values = sum(is_value(cell) or foreign_time(cell.strip()) for cell in cells)
     return (len(cells) > 1 and values == len(cells)) or values > max(2, len(cells) / 2)
@@ -95,11 +98,16 @@ def _header_place(lines: Sequence[str]) -> int:
             continue
         if len(cells) != width or COMMENT.match(lines[names]):
             names, width = k, len(cells)
-        if 1 < len(cells) == len(row) and any(map(is_value, row)):
+        if 1 < len(cells) == len(row) + _ends_in_comment(cells, row) and any(map(is_value, row)):
             if is_value(row[0]) or foreign_time(row[0]):
                 return names
             worded = names if worded < 0 else worded
     return worded if worded >= 0 else filled[0] if filled else 0
+
+
+def _ends_in_comment(names: Sequence[str], row: Sequence[str]) -> bool:
+    """Return whether the last column is that of LabVIEW's comments, which is not in the rows."""
+    return len(row) > 1 and len(names) == len(row) + 1 and names[-1] == "Comment"
 
 
 def _separator(line: str) -> str:
@@ -157,6 +165,8 @@ def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
         if joined is None:
             break
         names, rows = joined, rows + 1
+    if _ends_in_comment(names, cells_of(clean[rows], separator) if rows < len(clean) else ()):
+        names.pop()
     while len(names) > 1 and not names[-1]:
         names.pop()  # of separators at the end of the line
     if names.count("") > 1:

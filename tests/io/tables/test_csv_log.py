@@ -62,7 +62,7 @@ def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: P
         ("compass", "time_ns,heading_deg,heading_deg\n1,2,3",
          "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg); rename one"),
         ("dvl", "1600000000,0.5,1.25\n1600000001,0.5,1.25",
-         "{file}: has no header: its first line holds numbers; insert a line with the column names"),
+         "{file}: has no header: its first row holds numbers; insert a line with the column names"),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, name: str, text: str, said: str) -> None:

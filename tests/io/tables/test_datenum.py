@@ -87,12 +87,13 @@ def test_times_that_are_no_day_numbers_are_refused_in_one_sentence(tmp_path: Pat
 
 
 @pytest.mark.parametrize("columns", [{}, {"time_labview": "X_Value", "heading": "Heading (deg)"}])
-def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str]) -> None:
+@pytest.mark.parametrize("comment", ["", "\tComment"])
+def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str], comment: str) -> None:
     first = (FIRST - datetime(1904, 1, 1)).total_seconds()
     head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t,\nTime_Pref\tAbsolute\n***End_of_Header***\n\n"
     rows = "".join(f"{first + k / 4:.2f}\t{k}\n".replace(".", ",") for k in range(8))
     file = tmp_path / "nav.lvm"
-    file.write_text(f"{head}X_Value\tHeading (deg)\n{rows}", encoding="utf-8")
+    file.write_text(f"{head}X_Value\tHeading (deg){comment}\n{rows}", encoding="utf-8")
 
     log = read(file, **columns) if columns else read_log(file)
 

@@ -58,6 +58,8 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
     [
         ("a50", "time,vx,vy,status,time_of_validity\n200,1.5,0.5,0,{us}\n", {"time_unix_us": "time_of_validity"}),
         ("dvl_0", "timestamp,velocity[0],velocity[1]\n{us},1.5,0.5\n", {"x": "velocity[0]", "y": "velocity[1]"}),
+        ("DVL1000.bt", "dateTime,timestamp,velocityX,velocityY\n13/09/2020 14:26:40,{s}.5,1.5,0.5\n",
+         {"time_unix_s": "timestamp", "x": "velocityX"}),
         ("nortek", "timestampPosix,velocityX,velocityY,xVelocityIsValid,yVelocityIsValid,varX\n{s},1.5,0.5,1,1,0\n",
          {"time_unix_s": "timestampPosix", "x": "velocityX", "y": "velocityY", "valid": "xVelocityIsValid"}),
         ("plot", "receive time,header.stamp,/dvl/data.velocity.x,/dvl/data.velocity.y\n{s}.5,{s},1.5,0.5\n",
@@ -81,6 +83,7 @@ def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, col
         (b"\xed\xa1\xda\x01" + bytes(90), "is an LCM log"),
         (b"-- PostgreSQL database dump\nSET client_encoding = 'UTF8';\n", "is a dump of a database"),
         (b" 1  09/13/20  12:26:40.0  45.100000  7.250000   12.50\n", "has no header"),
+        (b"* NaviPac custom log\n* Date Time E N\n13.09.2020, 12:26:40.0, 500000.1, 4983000.2\n", "has no header"),
         (b"VFR 2020/09/13 12:26:40.0 1 0 SOLN_USBL 7.25 45.1 12.5 1 0.7 0\n", "has no header"),
     ],
 )
@@ -88,6 +91,16 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, begin: bytes, said: str) -
     (tmp_path / "dive.raw").write_bytes(begin * 20)
 
     assert said in refusal(LogError, open_log, tmp_path / "dive.raw")
+
+
+def test_a_foreign_file_beside_tables_is_named_with_what_to_do(tmp_path: Path) -> None:
+    write_csv(tmp_path, dvl=DVL)
+    (tmp_path / "0001_0930.RAW").write_text("FTP NEW 2 \nVER 16.1.0\n" * 20, encoding="ascii")
+
+    (finding,) = open_log(tmp_path).findings()
+
+    assert finding.text.startswith("0001_0930.RAW is not read: it is a Hypack raw file; export the positions")
+    assert not finding.lost_data
 
 
 @pytest.mark.parametrize(
@@ -123,6 +136,13 @@ def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path
 
     written = (tmp_path / "found.toml").read_text("utf-8").replace('# grid = "', 'grid = "')  # without pyproj
     assert tomllib.loads(written)["usbl"]["grid"] == "EPSG:32632"
+
+
+def test_transponders_of_apos_are_targets(tmp_path: Path) -> None:
+    rows = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
+    write_csv(tmp_path, APOS_positions=f"Time [s],TP name,Latitude [deg],Longitude [deg]\n{rows}")
+
+    assert "2 targets: M0 (2 fixes), M1 (2 fixes)" in refusal(UsageError, read_log, tmp_path)
 
 
 @pytest.mark.parametrize(("beside", "kind"), [("Target Name", "usbldr/usbl"), ("Note", "")])
