@@ -138,19 +138,19 @@ def test_nudged_dead_reckoning_meets_every_fix_and_keeps_its_shape_between() -> 
 
 
 @pytest.mark.parametrize("late_s", [1.3, -0.7])
-@pytest.mark.parametrize("clock", dead_reckoning.CLOCKS)
-def test_records_with_late_stamps_are_those_of_the_epochs_at_which_they_were_true(clock: str, late_s: float) -> None:
+@pytest.mark.parametrize("sensor", dead_reckoning.COLUMNS)
+def test_records_with_late_stamps_are_those_of_the_epochs_at_which_they_were_true(sensor: str, late_s: float) -> None:
     """A sensor has a record in every other epoch, and reads a tenth of the time."""
 
     def read(time_s: Vector) -> Array:
-        return 0.1 * (np.column_stack([time_s, -time_s]) if clock == "dvl_clock" else time_s)
+        return 0.1 * (np.column_stack([time_s, -time_s]) if sensor == "dvl" else time_s)
 
     line = timeline(simulated_log(dataclasses.replace(find_scenario("paper"), duration_s=20.0), 0))
-    t, (measured, reckoned, count, sd) = line.time_s, dead_reckoning.CLOCKS[clock]
+    t, (measured, reckoned, count, sd) = line.time_s, dead_reckoning.COLUMNS[sensor]
     stamped, records = read(t - late_s), np.arange(len(t)) % 2
     late = dataclasses.replace(line, **{measured: stamped, reckoned: stamped, count: records, sd: t})
 
-    right = dead_reckoning.freed(late, {clock: late_s})
+    right = dead_reckoning.freed(late, {f"{sensor}_clock": late_s})
 
     inside = (t + late_s > 0.1) & (t + late_s < t[-1] - 0.1)
     for name in (measured, reckoned):
