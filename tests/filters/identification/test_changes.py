@@ -369,6 +369,7 @@ def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its
     np.testing.assert_array_equal(lost.dvl_count[~inside], DIVE.dvl_count[~inside])
     np.testing.assert_array_equal(lost.dr_mps[~inside], DIVE.dr_mps[~inside])
     np.testing.assert_allclose(lost.dr_mps[inside], DIVE.dr_mps[inside], atol=0.3)
-    ends_rad = DIVE.dr_yaw_rad[np.flatnonzero(inside)[[0, -1]] + [-1, 1]]
-    np.testing.assert_allclose(lost.dr_yaw_rad[inside], np.linspace(*ends_rad, inside.sum() + 2)[1:-1])
+    first, last = np.flatnonzero(inside)[[0, -1]].tolist()
+    between = np.linspace(DIVE.dr_yaw_rad[first - 1], DIVE.dr_yaw_rad[last + 1], last - first + 3)[1:-1]
+    np.testing.assert_allclose(lost.dr_yaw_rad[inside], between)
     assert lost.yaw_rad[-1] == pytest.approx(DIVE.yaw_rad[-1] - 0.1)
