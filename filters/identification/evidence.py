@@ -60,9 +60,7 @@ USUAL_SIGMAS = 2.0  # [-] of the usual prior: an error beyond it may be far outs
 LEAST_FACTOR = 1e-3  # fixed: on dead reckoning; a smaller one is as far outside
 MAX_SCALE = 0.8  # [-] of a DVL that measures a fifth of the speed; at -1 dead reckoning would stand still
 MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going in circles without DVL is none
-MOST_LOST = (
-    6  # [spans] of a DVL that loses its lock, or of a compass beside iron: each takes about a second to be found
-)
+MOST_LOST = 6  # [spans] of a DVL that loses its lock, or of a compass beside iron: each takes some seconds to be found
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 LINEARISATIONS = 2  # about the estimates of each subset
 
