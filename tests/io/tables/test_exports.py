@@ -51,6 +51,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
     assert log.start_ns == T0_S * SECOND
     table = log.tables["compass"][["time_s", "heading_deg"]]
     assert table.to_numpy().tolist() == [[float(k), 10.5 + k] for k in range(4)]
+    assert not [one for one in log.findings if "as UTC" in one.text]
 
 
 @pytest.mark.parametrize(
