@@ -181,7 +181,7 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
     for sensor in COLUMNS:
         lost = np.array([False, *(sensor in one.lost for one in changed)])[since]
         if lost.any() and not lost.all():
-            timeline = _without_sensor(timeline, lost, *COLUMNS[sensor])
+            timeline = _without_sensor(timeline, lost, *COLUMNS[sensor][:3])
     gaps = [Outage(name, one.start_s, end.start_s) for one, end in pairwise(changed) for name in one.lost]
     turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]
     scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
@@ -203,13 +203,11 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
     )
 
 
-def _without_sensor(timeline: Timeline, lost: Mask, measured: str, reckoned: str, count: str, _sd: str) -> Timeline:
+def _without_sensor(timeline: Timeline, lost: Mask, measured: str, reckoned: str, count: str) -> Timeline:
     """Return the timeline without a sensor's records in the lost epochs; dead reckoning goes on between their ends."""
-    t, values = timeline.time_s, getattr(timeline, reckoned).reshape(len(lost), -1)
-    between = interpolate(replace(timeline, time_s=t[~lost]), values[~lost], t).reshape(
-        getattr(timeline, reckoned).shape
-    )
-    records = getattr(timeline, measured).copy()
+    t, values, records = timeline.time_s, getattr(timeline, reckoned), getattr(timeline, measured).copy()
+    kept = values.reshape(len(t), -1)[~lost]
+    between = interpolate(replace(timeline, time_s=t[~lost]), kept, t).reshape(values.shape)
     records[lost] = np.nan
     columns: dict[str, Any] = {measured: records, reckoned: between, count: np.where(lost, 0, getattr(timeline, count))}
     return replace(timeline, **columns)
