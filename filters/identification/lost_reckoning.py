@@ -31,11 +31,13 @@ Lost = tuple[SensorChange, SensorChange]  # dead reckoning is lost, and there ag
 def lost_spans(timeline: Timeline, member: Member, shifts_s: Sequence[float] = ()) -> tuple[Lost, ...]:
     """Return the likeliest span of lost sensors about each edge of a run from the first fix or to the last, and shift.
 
-    ``shifts_s`` are times at which the fixes seem to shift for good.
+    ``shifts_s`` are times at which the fixes seem to shift for good. A span that costs more than it gains is none.
     """
-    false = false_runs(timeline, member).false[:MAX_FIXES]
-    edges_s = {*_edges_s(timeline, false), *filter(math.isfinite, shifts_s)}
-    return tuple(_likeliest(timeline, member, edge_s, lost) for edge_s in sorted(edges_s) for lost in LOST)
+    none = false_runs(timeline, member)
+    edges_s = {*_edges_s(timeline, none.false[:MAX_FIXES]), *filter(math.isfinite, shifts_s)}
+    least = none.log_likelihood + cost(timeline)
+    spans = (_likeliest(timeline, member, edge_s, lost, least) for edge_s in sorted(edges_s) for lost in LOST)
+    return tuple(span for span in spans if span)
 
 
 def without_both(changed: Sequence[SensorChange]) -> tuple[SensorChange, ...]:
@@ -55,7 +57,7 @@ def _edges_s(timeline: Timeline, false: Mask) -> Sequence[float]:
     return [float(timeline.fix_time_s[row]) for row, there in ((steps[0], false[0]), (steps[-1], false[-1])) if there]
 
 
-def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...]) -> Lost:
+def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...], least: float) -> Lost | None:
     def tried(reach_s: tuple[float, float]) -> Lost:
         begin_s = max(edge_s - reach_s[0], float(timeline.time_s[0]))
         return SensorChange(begin_s, 0.0, 0.0, lost), SensorChange(edge_s + reach_s[1], 0.0, 0.0)
@@ -72,4 +74,6 @@ def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[st
         _, after_s = max(((before_s, one_s) for one_s in tried_s), key=log_likelihood)
         tried_s = [before_s * part for part in FINER] if finer else REACHES_S
         before_s, _ = max(((one_s, after_s) for one_s in tried_s), key=log_likelihood)
+        if log_likelihood((before_s, after_s)) < least:
+            return None
     return tried((before_s + MARGIN_S, after_s + MARGIN_S))

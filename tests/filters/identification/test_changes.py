@@ -330,9 +330,14 @@ def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float)
     assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.3
 
 
+def beside_iron() -> Timeline:
+    """Return the dive with a compass that is turned for a while about 200 s."""
+    turned = 1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) ** 2))
+    return replace(DIVE, yaw_rad=DIVE.yaw_rad + turned, dr_yaw_rad=DIVE.dr_yaw_rad + turned)
+
+
 def test_a_compass_that_is_turned_for_a_while_is_not_taken_for_fixes_that_shift() -> None:
-    turned = 1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) ** 2))  # rad, as near iron
-    line = replace(DIVE, yaw_rad=DIVE.yaw_rad + turned, dr_yaw_rad=DIVE.dr_yaw_rad + turned)
+    line = beside_iron()
 
     found = identify(line, ASSUMED)
 
@@ -350,8 +355,9 @@ def test_lost_dead_reckoning_is_sought_where_fixes_seem_to_shift(monkeypatch: py
     identify(DIVE, ASSUMED)
 
     assert sought_s == [200.0]
-    spans = lost_spans(DIVE, Member(ASSUMED, frozenset()), [-np.inf, 200.0])
-    assert [begin.lost for begin, _ in spans] == [("dvl",), ("dvl", "compass")]
+    assert not lost_spans(DIVE, Member(ASSUMED, frozenset()), [200.0])  # one gains less than it costs
+    spans = lost_spans(beside_iron(), Member(ASSUMED, frozenset()), [-np.inf, 200.0])
+    assert {begin.lost for begin, _ in spans} == {("dvl",), ("dvl", "compass")}
     assert all(begin.start_s < 200.0 < end.start_s for begin, end in spans)
 
 
