@@ -192,8 +192,8 @@ class Identification:
             if before.lost:
                 texts[before.start_s] = (
                     f"from {before.start_s:.0f} to {one.start_s:.0f} s DVL or compass do not read the vehicle's "
-                    "motion, as the fixes before and after show (check bottom lock and magnetic disturbances; or the "
-                    "USBL's head or beacon was moved)"
+                    "motion, as the fixes before and after show: neither is used in this time (check bottom lock and "
+                    "magnetic disturbances; or the USBL's head or beacon was moved)"
                 )
             before, last = one, before
             if one.lost or last.lost or math.isinf(one.start_s):

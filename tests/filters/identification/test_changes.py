@@ -326,6 +326,7 @@ def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float)
     ((since_s, text),) = found.change_texts.items()
     assert since_s == begin.start_s
     assert text.startswith(f"from {begin.start_s:.0f} to {end.start_s:.0f} s DVL or compass do not read the vehicle's")
+    assert "neither is used in this time" in text
     tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
     assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.3
 
