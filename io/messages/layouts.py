@@ -189,7 +189,9 @@ def _configured_stamps(log: Path, topic: TopicInfo, layout: MessageLayout, times
     if times.dtype.kind not in "iuf":
         raise UsageError(f"{what} is text, not a time", path=log)
     if layout.stamp_at_1970:
-        times = np.where(times == 0, 0.0, times.astype(np.float64) - layout.stamp_at_1970)
+        times = np.where(
+            times == 0, 0, (times.astype(np.int64) if times.dtype.kind in "iu" else times) - layout.stamp_at_1970
+        )
     known = np.isfinite(times)
     if np.any(np.abs(times[known].astype(np.float64)) * layout.stamp_unit_ns >= MAX_TIME_NS):
         raise UsageError(f"{what} has values beyond 2116 in the unit of its key; is it time_ns?", path=log)

@@ -46,7 +46,16 @@ Place: TypeAlias = Literal[FixFlag, "x", "y", "lat_deg", "lon_deg", "lat_side", 
 CompassColumn: TypeAlias = Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
 Stamp: TypeAlias = Literal[
-    "time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s", "time_datenum", "time_excel", "time_labview"
+    "time_ns",
+    "time_unix_us",
+    "time_unix_ms",
+    "time_unix_s",
+    "time_s",
+    "time_datenum",
+    "time_excel",
+    "time_labview",
+    "time_filetime",
+    "time_ticks",
 ]
 Time: TypeAlias = Literal[Stamp, "received_ns", "received_unix_s", "time_format"]
 TruthColumn: TypeAlias = Literal[Stamp, "x", "y", "lat_deg", "lon_deg", "sd_m"]

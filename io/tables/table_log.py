@@ -263,7 +263,8 @@ class TableLog:
         if values.dtype.kind not in "iufM":
             raise LogError(f"/{table.topic}: the column {clock.column} holds no times", path=table.file)
         dated = values.dtype.kind == "M"
-        values = values.astype(np.float64) - clock.at_1970 if clock.at_1970 and not dated else values
+        if clock.at_1970 and not dated:
+            values = (values.astype(np.int64) if values.dtype.kind in "iu" else values) - clock.at_1970
         values, unit_ns = (values.astype(np.int64), 1) if dated else (values, clock.unit_ns)
         good = (np.abs(values.astype(np.float64)) * unit_ns < MAX_TIME_NS) & ~masked  # False for NaN, and for no date
         return whole_ns(np.where(good, values, 0), unit_ns), good

@@ -102,7 +102,10 @@ def of_gps(column: NamedColumn, cell: str) -> bool:
 
 
 def keys_since_1970(cell: str) -> list[str]:
-    """Return the keys of ``columns`` by which a number is a time of this century; days must have an exact time."""
+    """Return the keys of ``columns`` by which a number is a time of this century.
+
+    Days, and seconds since 1904, must have an exact time.
+    """
     try:
         value = float(cell)
     except ValueError:
@@ -111,5 +114,5 @@ def keys_since_1970(cell: str) -> list[str]:
     return [
         key
         for key, ns in TIME_UNITS_NS.items()
-        if SINCE_NS <= (value - AT_1970.get(key, 0)) * ns < UNTIL_NS and (exact or key not in AT_1970)
+        if SINCE_NS <= (value - AT_1970.get(key, 0)) * ns < UNTIL_NS and (exact or key not in AT_1970 or ns < SECOND_NS)
     ]

@@ -66,7 +66,8 @@ def test_columns_are_read_as_the_configuration_names_them(tmp_path: Path) -> Non
          "state topic, too"),
         (('[dvl]', '[dvl]\ntopic = "/velocities"\n#'), None),
         (('time_unix_s = "epoch", x', "x"), "{0}/velocities.csv: [dvl] columns must name exactly one of time_ns, "
-         "time_unix_us, time_unix_ms, time_unix_s, time_s, time_datenum, time_excel, time_labview"),
+         "time_unix_us, time_unix_ms, time_unix_s, time_s, time_datenum, time_excel, time_labview, "
+         "time_filetime, time_ticks"),
     ],
 )  # fmt: skip
 def test_columns_that_are_not_there_are_named(tmp_path: Path, change: tuple[str, str], sentence: str | None) -> None:

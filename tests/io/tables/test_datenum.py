@@ -101,6 +101,20 @@ def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str
     assert log.tables["compass"]["time_s"].tolist() == [k / 4 for k in range(8)]
 
 
+@pytest.mark.parametrize(("name", "year"), [("FileTime", 1601), ("Ticks", 1), ("Time", 1601), ("Time", 1)])
+@pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
+def test_steps_of_100_ns_count_from_1601_or_from_the_year_1(
+    tmp_path: Path, write: Callable[[Path, Tables], Path], name: str, year: int
+) -> None:
+    first = (FIRST - datetime(year, 1, 1)) // timedelta(seconds=1) * 10**7
+    steps = np.array([first + k * 2_500_001 for k in range(8)])
+
+    log = read_log(write(tmp_path, {"nav": {name: steps, "heading_deg": np.arange(8.0)}}))
+
+    assert log.start_ns == T0
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], 0.2500001 * np.arange(8), rtol=0, atol=1e-9)
+
+
 COUNT = 20
 START = datetime.fromtimestamp(T0 // SECOND, UTC)
 UNITS = {
