@@ -6,7 +6,8 @@ reckoning, as means of blocks without outliers, are Gaussian with a covariance o
 reckoning, and of every error that lasts for the whole log, all by their priors; a change adds a column for each number
 that it has. Changes are added one at a time, the likeliest first, while the evidence for one more is strong in spite of
 the many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the
-covariance does not explain what they leave, the log is wrong in another way, and there is none.
+covariance does not explain what they leave, or if speeds would change by half, the log is wrong in another way, and
+there is none.
 """
 
 import math
@@ -46,6 +47,7 @@ SHARES = (0.25, 1.0)  # [-] of the stated correlated error of the fixes: the lik
 LASTING_S = 20.0  # a shorter error is a jump of the position, which false fixes explain as well
 REFINEMENTS = 5  # of the times in turn, each by two blocks at most
 MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
+MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
 FACTOR_SD = 0.5  # [-] prior of a change of either part of the factor: 30 degrees, 50 %
 SHIFT_SD_M = 20.0  # of the fixes, each axis: to another beacon, antenna or origin nearby
 LATER_SD_S = 3.0  # of the fixes, by judgement: another computer or export
@@ -139,7 +141,10 @@ def _described(timeline: Timeline, given: Parameters, blocks: Sequence[_Blocks])
         best = _best(_blocks_about(timeline, given, {near(about | {"heading_bias": float(best.errors[0, 0])})}))
     if not 0 < len(best.changes) <= kind.most or best.nis > MAX_NIS:
         return FoundChanges()
-    return FoundChanges(_as_errors(timeline, best) if kind.accumulates else _of_fixes(timeline, best), best.cost)
+    errors = _as_errors(timeline, best) if kind.accumulates else _of_fixes(timeline, best)
+    if any(max(1 + one.dvl_scale, 1 / (1 + one.dvl_scale)) > MOST_OF_SCALE for one in errors):
+        return FoundChanges()
+    return FoundChanges(errors, best.cost)
 
 
 def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
