@@ -2,23 +2,15 @@
 
 import re
 
+LETTERS = {"S": (0, 1), "R": (0, 1), "P": (0, -1), "L": (0, -1), "F": (1, 1), "B": (1, -1), "U": (2, 1), "D": (2, -1)}
+
 
 def axis_signs(axes: str) -> tuple[tuple[int, int], ...]:
     """Return for x, y and z which of (starboard, forward, up) it is, and with which sign.
 
     ``axes`` has one letter for each: F(orward), B(ackward), S(tarboard) or R(ight), P(ort) or L(eft), U(p), D(own).
     """
-    letters = {
-        "S": (0, 1),
-        "R": (0, 1),
-        "P": (0, -1),
-        "L": (0, -1),
-        "F": (1, 1),
-        "B": (1, -1),
-        "U": (2, 1),
-        "D": (2, -1),
-    }
-    signs = tuple(letters.get(letter, (-1, 0)) for letter in axes.upper())
+    signs = tuple(LETTERS.get(letter, (-1, 0)) for letter in axes.upper())
     if len(signs) != 3 or {axis for axis, _ in signs} != {0, 1, 2}:
         raise ValueError(
             f'axes = "{axes}" is not three perpendicular directions; '

@@ -26,6 +26,11 @@ class LogPart:
     offset_ns: int = 0
     dated: bool = False  # whether the offset has the date that the log lacks
     name: str = ""  # by which its findings are distinguished; "": its file
+    later_ns: Mapping[str, int] = field(default_factory=dict[str, int])  # topic -> what is added to its times besides
+
+    def offset_of(self, topic: str) -> int:
+        """Return what is subtracted from the times of a topic."""
+        return self.offset_ns - self.later_ns.get(topic, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +54,7 @@ class JoinedLog:
         found: dict[tuple[str, str], TopicInfo] = {}
         for part in self.parts:
             for stated in part.reader.topics():
-                topic, key = moved_topic(stated, part.offset_ns), _key(stated)
+                topic, key = moved_topic(stated, part.offset_of(stated.name)), _key(stated)
                 found[key] = _together(found[key], topic) if key in found else topic
         return tuple(found.values())
 
@@ -87,7 +92,7 @@ class JoinedLog:
             present = {_key(topic) for topic in part.reader.topics() if topic.count}
             own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
             for topic, records in part.reader.blocks(own) if own else ():
-                yield topic, moved_records(records, part.offset_ns, self.time_units_ns)
+                yield topic, moved_records(records, part.offset_of(topic), self.time_units_ns)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""
