@@ -52,13 +52,8 @@ def note_copy(copy: Path, original: Path, share: float = 1.0) -> None:
     _copied_from[str(copy)] = original, share
 
 
-def original_of(path: Path) -> Path:
-    """Return the file that the user has: of a copy the one it was made of."""
-    return _origin(path)[0]
-
-
-def _origin(path: Path | str) -> tuple[Path, float]:
-    """Return the file that the user has, and the share of its limits that is the copy's."""
+def original_of(path: Path | str) -> tuple[Path, float]:
+    """Return the file that the user has, of a copy the one it was made of, and the share of its limits that is its."""
     share = 1.0
     while str(path) in _copied_from:
         path, part = _copied_from[str(path)]
@@ -76,7 +71,7 @@ class UnpackingBudget:
     def __init__(self, path: Path | str, size: int, text: bool = False) -> None:
         """Take the log, its size in bytes, and whether it is a compressed text."""
         self._path = path
-        original, share = _origin(path)
+        original, share = original_of(path)
         size = original.stat().st_size if str(path) in _copied_from else size
         whole = TEXT_BYTES + TEXT_RATIO * size if text else UNPACKED_BYTES + UNPACKED_RATIO * size
         self._whole = limit(round(share * whole))

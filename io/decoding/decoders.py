@@ -41,23 +41,23 @@ class Decoder(Protocol):
         ...
 
 
+def _protobuf(name: str, definition: bytes) -> Decoder:
+    from usbldr.io.decoding.protobuf import ProtobufDecoder  # the library takes a while to load
+
+    return ProtobufDecoder(name, definition)
+
+
 DECODERS: Mapping[tuple[str, str], Callable[[str, bytes], Decoder]] = {
     ("cdr", "ros2msg"): ros_decoder,
     ("cdr", "ros2idl"): lambda name, definition: ros_decoder(name, definition, language="idl"),
     ("ros1", "ros1msg"): lambda name, definition: ros_decoder(name, definition, "ros1"),
-    ("protobuf", "protobuf"): lambda name, definition: _protobuf(name, definition),
+    ("protobuf", "protobuf"): _protobuf,
     ("json", "jsonschema"): JsonDecoder,
 }
 """By the encodings of messages and of their definitions: from a type's name and definition to its decoder.
 
 An encoding is one line. Its function raises DefinitionError if the definition is invalid.
 """
-
-
-def _protobuf(name: str, definition: bytes) -> Decoder:
-    from usbldr.io.decoding.protobuf import ProtobufDecoder  # the library takes a while to load
-
-    return ProtobufDecoder(name, definition)
 
 
 @dataclass(slots=True)

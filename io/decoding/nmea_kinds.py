@@ -150,11 +150,6 @@ VARIANTS: Mapping[str, Callable[[Sequence[str]], str]] = {
 """What a sentence's fields add to its name; IndexError if it is too short."""
 
 
-def kind_of(address: str) -> str:
-    """Return the name of a sentence without its talker: GGA of GPGGA; a vendor's own name is all of it."""
-    return address if address.startswith("P") else address[2:]
-
-
 def decode_sentences(kind: str, contents: Sequence[str]) -> list[SentenceValues | None]:
     """Return the rows of sentences (from name to checksum, without it) of one kind, None if they do not match.
 

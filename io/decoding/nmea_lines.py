@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import NamedTuple
 
-from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, UNKNOWN, VARIANTS, kind_of
+from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, UNKNOWN, VARIANTS
 from usbldr.io.decoding.nmea_times import NO_TIME, date_ns, prefixed_clock_ns, prefixed_ns, time_of_day_ns
 from usbldr.io.reader import Nanoseconds
 
@@ -63,7 +63,8 @@ def scan_lines(
             clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
             last = logged if logged != NO_TIME else last
             begin = match.end()
-            kind = kind_of(name) if addressed else name
+            has_talker = addressed and not name.startswith("P")  # GPGGA is GGA of GP; a vendor's name is all of it
+            kind = name[2:] if has_talker else name
             sentence_time = _sentence_time(kind, body.split(","))
             if sentence_time is None or not (_is_checksum(checksum, content.encode()) if checksum else not cut):
                 wrong.append(number)

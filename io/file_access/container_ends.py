@@ -43,11 +43,6 @@ class Place(NamedTuple):
     kind: bytes  # how its container begins, empty if it is none
 
 
-def begins_container(head: bytes) -> bool:
-    """Return whether a file with these first bytes is a container."""
-    return bool(_kind(head, 0))
-
-
 def places_of(data: FileView) -> list[Place]:
     """Return the containers in a file and what is between them, zeros left out; of several thousands the first ones.
 
@@ -58,7 +53,7 @@ def places_of(data: FileView) -> list[Place]:
     is_parquet = data[len(data) - len(PARQUET) : len(data)] == PARQUET  # which is known by its end, too
     marks = (*MARKS, PARQUET) if is_parquet else MARKS
     while at < len(data):
-        kind = _kind(data, at)
+        kind = container_at(data, at)
         end = _end(data, at, kind) if kind else _next(data, at, marks, len(data) if found else limit(SEARCHED))
         if len(found) == limit(RECORDINGS):
             kind, end = b"", len(data)
@@ -72,7 +67,7 @@ def _next(data: FileView, at: int, marks: Sequence[bytes], until: int | None = N
     return min((place for mark in marks if (place := data.find(mark, at, until)) >= 0), default=len(data))
 
 
-def _kind(data: FileView | bytes, start: int) -> bytes:
+def container_at(data: FileView | bytes, start: int) -> bytes:
     """Return how the container at a byte begins, empty if none does."""
     head = data[start : start + MAT_HDF5_AT + len(HDF5)]
     if head[MAT_HEAD_BYTES - 4 : MAT_HEAD_BYTES] in MAT_VERSIONS or head[MAT_HDF5_AT:] == HDF5:

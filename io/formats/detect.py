@@ -9,7 +9,7 @@ from pathlib import Path
 from usbldr.filters import plugins
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
-from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLITE, begins_container
+from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLITE, container_at
 from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of, is_tar, opened
 from usbldr.io.reader import Reader
@@ -164,7 +164,7 @@ def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]
     def matching() -> Reader | None:
         return next((reader for of in FORMATS.values() if (reader := of(path, head, known)) is not None), None)
 
-    if not begins_container(head):
+    if not container_at(head, 0):
         reader = matching()
         if reader is not None or not head:
             return reader

@@ -17,7 +17,7 @@ from usbldr.io.recordings.joined import JoinedLog, LogPart
 from usbldr.io.recordings.rosbag2_log import holds_recording, open_rosbag2, recording_files
 from usbldr.io.tables.csv_log import CsvLog
 from usbldr.io.tables.csv_text import compressed_texts, text_files
-from usbldr.io.tables.parquet_tables import ENDING, NAME, is_parted, parquet_files, parquet_table, parted_table
+from usbldr.io.tables.parquet_tables import ENDING, NAME, is_parted, parquet_files, parquet_table
 from usbldr.io.tables.table_log import TableLog
 
 FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
@@ -134,7 +134,8 @@ def _together(
     if holds_recording(path):
         return [open_rosbag2(path, open_file)], recording_files(path)
     if is_parted(path):
-        return parted_table(path), {*parquet_files(path)}
+        parts = [*parquet_files(path)]
+        return [TableLog(path, NAME, [parquet_table(file, path.stem)]) for file in parts], {*parts}
     texts = [file for file in text_files(path) if file in among]
     packed = {file: kind for file, kind in compressed_texts(path).items() if file in among}
     tables = [file for file in parquet_files(path) if file in among]

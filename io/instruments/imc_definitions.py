@@ -69,7 +69,7 @@ class Definition:
 
 def definitions_beside(log: Path) -> Mapping[int, Definition]:
     """Return the definitions beside a log by number; raise UsageError without any, LogError if they are broken."""
-    folder = original_of(log).parent
+    folder = original_of(log)[0].parent
     file = next((folder / name for name in FILES if (folder / name).is_file()), None)
     if file is None:
         text = (

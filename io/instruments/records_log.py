@@ -14,15 +14,11 @@ from usbldr.io.reader import Records, TopicInfo
 VARYING = ("heading_deg", "depth_m")  # columns that say nothing if always the same: without a sensor they are zeros
 
 
-def _no_records(_: Sequence[str]) -> Records:
-    return Records(np.empty(0, np.int64), {})
-
-
 class Topic(NamedTuple):
     """A topic of a file, and the function that reads some of its fields; one with a problem has none."""
 
     info: TopicInfo
-    records: Callable[[Sequence[str]], Records] = _no_records
+    records: Callable[[Sequence[str]], Records] = lambda _: Records(np.empty(0, np.int64), {})
 
 
 class RecordsLog:

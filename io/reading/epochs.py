@@ -73,6 +73,9 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
     dvl_count, dvl_mean = _epoch_averages(t_d, (*dvl.T, sd_d), fast_hz, count)
     yaw_count, yaw_mean = _epoch_averages(t_c, (yaw, sd_c), fast_hz, count)
     gps = _gps(log)
+    usbl_gap_s = USBL_GAP_S
+    if len(t_f) > 1:
+        usbl_gap_s = max(USBL_GAP_S, USBL_GAP_INTERVALS * float(np.median(np.diff(t_f))))
     return Timeline(
         start_ns=log.start_ns,
         time_s=time_s,
@@ -96,7 +99,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         outages=(
             *_outages("dvl", t_d, time_s[-1], LONGEST_GAP_S),
             *_outages("compass", t_c, time_s[-1], LONGEST_GAP_S),
-            *_outages("usbl", t_f, time_s[-1], _usbl_gap_s(t_f)),
+            *_outages("usbl", t_f, time_s[-1], usbl_gap_s),
         ),
         gps_sd_m=gps[:, 3],
     )
@@ -313,7 +316,3 @@ def _outages(sensor: str, t: Vector, last_s: float, longest_s: float) -> list[Ou
         inside = [(part[k], part[k + 1]) for part in parts for k in np.flatnonzero(np.diff(part) > longest_s)]
         spans = [(0.0, t[0]), *inside, (t[-1], last_s)]
     return [Outage(sensor, float(start), float(end)) for start, end in spans if end - start > longest_s]
-
-
-def _usbl_gap_s(t: Vector) -> float:
-    return max(USBL_GAP_S, USBL_GAP_INTERVALS * float(np.median(np.diff(t)))) if len(t) > 1 else USBL_GAP_S

@@ -68,18 +68,13 @@ class LayoutFile:
     entries: tuple[LayoutEntry, ...]
 
 
-def user_folder() -> Path:
-    """Return the folder of the user's own layout files."""
-    base = os.environ.get("APPDATA") if sys.platform == "win32" else os.environ.get("XDG_CONFIG_HOME")
-    return Path(base) / "usbldr" if base else Path.home() / ".config" / "usbldr"
-
-
 def layout_files(stated: Sequence[Path]) -> tuple[LayoutFile, ...]:
     """Return the files of the configuration, then those of the user's folder, then those of usbldr.
 
     Raises UsageError for one that cannot be read or holds anything else.
     """
-    own = user_folder() / "layouts"
+    base = os.environ.get("APPDATA") if sys.platform == "win32" else os.environ.get("XDG_CONFIG_HOME")
+    own = (Path(base) if base else Path.home() / ".config") / "usbldr" / "layouts"
     places: Sequence[tuple[Origin, Sequence[Path]]] = (
         ("configuration", stated),
         ("user folder", sorted(own.glob("*.toml")) if own.is_dir() else ()),

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
-from usbldr.io.messages.field_names import utm_code
 from usbldr.io.tables.date_times import foreign_time, named_zone
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
@@ -126,11 +125,6 @@ def header_and_row(file: Path) -> tuple[list[str], list[str]]:
     cells = cells_of(next((line for line in lines if line.strip()), ""), separator)
     cells += [""] * (len(names) - len(cells) if any(cells) else 0)
     return names, cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells]
-
-
-def remarked_grid(file: Path) -> str:
-    """Return the code of the grid that a line before the names of a file's columns states, empty if none does."""
-    return utm_code(next(filter(utm_code, begin_of_table(file).remarks), ""))
 
 
 class TableBegin(NamedTuple):

@@ -17,10 +17,11 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, plain
+from usbldr.io.messages.field_names import utm_code
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.csv_begin import header_and_row, remarked_grid
+from usbldr.io.tables.csv_begin import begin_of_table, header_and_row
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_times import (
@@ -73,7 +74,7 @@ class CsvLog:
         self.path, self._given = path, files
         self._configured, self._formats = tuple(configured), time_formats(configured)
         self._read: dict[Path, TextTable] = {}
-        self._raw, self._iso = cache(_wide_texts), cache(self._with_iso_times)
+        self._raw = cache(_wide_texts)
         self._begin = cache(self._header_and_row)
         self._row = cache(self._first_cells)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
@@ -127,9 +128,6 @@ class CsvLog:
         """Separator -> how dates with it are read in all files."""
         dated = [file for file in self._texts if any(map(foreign_time, header_and_row(file)[1]))]
         return orders_of([self._raw(file).columns for file in dated], self._formats)
-
-    def _with_iso_times(self, file: Path) -> Mapping[str, Sequence[str]]:
-        return with_iso_times(self._raw(file).columns, self._formats, self._orders)
 
     @cached_property
     def _files(self) -> Mapping[str, CsvSource]:
@@ -190,7 +188,8 @@ class CsvLog:
 
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
-            self._read[file] = self._raw(file)._replace(columns=self._iso(file))
+            raw = self._raw(file)
+            self._read[file] = raw._replace(columns=with_iso_times(raw.columns, self._formats, self._orders))
         return self._read[file]
 
     def _cells(self, source: CsvSource, name: str) -> Sequence[str]:
@@ -239,7 +238,8 @@ class CsvLog:
 
     def _grid(self, topic: str, one: TopicSheet) -> list[Finding]:
         """Report the grid that a line before the names of a file's columns states, if it holds eastings."""
-        code = remarked_grid(self._files[one.table].file)
+        remarks = begin_of_table(self._files[one.table].file).remarks
+        code = next((code for line in remarks if (code := utm_code(line))), "")
         eastings = one.sheet and any("east" in name.lower() for name in one.sheet.columns.values())
         text = f"{topic}: a line before its columns states their grid, {code}"
         return [Finding("COLUMNS-BY-NAME", text, topic)] if code and eastings else []

@@ -15,7 +15,7 @@ from usbldr.io.file_access.container_ends import PARQUET
 from usbldr.io.file_access.open_file import filled_files, opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
-from usbldr.io.reader import Column, Reader
+from usbldr.io.reader import Column
 from usbldr.io.tables.table_log import MOST_ELEMENTS, Table, TableLog
 
 NAME = "Parquet"
@@ -43,11 +43,6 @@ def is_parted(folder: Path) -> bool:
 def parquet_log(file: Path) -> TableLog:
     """Return the log of a file; raise as `parquet_table` does."""
     return TableLog(file, NAME, [parquet_table(file)])
-
-
-def parted_table(folder: Path) -> list[Reader]:
-    """Return the parts of one table, each a log with the topic that the folder names."""
-    return [TableLog(folder, NAME, [parquet_table(file, folder.stem)]) for file in parquet_files(folder)]
 
 
 def parquet_table(file: Path, name: str = "") -> Table:
