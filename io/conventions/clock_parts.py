@@ -120,8 +120,6 @@ def _sensor(
 
 
 class _Part(NamedTuple):
-    """A part of a log whose clock goes back."""
-
     first_ns: int
     last_ns: int
     shift_ns: int  # to count on from the part before, or up to the one behind if the clock was set forward

@@ -15,7 +15,6 @@ class DecoderSet:
     """The decoders of one log by type and definition."""
 
     def __init__(self, path: Path) -> None:
-        """Take the log."""
         self._path = path
         self._made: dict[tuple[str, bytes, str, str], Decoder | str] = {}
         self._topics, self._bytes, self._fields = limit(TOPICS), limit(DEFINITION_BYTES), limit(LOG_FIELDS)

@@ -93,7 +93,6 @@ class BrokenError(Exception):
     """The records of a container cannot be followed to its end; another may begin behind a byte."""
 
     def __init__(self, at: int) -> None:
-        """Take that byte."""
         super().__init__()
         self.at = at
 
@@ -185,7 +184,6 @@ def _bag_walk(data: FileView, at: int, count: int = -1, start: int = 0) -> int:
 
 
 def _bag_header(data: FileView, at: int) -> bytes:
-    """Return the header of a record of a bag."""
     begin = at + WORD.size
     return data[begin : begin + min(_word(data, at), SEARCHED)] if begin <= len(data) else b""
 

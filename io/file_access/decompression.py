@@ -140,7 +140,6 @@ class MessageUnpacker:
     """Messages of rosbag2, which may have compressed each on its own with zstd."""
 
     def __init__(self, path: Path) -> None:
-        """Take the log."""
         self._budget = UnpackingBudget(path, path.stat().st_size)
         self._oversized = False  # messages are beyond the limit
 

@@ -81,8 +81,6 @@ def lsf_log(path: Path) -> RecordsLog:
 
 
 class _Messages:
-    """The messages of a log."""
-
     def __init__(self, file: Path, definitions: Mapping[int, Definition], findings: list[Finding]) -> None:
         self._file, self._definitions, self._findings = file, definitions, findings
         self._data = mapped(file)

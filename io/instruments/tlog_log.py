@@ -72,7 +72,6 @@ def _begins_packet(head: bytes) -> bool:
 
 
 def _key(packet: bytes) -> Key:
-    """Return system, component and number of the message."""
     if packet[0] == V1:
         return packet[3], packet[4], packet[5]
     return packet[5], packet[6], int.from_bytes(packet[7 : HEADS[V2]], "little")

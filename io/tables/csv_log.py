@@ -175,7 +175,6 @@ class CsvLog:
         return one.info(topic, "csv", times, problem, lambda: self._first_row(source))
 
     def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:
-        """Return why a topic cannot be read."""
         if sheet:
             empty = self._begin(source.file)[1] in ([], [""])
             return f"{source.file.name} {'has no rows' if empty else sheet.problem}"

@@ -84,7 +84,6 @@ class _Contents:
             self._add(path, item)
 
     def _add(self, path: str, item: Any) -> None:
-        """Add an array to those of its group."""
         h5py, column = self._h5py, item.ndim == 1 or item.shape[1:] == (1,)
         group, _, name = path.rpartition("/")
         group = group or self._file.stem
