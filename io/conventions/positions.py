@@ -29,6 +29,7 @@ IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
 FULL_CIRCLE = 360.0  # fixed: degrees
+MINUTES, TEN_MILLIONTHS = "ddmm.mmmm", "1e-7deg"  # fixed: notations of latitudes and longitudes
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
@@ -38,9 +39,10 @@ def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
     If they have columns for these letters, values without a letter are NaN.
     """
     lat, lon = raw.number("lat_deg"), raw.number("lon_deg")
-    if in_degrees_and_minutes(raw):
+    notation = _notation(raw)
+    if notation == MINUTES:
         lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
-    elif _in_ten_millionths(raw):
+    elif notation == TEN_MILLIONTHS:
         lat, lon = lat * 1e-7, lon * 1e-7
     if "lat_side" not in raw.values:
         return lat, lon
@@ -48,33 +50,27 @@ def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
     return np.abs(lat) * south, np.abs(lon) * west
 
 
-def in_degrees_and_minutes(raw: RawRecords) -> bool:
-    """Tell whether latitudes and longitudes are ddmm.mmmm: they cannot be degrees.
+def _notation(raw: RawRecords) -> str:
+    """Return how latitudes and longitudes are written, "" in degrees, if one of them with a letter cannot be that.
 
-    Without letters beside them most latitudes must be larger than any angle, and all minutes less than 60.
+    Without letters all must be possible in a notation, and most latitudes beyond what the one before it can state.
     """
     places = np.abs(np.column_stack([raw.number("lat_deg"), raw.number("lon_deg")]))  # (n, 2)
     if "lat_side" in raw.values:
-        return bool(np.any(places > [90, 180]))
+        return MINUTES if np.any(places > [90, 180]) else ""
     places = places[np.isfinite(places).all(axis=1)]
-    possible = (places <= [90_00, 180_00]) & (np.fmod(places, 100) < 60)
-    return len(places) > 0 and bool(possible.all()) and bool(np.median(places[:, 0]) > FULL_CIRCLE)
-
-
-def _in_ten_millionths(raw: RawRecords) -> bool:
-    """Tell whether latitudes and longitudes are 1e-7 degrees: whole numbers beyond all degrees and minutes."""
-    places = np.column_stack([raw.number("lat_deg"), raw.number("lon_deg")])  # (n, 2)
-    places = np.abs(places[np.isfinite(places).all(axis=1)])
-    possible = (places <= [90e7, 180e7]) & (places == np.trunc(places))
-    return len(places) > 0 and bool(possible.all()) and bool(np.median(places[:, 0]) > 90_00)
+    usual_lat = np.median(places[:, 0]) if len(places) else 0.0
+    if usual_lat > 90_00:
+        whole = (places <= [90e7, 180e7]) & (places == np.trunc(places))
+        return TEN_MILLIONTHS if whole.all() else ""
+    minutes = (places <= [90_00, 180_00]) & (np.fmod(places, 100) < 60)
+    return MINUTES if usual_lat > FULL_CIRCLE and minutes.all() else ""
 
 
 def notation_of(raw: RawRecords) -> list[Convention]:
     """Return that angles are degrees and minutes, or 1e-7 degrees, if their values alone tell."""
-    if "lat_side" in raw.values:
-        return []
-    notations = {"ddmm.mmmm": in_degrees_and_minutes(raw), "1e-7deg": _in_ten_millionths(raw)}
-    return [Convention("unit", notation, "values") for notation, found in notations.items() if found]
+    notation = "" if "lat_side" in raw.values else _notation(raw)
+    return [Convention("unit", notation, "values")] if notation else []
 
 
 def radian_findings(raw: RawRecords) -> list[Finding]:
