@@ -27,8 +27,7 @@ from usbldr.io.provenance import provenance_lines
 from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.reading.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.reading.sensors import SensorTables, roles_of, sensor_tables
-from usbldr.io.reading.truth import read_truth
-from usbldr.io.reading.truth_source import refuse_as_sensor, truth_kind, truth_source
+from usbldr.io.reading.truth import read_truth, refuse_as_sensor, truth_source
 from usbldr.io.settings.configuration import parameters
 from usbldr.io.stages import say, stage
 
@@ -88,7 +87,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     _refuse_coarse(path, sensors)
     _refuse_apart(path, sensors.tables)
     start_ns = _start_ns(sensors.tables, topics)
-    truth, own, more = read_truth(source, truth_kind(source, request, configuration), configuration, sensors, start_ns)
+    truth, own, more = read_truth(source, request, configuration, sensors, start_ns)
     exchanged = [f.text for f in sensors.findings if f.code == "GPS-INVALID" and f.text.endswith(EXCHANGED)]
     tables, provenance = sensors.tables, sensors.provenance | own
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None

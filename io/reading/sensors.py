@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import pandas as pd
 
@@ -26,8 +27,7 @@ from usbldr.io.provenance import Provenance
 from usbldr.io.reader import Reader, TopicInfo
 from usbldr.io.reading.opening import OpenedLog, Request
 from usbldr.io.reading.role_records import read_roles
-from usbldr.io.reading.truth_source import truth_section
-from usbldr.io.settings.sensor_sections import Configuration
+from usbldr.io.settings.sensor_sections import Configuration, GpsSection
 
 
 def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -> Roles:
@@ -165,5 +165,17 @@ def _converted(
         except LogError as err:
             findings.append(Finding("GPS-INVALID", str(err), err.topic))
     if "truth" in raws:
-        made["truth"] = positions.gps(raws["truth"], truth_section(configuration, raws, truth_by), origin)
+        made["truth"] = positions.gps(raws["truth"], _truth_section(configuration, raws, truth_by), origin)
     return {role: made[role] for role in (*ROLES, "truth") if role in made}, findings
+
+
+def _truth_section(configuration: Configuration, raws: Mapping[str, RawRecords], truth_by: str) -> GpsSection:
+    """Return how a truth topic is read: as the GPS, if it is that, else by [truth] frame.
+
+    A topic of latitudes that an option puts instead of the configured truth does not have that truth's frame.
+    """
+    same = "gps" in raws and raws["gps"].topic == raws["truth"].topic
+    section = configuration.gps if same else GpsSection()
+    if truth_by == "option" and "lat_deg" in raws["truth"].layout.required:
+        return section
+    return msgspec.structs.replace(section, frame=configuration.truth.frame or section.frame)
