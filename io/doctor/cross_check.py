@@ -190,7 +190,7 @@ def _corrected(
 
 
 def _fit_findings(
-    log: Log, timeline: Timeline, result: InterpretationResult, identification: Identification | None = None
+    log: Log, timeline: Timeline, result: InterpretationResult, identification: Identification | None
 ) -> list[Finding]:
     found = [*convention_findings(log, result), *_heading_offset_findings(log, result, identification)]
     return [*found, *heading_unit_findings(log, timeline, result)]

@@ -94,7 +94,7 @@ def plain(name: str) -> str:
     return name.strip().lstrip("% ").removeprefix("field.").strip()
 
 
-def field_of(name: str, fields: Sequence[str], arrays: Collection[str] = ()) -> str | None:
+def field_of(name: str, fields: Sequence[str], arrays: Collection[str]) -> str | None:
     """Return the field that a name means: itself, without its unit, or with an index in brackets; None if none.
 
     Or the only one of that name with a unit.

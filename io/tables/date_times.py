@@ -81,9 +81,7 @@ def foreign_time(cell: str) -> bool:
     return whole and not ISO.fullmatch(cell)
 
 
-def orders_of(
-    tables: Iterable[Mapping[str, Sequence[str]]], stated: Mapping[str, str] = MappingProxyType({})
-) -> Mapping[str, DateOrder]:
+def orders_of(tables: Iterable[Mapping[str, Sequence[str]]], stated: Mapping[str, str]) -> Mapping[str, DateOrder]:
     """Return separator -> how dates with it are read in all tables. ``stated``: column -> its format by strptime."""
     dates = [
         (name, cells)

@@ -32,7 +32,7 @@ class TimeColumn(NamedTuple):
     at_1970: int = 0  # the time 1970-01-01 in this unit
 
 
-def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn] = ()) -> Sequence[NamedColumn]:
+def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
     """Return those of columns named as times whose first cells (by column) state a date, else all of them.
 
     If none is named so: the columns of dates and times, whatever their names.
