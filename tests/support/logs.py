@@ -62,6 +62,11 @@ def codes(log: Log) -> dict[str, str]:
     return {finding.code: finding.text for finding in log.findings}
 
 
+def columns(log: Log, names: Iterable[str]) -> dict[str, list[Any]]:
+    """Return name -> values of columns that are named by their sensor, too, as compass.heading_deg is."""
+    return {name: log.tables[sensor][column].tolist() for name in names for sensor, column in [name.split(".")]}
+
+
 def places(log: Log) -> np.ndarray:
     """Return east and north of the USBL fixes, (K, 2)."""
     return log.tables["usbl"][["east_m", "north_m"]].to_numpy(dtype=float)

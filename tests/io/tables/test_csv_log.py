@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP, logged_csv, lost, only, refusal
+from logs import MAP, logged_csv, lost, refusal
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables import csv_text
@@ -25,26 +24,20 @@ def read_text(folder: Path, text: str, name: str = "compass") -> Log:
     return read_log(folder / f"{name}.csv")
 
 
-def test_a_stem_is_a_topic_and_columns_determine_the_type(tmp_path: Path) -> None:
+def test_a_stem_is_a_topic_and_its_columns_determine_the_type_and_keep_the_order_of_the_file(tmp_path: Path) -> None:
     others = {"events": "when,what\n12:00,launch", "depth": "time_ns,depth_m\n1,3.5"}
     folder = write_csv(tmp_path / "dive", dvl=DVL, nav__imu_heading="time_ns,heading_deg\n1,359.5", **others)
     (folder / "notes.md").write_text("a, b\n", encoding="utf-8")
     (folder / "usbldr.toml").write_text("# a, b\n", encoding="utf-8")
 
-    topics = {topic.name: topic for topic in CsvLog(folder).topics()}
+    log = CsvLog(folder)
+    topics = {topic.name: topic for topic in log.topics()}
+    dvl = read_whole(log, {"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
 
     types = {"/depth": "usbldr/depth", "/dvl": "usbldr/dvl", "/events": "", "/nav/imu_heading": "usbldr/compass"}
     assert {name: topic.type for name, topic in topics.items()} == types
-    assert topics["/dvl"].count == 2
-    assert (topics["/dvl"].first_ns, topics["/dvl"].last_ns) == (T0 + 5, T0 + 7)
+    assert (topics["/dvl"].count, topics["/dvl"].first_ns, topics["/dvl"].last_ns) == (2, T0 + 5, T0 + 7)
     assert topics["/events"].problem.startswith("its columns match no sensor (when, what); name them")
-
-
-def test_columns_come_in_the_order_of_the_file_and_to_the_nanosecond(tmp_path: Path) -> None:
-    log = CsvLog(write_csv(tmp_path / "dive", dvl=DVL))
-
-    dvl = read_whole(log, {"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
-
     np.testing.assert_array_equal(dvl.received_ns, [T0 + 7, T0 + 5])
     np.testing.assert_array_equal(dvl.columns["header.stamp"], [T0, T0 + 2])
     np.testing.assert_array_equal(dvl.columns["starboard_mps"], [0.1, np.nan])
@@ -73,21 +66,58 @@ def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, name: str, t
     assert refusal(LogError, read_log, folder if "{folder}" in said else file) == expected
 
 
-@pytest.mark.parametrize(
-    ("cell", "shown"),
-    [("1.5e3", "1.5e3"), ("", ""), ("9" * 20, "9" * 20), ("9" * 5000, "9" * 60), ("1_0", "1_0")],
-    ids=["exponent", "empty", "late", "endless", "underscore"],
-)
-def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Path, cell: str, shown: str) -> None:
-    folder = write_csv(tmp_path / "dive", compass=f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6")
+BAD = {7: "north", 50: "5O", 90: None, 91: "91,5", 92: '"92', 93: "93,,"}  # cells of a row
+ONE_IN_TEN = "".join(f"{T0 + k}" + (f",{cell}\n" if (cell := BAD.get(k, str(k))) else "\n") for k in range(100))
+INSERTED = [
+    f"{T0},0,0",
+    f"{T0 + 1},1,0",
+    f"{T0 + 2},2,0",
+    f"{T0 + 3},12.4,,",
+    f"{T0 + 4},12.4,4,",
+    f"{T0 + 5},12.4,5,0",
+]
+CUT = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
+LEFT_OUT = {  # text, headings of the other rows, what is said
+    **{
+        f"a {name} time": (
+            f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6\n",
+            [2, 6],
+            [f'1 of 3 rows are left out: line 4: time_ns is "{cell[:60]}", not a whole number of nanoseconds'],
+        )
+        for name, cell in [("1e3", "1.5e3"), ("missing", ""), ("late", "9" * 20), ("endless", "9" * 5000), ("_", "1_0")]
+    },
+    "a column that was inserted, be the last cell blank or not": (
+        "\n".join(["time_ns,heading_deg,sd_deg", *INSERTED, ""]),
+        [0, 1, 2],
+        ["3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"],
+    ),
+    "bad cells here and there": (
+        f"time_ns,heading_deg\n{ONE_IN_TEN}",
+        [k for k in range(100) if k not in (7, 50, 90, 91, 92)],
+        [
+            '2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
+            "3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
+        ],
+    ),
+    "a last line without a line end": ("time_ns,heading_deg\n1,2\n2,3\n3,44", [2, 3], [CUT]),
+    "a missing quotation mark": (
+        'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n',
+        [1.5, 3.5],
+        ["2 of 4 rows are left out: line 2: a quotation mark is missing; so are lines 4"],
+    ),
+}
 
-    log = read_log(folder)
 
-    assert list(log.tables["compass"]["heading_deg"]) == [2, 6]
-    (finding,) = [finding for finding in log.findings if finding.lost_data]
-    said = f'line 4: time_ns is "{shown}", not a whole number of nanoseconds'
-    assert finding.text == f"compass.csv: 1 of 3 rows are left out: {said}"
-    assert finding.topic == "/compass"
+@pytest.mark.parametrize("case", LEFT_OUT)
+def test_a_row_that_cannot_be_read_is_left_out_alone_and_named_by_its_line(tmp_path: Path, case: str) -> None:
+    text, headings, said = LEFT_OUT[case]
+
+    log = read_text(tmp_path, text)
+
+    assert log.tables["compass"]["heading_deg"].tolist() == headings
+    assert lost(log) == [f"compass.csv: {one}" for one in said]
+    assert {one.code for one in log.findings if one.lost_data} == {"TRUNCATED" if said == [CUT] else "UNDECODED"}
+    assert "time_ns is" not in said[0] or [one.topic for one in log.findings if one.lost_data] == ["/compass"]
 
 
 @pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])
@@ -95,43 +125,6 @@ def test_seconds_beyond_all_calendars_are_left_out_and_named_by_their_line(tmp_p
     (text,) = lost(logged_csv(tmp_path, WHEN, compass=f"when,hdg\n1,2\n{when},4"))
 
     assert text.endswith(f'line 3: when is "{when}", not a number of seconds before 2116')
-
-
-def test_rows_behind_a_column_that_was_inserted_are_left_out_also_if_their_last_cell_is_blank(tmp_path: Path) -> None:
-    before = [f"{T0 + k},{k},0" for k in range(3)]
-    after = [f"{T0 + 3},12.4,,", f"{T0 + 4},12.4,4,", f"{T0 + 5},12.4,5,0"]
-
-    log = logged_csv(tmp_path, "", dvl="\n".join(["time_ns,forward_mps,starboard_mps", *before, *after]))
-
-    assert log.tables["dvl"]["forward_mps"].tolist() == [0, 1, 2]
-    assert lost(log) == [
-        "dvl.csv: 3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"
-    ]
-
-
-def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
-    rows = "".join(f"{T0 + k},{k}\n" for k in range(100))
-    bad = rows.replace(f"{T0 + 7},7", f"{T0 + 7},north").replace(f"{T0 + 50},50", f"{T0 + 50},5O")
-    bad = bad.replace(f"{T0 + 90},90", f"{T0 + 90}").replace(f"{T0 + 91},91", f"{T0 + 91},91,5")
-    bad = bad.replace(f"{T0 + 92},92", f'{T0 + 92},"92').replace(f"{T0 + 93},93", f"{T0 + 93},93,,")
-    log = read_log(write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n" + bad))
-
-    heading = log.tables["compass"]["heading_deg"].to_numpy()
-    texts = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
-
-    np.testing.assert_array_equal(heading, [float(k) for k in range(100) if k not in (7, 50, 90, 91, 92)])
-    assert texts == [
-        'compass.csv: 2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
-        "compass.csv: 3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
-    ]
-
-
-def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
-    log = read_text(tmp_path, "time_ns,heading_deg\n1,2\n2,3\n3,44")
-
-    assert list(log.tables["compass"]["heading_deg"]) == [2, 3]
-    said = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
-    assert [only(log, "TRUNCATED")] == lost(log) == [f"compass.csv: {said}"]
 
 
 @pytest.mark.parametrize(
@@ -149,11 +142,11 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
 
 
 def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
-    file = write_csv(tmp_path, dvl="time_ns,forward_mps,starboard_mps\n1,0,995617,-0,006023\n2,1,01,0,03") / "dvl.csv"
+    text = "time_ns,forward_mps,starboard_mps\n1,0,995617,-0,006023\n2,1,01,0,03\n"
 
-    assert "line 2: it has 5 cells, the first line 3; decimal commas need another separator" in refusal(
-        LogError, read_log, file
-    )
+    said = refusal(LogError, read_text, tmp_path, text, "dvl")
+
+    assert "line 2: it has 5 cells, the first line 3; decimal commas need another separator" in said
 
 
 @pytest.mark.parametrize(
@@ -175,36 +168,27 @@ def test_marks_prefixes_a_named_separator_and_quoted_line_breaks_cost_no_row(tmp
     assert not lost(log)
 
 
-def test_a_missing_quotation_mark_costs_its_own_row_alone(tmp_path: Path) -> None:
-    log = read_text(tmp_path, 'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n')
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 3.5]
-    (text,) = lost(log)
-    assert "line 2: a quotation mark is missing; so are lines 4" in text
+def read_column(folder: Path, cells: Sequence[str]) -> Log:
+    """Read a file with one of the columns, which are parted by semicolons."""
+    rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(cells, start=1))
+    return read_text(folder, f"time_ns;east_m;north_m\n{rows}", "usbl")
 
 
 @pytest.mark.parametrize(
-    ("forward", "shown"),
+    ("east", "shown"),
     [(["1.170", "788", "849"], '"1.170" and "788"'), (["0", "1,170", "-788", "849"], '"1.170" and "-788"')],
 )
-def test_a_point_that_may_part_thousands_is_asked_about(tmp_path: Path, forward: Sequence[str], shown: str) -> None:
-    rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(forward, start=1))
+def test_a_point_that_may_part_thousands_is_asked_about(tmp_path: Path, east: Sequence[str], shown: str) -> None:
+    said = refusal(LogError, read_column, tmp_path, east)
 
-    with pytest.raises(LogError) as caught:
-        read_text(tmp_path, f"time_ns;forward_mps;starboard_mps\n{rows}", "dvl")
-
-    said = f"line 2: forward_mps holds {shown}: is that a thousands separator or a decimal point?"
-    assert caught.value.text.startswith(said)
+    assert f"line 2: east_m holds {shown}: is that a thousands separator or a decimal point?" in said
 
 
-@pytest.mark.parametrize("forward", [["1.170", "788", "849", "0.5"], ["1,170", "0,788", "2"], ["1,170", "2", "2"]])
-def test_a_point_beside_other_decimals_parts_no_thousands(tmp_path: Path, forward: Sequence[str]) -> None:
-    rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(forward, start=1))
-    (tmp_path / "usbl.csv").write_text(f"time_ns;east_m;north_m\n{rows}", encoding="utf-8")
+@pytest.mark.parametrize("east", [["1.170", "788", "849", "0.5"], ["1,170", "0,788", "2"], ["1,170", "2", "2"]])
+def test_a_point_beside_other_decimals_parts_no_thousands(tmp_path: Path, east: Sequence[str]) -> None:
+    read = read_column(tmp_path, east).tables["usbl"]["east_m"]
 
-    east = read_whole(open_log(tmp_path / "usbl.csv"), {"/usbl": ["east_m"]})["/usbl"].columns["east_m"]
-
-    assert east.tolist() == [float(cell.replace(",", ".")) for cell in forward]
+    assert read.tolist() == [float(cell.replace(",", ".")) for cell in east]
 
 
 @pytest.mark.parametrize("rows", [1, 6, 7])
