@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from recordings import Row, write_csv, write_mcap
+from usbldr.io.decoding.collected import read_whole
+from usbldr.io.findings import Finding
 from usbldr.io.log import Log
+from usbldr.io.reader import Reader
 from usbldr.io.reading.read import Request, read_log
 
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
@@ -57,6 +60,11 @@ def lost(log: Log) -> list[str]:
     return [finding.text for finding in log.findings if finding.lost_data]
 
 
+def losses(findings: Iterable[Finding]) -> dict[str, bool]:
+    """Return text -> whether data were lost."""
+    return {finding.text: finding.lost_data for finding in findings}
+
+
 def codes(log: Log) -> dict[str, str]:
     """Return code -> text of the findings."""
     return {finding.code: finding.text for finding in log.findings}
@@ -76,3 +84,11 @@ def covariance(log: Log) -> np.ndarray:
     """Return the covariance of the first USBL fix, (2, 2)."""
     columns = ["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]
     return log.tables["usbl"][columns].to_numpy(dtype=float)[0].reshape(2, 2)
+
+
+TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
+
+
+def x_of(log: Reader) -> list[float]:
+    """Return the x of the twists on /dvl."""
+    return read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()

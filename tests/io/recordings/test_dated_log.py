@@ -33,9 +33,7 @@ def receiver(folder: Path, times: list[datetime]) -> Path:
 def test_times_of_day_get_the_dates_of_another_format(
     tmp_path: Path, of_clocks: tuple[int, int], of_dates: tuple[int, int]
 ) -> None:
-    folder = receiver(clocks(tmp_path, moments(*of_clocks)), moments(*of_dates))
-
-    log = read_log(folder)
+    log = read_log(receiver(clocks(tmp_path, moments(*of_clocks)), moments(*of_dates)))
 
     for sensor, (first_s, last_s) in {"compass": of_clocks, "gps": of_dates}.items():
         begin = (log.start_ns / 1e9 - MIDNIGHT.timestamp()) if log.start_ns else 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import codes, refusal
+from logs import refusal
 from recordings import SECOND, T0, Row, define, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -18,9 +18,11 @@ VEHICLE, SHIP = ("/dvl", "/imu"), ("/usbl",)
 
 def of(topics: tuple[str, ...], late_ns: int = 0) -> list[Row]:
     """The rows of the short dive on some topics, all stamps late."""
-    rows = [row for row in short_dive() if row[1] in topics]
-    late = [{**v, "header.stamp": v["header.stamp"] + late_ns} for *_, v in rows]
-    return [(t + late_ns, topic, kind, v) for (t, topic, kind, _), v in zip(rows, late, strict=True)]
+    return [
+        (t + late_ns, topic, kind, {**values, "header.stamp": values["header.stamp"] + late_ns})
+        for t, topic, kind, values in short_dive()
+        if topic in topics
+    ]
 
 
 def offset(folder: Path, file: str, seconds: float) -> None:
@@ -57,13 +59,13 @@ def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> 
 
 
 def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:
-    early = [row for row in short_dive() if row[0] < T0 + 5 * 10**9]
-    late = [row for row in short_dive() if row[0] >= T0 + 5 * 10**9]
-    first, second = write_mcap(tmp_path / "a.mcap", early), write_mcap(tmp_path / "b.mcap", late)
-    whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
+    rows = short_dive()
+    first, second = write_mcap(tmp_path / "a.mcap", rows[:15]), write_mcap(tmp_path / "b.mcap", rows[15:])
+    whole = read_log(write_mcap(tmp_path / "whole.mcap", rows))
 
     log = joined(second, first)
 
+    assert log.tables.keys() == whole.tables.keys()
     for sensor, table in whole.tables.items():
         pd.testing.assert_frame_equal(log.tables[sensor], table)
 
@@ -99,67 +101,45 @@ def forward_mps(log: Log) -> list[float]:
 WHOLE = [1 + k / 100 for k in range(COUNT)]
 
 
+IN_THREE = velocities(0, 15), velocities(15, 16), velocities(16, COUNT)
+OTHER_ORDER = "\n".join(",".join(line.split(",")[k] for k in (0, 2, 1)) for line in velocities(15, COUNT).splitlines())
+EARLIER = "they follow each other; of times that two of them have, the records of the earlier one are read"
+
+
 @pytest.mark.parametrize(
-    "names",
+    ("names", "parts", "why"),
     [
-        ("dvl_001", "dvl_002", "dvl_003"),
-        ("dvl", "dvl-2", "dvl 3"),
-        ("dvl_20200913T12", "dvl_20200913T13", "dvl"),
-        ("dvl", "continued", "rest_of_dvl"),
+        (("dvl_001", "dvl_002", "dvl_003"), IN_THREE, "they follow each other"),
+        (("dvl", "dvl-2", "dvl 3"), IN_THREE, "they follow each other"),
+        (("dvl_20200913T12", "dvl_20200913T13", "dvl"), IN_THREE, "they follow each other"),
+        (("dvl", "continued", "rest_of_dvl"), IN_THREE, "they follow each other"),
+        (("dvl_1", "dvl_2"), (velocities(0, 15), OTHER_ORDER), "they follow each other"),
+        (("dvl_1", "dvl_2"), (velocities(0, 15), velocities(13, COUNT)), EARLIER),
     ],
 )
-def test_tables_that_follow_each_other_are_one_topic(tmp_path: Path, names: tuple[str, str, str]) -> None:
-    parts = dict(zip(names, (velocities(0, 15), velocities(15, 16), velocities(16, COUNT)), strict=True))
-
-    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, **parts))
+def test_tables_that_follow_each_other_are_one_topic(tmp_path, names, parts, why):
+    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, **dict(zip(names, parts, strict=True))))
 
     assert forward_mps(log) == pytest.approx(WHOLE)
     assert log.provenance["dvl"].topic == f"/{names[0]}"
-    assert log.provenance["dvl"].used == log.provenance["dvl"].messages == COUNT
-    assert [(one.code, one.text, one.level) for one in log.findings if one.code == "TOPIC-PARTS"] == [
-        ("TOPIC-PARTS", f"/{names[0]}: read as one topic with /{names[1]}, /{names[2]}: they follow each other", "info")
+    assert log.provenance["dvl"].used == COUNT
+    others = ", ".join(f"/{name}" for name in names[1:])
+    assert [(one.text, one.level) for one in log.findings if one.code == "TOPIC-PARTS"] == [
+        (f"/{names[0]}: read as one topic with {others}: {why}", "info")
     ]
 
 
-def test_columns_in_another_order_are_the_same_columns(tmp_path: Path) -> None:
-    later = velocities(15, COUNT).splitlines()
-    other = "\n".join(",".join(line.split(",")[k] for k in (0, 2, 1)) for line in later)
-
-    log = read_log(write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=other))
-
-    assert forward_mps(log) == pytest.approx(WHOLE)
-
-
-@pytest.mark.parametrize(("overlap", "joined"), [(2, True), (12, False)])
-def test_of_records_that_two_parts_have_those_of_the_first_are_taken(tmp_path, overlap, joined):
-    folder = write_csv(
-        tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15 - overlap, COUNT)
-    )
-
-    if joined:
-        log = read_log(folder)
-        assert forward_mps(log) == pytest.approx(WHOLE)
-        assert codes(log)["TOPIC-PARTS"].endswith(
-            "of times that two of them have, the records of the earlier one are read"
-        )
-    else:  # two instruments beside each other
-        with pytest.raises(UsageError, match="2 topics could be the dvl"):
-            read_log(folder)
-
-
-def test_a_part_may_be_added_and_the_first_may_be_named(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15))
+def test_a_part_may_be_added_where_the_first_is_named_and_else_a_part_that_is_named_is_read_alone(
+    tmp_path: Path,
+) -> None:
+    first = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15))
     (file,) = write_csv(tmp_path / "more", dvl_2=velocities(15, COUNT)).glob("*.csv")
+    both = write_csv(tmp_path / "both", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15, COUNT))
 
-    log = read_log(folder, Request(joined=(str(file),), topics={"dvl": "dvl_1"}))
+    added = read_log(first, Request(joined=(str(file),), topics={"dvl": "dvl_1"}))
 
-    assert forward_mps(log) == pytest.approx(WHOLE)
-
-
-def test_a_part_that_is_named_is_read_alone(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15, COUNT))
-
-    assert forward_mps(read_log(folder, Request(topics={"dvl": "/dvl_2"}))) == pytest.approx(WHOLE[15:])
+    assert forward_mps(added) == pytest.approx(WHOLE)
+    assert forward_mps(read_log(both, Request(topics={"dvl": "/dvl_2"}))) == pytest.approx(WHOLE[15:])
 
 
 def test_tables_of_several_sensors_follow_each_other_sensor_by_sensor(tmp_path: Path) -> None:
@@ -183,10 +163,11 @@ def test_a_table_of_the_ship_or_of_computed_values_is_no_part(tmp_path: Path) ->
     "second",
     [
         velocities(10, COUNT),
+        velocities(3, COUNT),
         velocities(15, COUNT, 700),
         velocities(15, COUNT).replace(",0.5", ",0.5,1").replace("starboard_mps", "starboard_mps,valid"),
     ],
-    ids=["overlap", "pause", "columns"],
+    ids=["overlap", "two instruments beside each other", "pause", "columns"],
 )
 def test_tables_that_overlap_or_are_far_apart_or_have_other_columns_are_a_choice(tmp_path: Path, second: str) -> None:
     folder = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=second)

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from logs import refusal
+from logs import TWIST_X, losses, refusal, x_of
 from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -27,7 +27,6 @@ CONTAINERS = [
     (True, CompressionType.NONE),
     (False, CompressionType.NONE),
 ]
-TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
 
 
 def many() -> list[Row]:
@@ -61,10 +60,6 @@ def overwrite(file: Path, at: int, data: bytes) -> McapLog:
 
 def flip(file: Path, at: int, bits: int = 1) -> McapLog:
     return overwrite(file, at, bytes([file.read_bytes()[at] ^ bits]))
-
-
-def x_of(log: McapLog) -> np.ndarray:
-    return read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"]
 
 
 def counts(log: McapLog) -> dict[str, int]:
@@ -164,7 +159,7 @@ def test_a_destroyed_chunk_costs_only_its_own_messages(tmp_path, compression, da
     assert (finding.code, finding.lost_data) == ("DAMAGED", True)
     assert finding.text.startswith("1 chunks are damaged (logged between 2020-09-13T12:2")
     assert finding.text.endswith(" of 2000 messages could be read")
-    lost = sorted(set(range(1000)) - set(x.astype(int)))
+    lost = sorted(set(range(1000)) - set(map(int, x)))
     assert 5 < len(lost) < 100
     assert lost == list(range(lost[0], lost[-1] + 1))
 
@@ -233,31 +228,28 @@ def test_a_summary_that_repeats_channels_without_schemas_hides_no_type(tmp_path,
     assert not any(finding.lost_data for finding in log.findings())
 
 
-def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path: Path) -> None:
-    good = b"\0\1\0\0" + struct.pack("<d", 12.5)
-    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, (good, good[:7], good, b""))
-    log = McapLog(file)
-
-    heading = read_whole(log, {"/heading": ["data"]})["/heading"]
-
-    np.testing.assert_array_equal(heading.columns["data"], [12.5, 12.5])
-    (finding,) = log.findings()
-    assert (
-        finding.text
-        == "/heading: 2 messages, the first of 2020-09-13T12:26:41.000Z, do not match their definition in the file"
-    )
-    assert finding.lost_data
+def float64(first_byte: int = 1) -> bytes:
+    """Return a message of ROS 2 whose first bytes state its encoding."""
+    return bytes([0, first_byte, 0, 0]) + struct.pack("<d", 12.5)
 
 
-@pytest.mark.parametrize(("byte", "name"), [(3, "PL_CDR"), (7, "XCDR2"), (11, "XCDR2")])
-def test_another_encoding_of_ros_2_is_named(tmp_path: Path, byte: int, name: str) -> None:
-    payloads = [bytes([0, first, 0, 0]) + struct.pack("<d", 12.5) for first in (1, byte)]
-    file = write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, payloads)
-    log = McapLog(file)
+MISFIT = "/heading: {} messages, the first of 2020-09-13T12:26:41.000Z, do not match their definition in the file"
 
-    assert len(read_whole(log, {"/heading": ["data"]})["/heading"].received_ns) == 1
-    (finding,) = log.findings()
-    assert finding.text.endswith(f"their definition in the file: they are in {name}, not plain CDR")
+
+@pytest.mark.parametrize(
+    ("payloads", "text"),
+    [
+        ((float64()[:7], b""), MISFIT.format(2)),
+        ((float64(3),), MISFIT.format(1) + ": they are in PL_CDR, not plain CDR"),
+        ((float64(7),), MISFIT.format(1) + ": they are in XCDR2, not plain CDR"),
+        ((float64(11),), MISFIT.format(1) + ": they are in XCDR2, not plain CDR"),
+    ],
+)
+def test_messages_that_do_not_fit_their_definition_are_counted_and_their_encoding_is_named(tmp_path, payloads, text):
+    log = McapLog(write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, (float64(), *payloads)))
+
+    assert read_whole(log, {"/heading": ["data"]})["/heading"].columns["data"].tolist() == [12.5]
+    assert losses(log.findings()) == {text: True}
 
 
 def test_an_unknown_compression_is_named(tmp_path: Path) -> None:

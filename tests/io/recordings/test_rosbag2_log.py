@@ -10,15 +10,14 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
-from logs import refusal
+import logs
+from logs import TWIST_X, refusal
 from recordings import ROS2, SECOND, T0, TWIST, Row, execute, message, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reader import Reader
 from usbldr.io.reading.read import read_log, require
-
-TWIST_X = {"/dvl": ["header.stamp", "twist.linear.x"]}
 
 
 def stretch(first: int, last: int) -> list[Row]:
@@ -35,8 +34,7 @@ def parts(folder: Path, *numbers: int) -> Path:
 
 
 def x_of(source: Path | Reader) -> list[float]:
-    log = open_log(source) if isinstance(source, Path) else source
-    return read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"].tolist()
+    return logs.x_of(open_log(source) if isinstance(source, Path) else source)
 
 
 def five(folder: Path, *statements: str) -> Path:
@@ -77,8 +75,7 @@ def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
     killed.mkdir()
     with sqlite3.connect(file, isolation_level=None) as database:
         database.execute("PRAGMA journal_mode=wal")
-        more = "INSERT INTO messages SELECT 90 + id, topic_id, 50000000000 + timestamp, data FROM messages"
-        database.execute(more)
+        database.execute("INSERT INTO messages SELECT 90 + id, topic_id, 50000000000 + timestamp, data FROM messages")
         for name in ("dive.db3", "dive.db3-wal"):  # as they lie while the recorder still runs
             shutil.copy(file.with_name(name), killed)
     database.close()
@@ -92,24 +89,17 @@ def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
     assert open_log(file).topics()[0].count == 10
 
 
-def test_a_journal_that_is_none_is_lost_data(tmp_path: Path) -> None:
-    file = five(tmp_path)
+def test_a_missing_journal_is_reported_and_one_that_is_none_is_lost_data(tmp_path: Path) -> None:
+    (tmp_path / "spoilt").mkdir()
+    file = five(tmp_path / "spoilt")
     file.with_name("dive.db3-wal").write_bytes(b"rows")
-    log = open_log(file)
 
-    (finding,) = log.findings()
+    (missing,) = open_log(five(tmp_path, "PRAGMA journal_mode=wal")).findings()
+    (spoilt,) = open_log(file).findings()
 
-    assert x_of(log) == [0, 1, 2, 3, 4]
-    assert (finding.code, finding.lost_data) == ("JOURNAL", True)
-
-
-def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
-    (finding,) = open_log(five(tmp_path, "PRAGMA journal_mode=wal")).findings()
-
-    assert (finding.code, finding.lost_data) == ("JOURNAL", False)
-    assert finding.text == (
-        "the file was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
-    )
+    said = "the file was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
+    assert (missing.code, missing.lost_data, missing.text) == ("JOURNAL", False, said)
+    assert (spoilt.code, spoilt.lost_data, x_of(file)) == ("JOURNAL", True, [0, 1, 2, 3, 4])
 
 
 def test_parts_are_read_in_the_order_of_time(tmp_path: Path) -> None:
@@ -240,41 +230,47 @@ def test_a_cut_db3_is_an_error_that_names_a_way_to_recover_it(tmp_path: Path, ke
     assert ".recover" in said
 
 
-def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
-    file = five(tmp_path, "DROP TABLE messages")
-
-    sentence = "is a sqlite3 file, but not a rosbag2 recording (no such table: messages)"
-    said = refusal(LogError, lambda: open_log(file).topics())
-    assert said.startswith(f"{file}: {sentence}; export the tables of another database as CSV (sqlite3 -header -csv ")
-
-
-def test_a_topic_without_a_number_is_damage(tmp_path: Path) -> None:
-    without = "CREATE TABLE topics AS SELECT NULL AS id, name, type, serialization_format FROM sound"
-    file = five(tmp_path, "ALTER TABLE topics RENAME TO sound", without)
-
-    with pytest.raises(LogError, match="is not a readable rosbag2 recording"):
-        open_log(file.parent).topics()
+WITHOUT_NUMBERS = "CREATE TABLE topics AS SELECT NULL AS id, name, type, serialization_format FROM sound"
+NO_RECORDING = (
+    "is a sqlite3 file, but not a rosbag2 recording (no such table: messages); export the tables of another database "
+    "as CSV (sqlite3 -header -csv "
+)
 
 
-def test_a_part_that_is_named_twice_is_read_once(tmp_path: Path) -> None:
-    folder = write_rosbag2(tmp_path / "a", short_dive())
-    metadata = folder / "metadata.yaml"
-    text = metadata.read_text(encoding="utf-8")
-    metadata.write_text(text.replace("  - a.db3\n", "  - a.db3\n  - a.db3\n", 1), encoding="utf-8")
-    assert metadata.read_text(encoding="utf-8") != text
-    log = open_log(folder)
+@pytest.mark.parametrize(
+    ("statements", "sentence"),
+    [
+        (["DROP TABLE messages"], NO_RECORDING),
+        (["ALTER TABLE topics RENAME TO sound", WITHOUT_NUMBERS], "is not a readable rosbag2 recording"),
+    ],
+)
+def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path, statements: list[str], sentence: str) -> None:
+    file = five(tmp_path, *statements)
 
-    assert sum(topic.count for topic in log.topics()) == 33
+    assert refusal(LogError, lambda: open_log(file).topics()).startswith(f"{file}: {sentence}")
+
+
+@pytest.mark.parametrize(
+    ("statements", "times", "code", "text", "lost"),
+    [
+        ([], 2, "PART-TWICE", "", False),
+        (["DELETE FROM messages WHERE id = 3"], 1, "", "1 of 5 messages in metadata.yaml are missing", True),
+    ],
+    ids=["a part that is listed twice", "a message that is missing"],
+)
+def test_a_part_is_read_once_and_counted_against_the_metadata(tmp_path, statements, times, code, text, lost):
+    metadata = five(tmp_path, *statements).with_name("metadata.yaml")
+    listed, part = metadata.read_text(encoding="utf-8"), "  - dive.db3\n"
+    assert part in listed
+    metadata.write_text(listed.replace(part, times * part, 1), encoding="utf-8")
+    log = open_log(metadata.parent)
+
     (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
-    assert (finding.code, finding.level) == ("PART-TWICE", "warning")
 
-
-def test_messages_that_metadata_counts_and_the_parts_lack_are_reported(tmp_path: Path) -> None:
-    log = open_log(five(tmp_path, "DELETE FROM messages WHERE id = 3").parent)
-
-    (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
-    assert finding.text == "1 of 5 messages in metadata.yaml are missing"
-    assert finding.lost_data
+    assert sum(topic.count for topic in log.topics()) == 5 - lost
+    assert finding.code.endswith(code)
+    assert text in finding.text
+    assert (finding.level, finding.lost_data) == ("error" if lost else "warning", lost)
 
 
 def test_an_encoding_that_is_not_read_is_named_if_its_sensor_is_missing(tmp_path: Path) -> None:
