@@ -27,9 +27,7 @@ def test_there_and_back_is_a_centimetre_over_five_kilometres() -> None:
     east, north = np.array([0.0, 5000.0, -3000.0]), np.array([0.0, -100.0, 4000.0])
 
     lat, lon = to_geodetic(ORIGIN, east, north)
-    back = to_plane(ORIGIN, lat, lon)
-
-    np.testing.assert_allclose(back, [east, north], atol=0.01)
+    np.testing.assert_allclose(to_plane(ORIGIN, lat, lon), [east, north], atol=0.01)
 
 
 @pytest.mark.parametrize("lat_deg", [0.0, 45.0, -33.0, 80.0])

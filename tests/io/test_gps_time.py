@@ -16,5 +16,4 @@ from usbldr.io.gps_time import utc_ns
     ],
 )
 def test_a_week_and_its_second_are_a_moment_of_utc(week: int, second: float, utc: str) -> None:
-    found = utc_ns(np.array([week]), np.array([second]))
-    assert found[0] == np.datetime64(utc, "ns").astype(np.int64)
+    assert utc_ns(np.array([week]), np.array([second]))[0] == np.datetime64(utc, "ns").astype(np.int64)

@@ -32,8 +32,7 @@ def reported(tmp_path: Path, log: Path, *options: str) -> dict[str, float]:
 def test_six_lines_give_the_numbers_of_the_command(tmp_path: Path, name: str, method: str) -> None:
     log = usbldr.open_log(SAMPLES / name)
     timeline = usbldr.timeline(log)
-    track = usbldr.replay(log, timeline, method)
-    report = usbldr.evaluate(log, timeline, track)
+    report = usbldr.evaluate(log, timeline, usbldr.replay(log, timeline, method))
 
     assert numbers(report.flat()) == reported(tmp_path, SAMPLES / name, "--filter", method)
 
@@ -52,8 +51,7 @@ def test_settings_stand_for_the_options_of_the_command(tmp_path: Path) -> None:
 
     log = usbldr.open_log(SAMPLES / "paper.mcap")
     timeline = usbldr.timeline(log)
-    track = usbldr.replay(log, timeline, "adf", settings)
-    report = usbldr.evaluate(log, timeline, track, settings)
+    report = usbldr.evaluate(log, timeline, usbldr.replay(log, timeline, "adf", settings), settings)
 
     printed = reported(tmp_path, SAMPLES / "paper.mcap", "--filter", "adf", *options.split(), "--align", "first")
     assert numbers(report.flat()) == printed
@@ -99,8 +97,7 @@ def test_settings_that_do_not_fit_are_refused_in_python_as_in_the_shell(method: 
 
 def test_a_scenario_without_configuration_is_as_a_recording_that_nobody_configured(tmp_path: Path) -> None:
     request = usbldr.Request(configuration="none")
-    short = dataclasses.replace(find_scenario("turns"), duration_s=20.0)
-    write_scenario(short, 0, tmp_path / "dive.mcap")
+    write_scenario(dataclasses.replace(find_scenario("turns"), duration_s=20.0), 0, tmp_path / "dive.mcap")
     recorded = usbldr.open_log(tmp_path / "dive.mcap", request)
 
     assert usbldr.open_log("turns", request).parameters == recorded.parameters

@@ -333,8 +333,7 @@ def test_single_wrong_times_make_no_parts(container: str, wrong: set[int], ahead
         log = read_log(CONTAINERS[container](Path(folder), times))
 
     assert sorted(headings(log)) == [*range(COUNT)]
-    behind = bool(np.any(np.diff(times) < 0))
-    assert behind == ("sorted" in codes(log).get("OUT-OF-ORDER", ""))
+    assert bool(np.any(np.diff(times) < 0)) == ("sorted" in codes(log).get("OUT-OF-ORDER", ""))
 
 
 WIDTHS = {

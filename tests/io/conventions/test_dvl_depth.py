@@ -135,9 +135,7 @@ def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:
 def test_imu_messages_without_orientation_are_left_out(tmp_path: Path) -> None:
     none = np.array([-1.0] + [0.0] * 8)
     bad = [(T0 + k, "/imu", IMU, {**yaw(T0 + k, 10)[3], "orientation_covariance": none}) for k in range(2)]
-    zero = (T0 + 5, "/imu", IMU, {"header.stamp": T0 + 5})
-
-    log = logged(tmp_path, [*bad, zero, yaw(T0 + 9, 10)])
+    log = logged(tmp_path, [*bad, (T0 + 5, "/imu", IMU, {"header.stamp": T0 + 5}), yaw(T0 + 9, 10)])
 
     assert len(log.tables["compass"]) == 1
     assert codes(log)["COMPASS-INVALID"] == (
@@ -187,8 +185,7 @@ def test_a_csv_folder_in_millimetres_or_radians_is_told_how_its_columns_are_name
 def test_a_unit_for_a_quaternion_is_said_not_to_be_used(tmp_path: Path) -> None:
     log = logged(tmp_path, [yaw(T0 + k * SECOND, 30.0) for k in range(3)], '[compass]\nunit = "rad"')
 
-    said = "/imu: unit of the configuration is not used; its records are not plain angles"
-    assert only(log, "KEY-UNUSED") == said
+    assert only(log, "KEY-UNUSED") == "/imu: unit of the configuration is not used; its records are not plain angles"
 
 
 def test_with_water_track_bottom_track_is_not_used_and_without_it_the_key_is_named(tmp_path: Path) -> None:

@@ -70,9 +70,7 @@ def test_dead_reckoning_due_east_stays_on_its_parallel(tmp_path: Path, lat_deg: 
 def test_headings_of_a_log_with_a_frame_of_its_own_count_from_the_north_of_that_frame(tmp_path: Path) -> None:
     fixes = "time_ns,east_m,north_m " + " ".join(f"{T0_S + k}000000000,{SPEED_MPS * k},0" for k in range(5))
 
-    end = end_m(dive(tmp_path, 80.0, fixes))
-
-    assert end == pytest.approx([SPEED_MPS * SECONDS, 0.0], abs=1e-6)
+    assert end_m(dive(tmp_path, 80.0, fixes)) == pytest.approx([SPEED_MPS * SECONDS, 0.0], abs=1e-6)
 
 
 def test_an_export_replays_to_the_same_track(tmp_path: Path) -> None:

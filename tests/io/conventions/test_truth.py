@@ -111,12 +111,10 @@ def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_
     log = dive(tmp_path, NED_FILE, FIXES)
 
     assert log.truth.max_gap_s == 12.0
-    said = "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
-    assert only(log, "TRUTH-REPEATED") == said
+    assert only(log, "TRUTH-REPEATED") == "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
     assert len(log.tables["gps"]) == 3
     (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
-    stated = dive(tmp_path, request=Request(truth=str(tmp_path / "t.csv"))).truth
-    assert stated.sd_m[0] == 0.25
+    assert dive(tmp_path, request=Request(truth=str(tmp_path / "t.csv"))).truth.sd_m[0] == 0.25
 
 
 @pytest.mark.parametrize("frame", ["NED", "ENU"])
@@ -246,9 +244,7 @@ def test_the_accuracy_of_a_gps_message_is_taken_where_it_is_known(tmp_path: Path
         for known, (t, topic, kind, values) in zip((2, 0, 2), FIXES, strict=True)
     ]
 
-    truth = dive(tmp_path, more=rows).truth
-
-    np.testing.assert_allclose(truth.sd_m, [0.3, np.nan, 0.3])
+    np.testing.assert_allclose(dive(tmp_path, more=rows).truth.sd_m, [0.3, np.nan, 0.3])
 
 
 def along_a_bend(frame: str, truth: str = "/nav/slam") -> list[Row]:

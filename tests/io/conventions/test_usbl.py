@@ -117,8 +117,7 @@ def test_a_covariance_of_range_and_bearing_lies_across_the_line_of_sight(tmp_pat
     along = np.array([math.sin(b), math.cos(b)])
     across = np.array([math.cos(b), -math.sin(b)])
 
-    log = logged(tmp_path, [point(T0, 200 * along[0], 200 * along[1])], POLAR)
-    R = covariance(log)
+    R = covariance(logged(tmp_path, [point(T0, 200 * along[0], 200 * along[1])], POLAR))
 
     assert along @ R @ along == pytest.approx(0.3**2 + 1.0**2)
     assert across @ R @ across == pytest.approx((200 * math.pi / 180) ** 2)

@@ -159,8 +159,7 @@ def test_json_without_fields_in_its_schema_is_read(tmp_path: Path, encoding: str
 
     log = read_log(write(tmp_path / "dive.mcap", ("foxglove.LocationFix", "json", encoding, definition), payloads))
 
-    table = log.tables["gps"]
-    assert table[["lat_deg", "lon_deg", "sd_m"]].to_numpy().tolist() == [[32.25, -64.75, 2.0]]
+    assert log.tables["gps"][["lat_deg", "lon_deg", "sd_m"]].to_numpy().tolist() == [[32.25, -64.75, 2.0]]
     assert log.start_ns == T0 + 7
 
 

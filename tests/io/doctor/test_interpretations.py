@@ -38,9 +38,7 @@ def test_an_unmodelled_current_is_no_wrong_axis(tmp_path: Path, east_mps: float,
         read_log(written(tmp_path, curved_dive(gps=True)), Request("none")), 100.0, 200.0, east_mps, north_mps
     )
 
-    codes = {one.code for one in convention_warnings(log, timeline(log))}
-
-    assert not codes & FLIPPED
+    assert not {one.code for one in convention_warnings(log, timeline(log))} & FLIPPED
 
 
 @pytest.mark.parametrize("imu", ["ENU", "NED"])
@@ -179,8 +177,7 @@ def test_an_outage_is_no_step_and_no_step_longer_than_all_gaps_is_undone(tmp_pat
     def in_gap(row: Row) -> bool:
         return row[1] == TOPICS[sensor] and SET_NS < row[3]["header.stamp"] < SET_NS + STEP_S * SECOND
 
-    rows = [row for row in curved_dive() if not in_gap(row)]
-    log = written(tmp_path, rows)
+    log = written(tmp_path, [row for row in curved_dive() if not in_gap(row)])
 
     assert "CLOCK-STEP" not in warned(log)
     gap = rf"the longest gap between stamps of {TOPICS[sensor]} is 2[56]\.\d\d s"

@@ -60,8 +60,7 @@ def test_columns_of_a_compressed_file_are_named_by_the_configuration(tmp_path: P
 
     assert read_log(folder).tables["compass"]["heading_deg"].tolist() == [t % 7 for t in TIMES]
     (folder / "usbldr.toml").write_text('[compass]\ntopic = "ahrs"\ncolumns = { time_ns = "t", heading = "phi" }\n')
-    said = refusal(UsageError, read_log, folder)
-    assert said.startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
+    assert refusal(UsageError, read_log, folder).startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
 
 
 def test_a_file_beside_its_compressed_copy_is_read_once(tmp_path: Path) -> None:

@@ -84,8 +84,7 @@ def foreign(payload: bytes) -> bytes:
 
 def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Path) -> None:
     parts = packets()
-    unknown = foreign(b"ab")
-    (tmp_path / "a.tlog").write_bytes(b"".join([parts[0], unknown, *parts[1:]]))
+    (tmp_path / "a.tlog").write_bytes(b"".join([parts[0], foreign(b"ab"), *parts[1:]]))
     log = open_log(tmp_path / "a.tlog")
 
     problems = {topic.name: topic.problem for topic in log.topics() if topic.problem}
@@ -147,8 +146,7 @@ def test_the_unused_end_of_a_page_is_no_loss(tmp_path: Path, rest: bytes) -> Non
 
 
 def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
-    parts = [*onboard(), row(130, "QccffC", 1 << 63, 0, 0, 0, 0, 0)]
-    log = open_log(write_bin(tmp_path / "a.BIN", parts))
+    log = open_log(write_bin(tmp_path / "a.BIN", [*onboard(), row(130, "QccffC", 1 << 63, 0, 0, 0, 0, 0)]))
 
     assert next(topic.count for topic in log.topics() if topic.name == "ATT") == COUNT
     (finding,) = log.findings()
@@ -166,8 +164,7 @@ def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("error")  # of a file that is left open
 def test_a_damaged_layout_is_one_sentence_and_the_file_is_closed(tmp_path: Path) -> None:
-    spoilt = b"".join(onboard()).replace(b"QccffC", b"Qcc?fC")
-    file = write_bin(tmp_path / "a.BIN", [spoilt])
+    file = write_bin(tmp_path / "a.BIN", [b"".join(onboard()).replace(b"QccffC", b"Qcc?fC")])
 
     with pytest.raises(LogError, match=r"cannot be read as an onboard log: damaged \(Unsupported format char"):
         open_log(file).topics()

@@ -72,8 +72,7 @@ def test_days_follow_each_other_at_midnight(tmp_path: Path) -> None:
     """From ten seconds before midnight on, with gaps of eleven hours past the next midnight."""
     late = [86_400 * 100 - 1000 + 100 * k for k in range(20)]
     hundredths = [h + hours * 360_000 for hours in (0, 11, 22, 33) for h in late]
-    parts = [pd45_ensemble(4, h, x=1, y=2, z=3) for h in hundredths]
-    (tmp_path / "a.pd4").write_bytes(b"".join(parts))
+    (tmp_path / "a.pd4").write_bytes(b"".join([pd45_ensemble(4, h, x=1, y=2, z=3) for h in hundredths]))
 
     times = read_whole(open_log(tmp_path / "a.pd4"), {"/bottom_track": ["x"]})["/bottom_track"].received_ns
     np.testing.assert_array_equal(times, np.array(hundredths) * (SECOND // 100))
@@ -81,8 +80,7 @@ def test_days_follow_each_other_at_midnight(tmp_path: Path) -> None:
 
 def test_the_day_holds_beside_other_files_of_the_dive(tmp_path: Path) -> None:
     write_pd45(tmp_path / "a.pd4", 4, first_hundredths=T0 % (86_400 * SECOND) // (SECOND // 100))
-    rows = [row for row in short_dive() if row[1] != "/dvl"]
-    dive = write_mcap(tmp_path / "dive.mcap", rows)
+    dive = write_mcap(tmp_path / "dive.mcap", [row for row in short_dive() if row[1] != "/dvl"])
     (tmp_path / "usbldr.toml").write_text('[[file]]\npath = "a.pd4"\ndate = 2020-09-13\n', encoding="utf-8")
     log = read_log(dive)
 

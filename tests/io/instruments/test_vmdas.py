@@ -135,8 +135,7 @@ def test_fixes_without_a_valid_position_or_time_are_marked(tmp_path: Path) -> No
 
 def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
     block = navigation(day=31, month=12, year=2020, first=863_990_000, last=10_000, latitude=1, longitude=1, flags=34)
-    parts = [pd0_ensemble([*leaders(k, k), block]) for k in range(2)]
-    (tmp_path / "a.LTA").write_bytes(b"".join(parts))
+    (tmp_path / "a.LTA").write_bytes(b"".join([pd0_ensemble([*leaders(k, k), block]) for k in range(2)]))
 
     stamps = read_whole(open_log(tmp_path / "a.LTA"), {"/navigation": [STAMP]})["/navigation"].columns[STAMP]
     assert set(stamps.tolist()) == {int(np.datetime64("2021-01-01T00:00:01", "ns").astype(np.int64))}

@@ -111,8 +111,7 @@ def test_the_second_of_several_hits_is_read_if_there_is_one(tmp_path: Path, kind
     second = [(k, hits(k)[1]) for k in range(len(SECONDS)) if SECONDS[k] > 1]
     table = log.tables["usbl"]
     np.testing.assert_array_equal(table[["east_m", "north_m"]], [one["place"] for _, one in second])
-    stamps = [log.start_ns + round(t * 1e9) for t in table["time_s"]]
-    assert stamps == [T0 + k * SECOND + 8 for k, _ in second]
+    assert [log.start_ns + round(t * 1e9) for t in table["time_s"]] == [T0 + k * SECOND + 8 for k, _ in second]
 
 
 @pytest.mark.parametrize("kind", WRITERS)

@@ -172,6 +172,4 @@ def test_a_report_that_knows_both_its_times_is_moved_back_by_their_difference(tm
     values = FORWARD_2_STARBOARD_1[kind]
     uptime = 77 * SECOND
     ages = {"report.time_of_validity": stamp(uptime), "report.time_of_transmission": stamp(uptime + 150_000_000)}
-    log = logged(tmp_path, [row(kind, {**values, **ages})])
-
-    assert log.start_ns == T0 - 150_000_000
+    assert logged(tmp_path, [row(kind, {**values, **ages})]).start_ns == T0 - 150_000_000

@@ -1,7 +1,6 @@
 """Fields of any sentence, line or object by name, and layout files that define them."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import logs
 from logs import MAP, codes, logged_nmea
 from recordings import SECOND, T0, sentence
 from usbldr.filters.errors import UsageError
@@ -45,19 +45,21 @@ def test_every_field_of_any_sentence_has_its_number(cells: list, name: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("line", "columns", "forward_mps"),
+    ("line", "section", "columns", "wanted"),
     [
-        (sentence("PACME,1.5,0.25"), 'x = "1", y = "2"', 1.5),
-        (sentence("PACME,VX=1500,VY=250"), 'x = "VX [mm/s]", y = "VY [mm/s]"', 1.5),
-        (sentence("PUHAW,UVH,1.5,0.25,90.0"), 'x = "2", y = "3"', 1.5),
-        (WRZ, 'x = "1", y = "2", valid = "4"', 0.12),
-        ('{"speed": {"fwd": 1.5}, "v": [9, 0.25]}', 'x = "speed.fwd", y = "v[1]"', 1.5),
+        (sentence("PACME,1.5,0.25"), "dvl", 'x = "1", y = "2"', {"dvl.forward_mps": [1.5]}),
+        (sentence("PACME,VX=1500,VY=250"), "dvl", 'x = "VX [mm/s]", y = "VY [mm/s]"', {"dvl.forward_mps": [1.5]}),
+        (sentence("PUHAW,UVH,1.5,0.25,90.0"), "dvl", 'x = "2", y = "3"', {"dvl.forward_mps": [1.5]}),
+        (WRZ, "dvl", 'x = "1", y = "2", valid = "4"', {"dvl.forward_mps": [0.12]}),
+        ('{"speed": {"fwd": 1.5}, "v": [9, 0.25]}', "dvl", 'x = "speed.fwd", y = "v[1]"', {"dvl.forward_mps": [1.5]}),
+        (sentence("PACME,3215.0,S,06445.0,W"), "gps", 'lat_deg = "1", lat_side = "2", lon_deg = "3", lon_side = "4"',
+         {"gps.lat_deg": [-32.25], "gps.lon_deg": [-64.75]}),
     ],
-)
-def test_columns_name_any_field(tmp_path: Path, line: str, columns: str, forward_mps: float) -> None:
-    log = logged_nmea(tmp_path, f"1600000000 {line}", toml=f"[dvl]\ncolumns = {{ {columns} }}\n")
+)  # fmt: skip
+def test_columns_name_any_field(tmp_path, line, section, columns, wanted):
+    log = logged_nmea(tmp_path, f"1600000000 {line}", toml=f"[{section}]\ncolumns = {{ {columns} }}\n")
 
-    assert log.tables["dvl"]["forward_mps"].tolist() == pytest.approx([forward_mps])
+    assert logs.columns(log, wanted) == {name: pytest.approx(values) for name, values in wanted.items()}
 
 
 def test_a_type_in_the_first_field_makes_a_topic(tmp_path: Path) -> None:
@@ -65,14 +67,6 @@ def test_a_type_in_the_first_field_makes_a_topic(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("\n".join(lines), encoding="utf-8")
 
     assert [topic.name for topic in open_log(tmp_path / "a.txt").topics()] == ["/PIXSE_ATITUD", "/PIXSE_POSITI"]
-
-
-def test_degrees_and_minutes_have_their_hemisphere_by_columns(tmp_path: Path) -> None:
-    toml = '[gps]\ncolumns = { lat_deg = "1", lat_side = "2", lon_deg = "3", lon_side = "4" }\n'
-
-    log = logged_nmea(tmp_path, f"1600000000 {sentence('PACME,3215.0,S,06445.0,W')}", toml=toml)
-
-    assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy()[0] == pytest.approx([-32.25, -64.75])
 
 
 def test_a_line_of_water_linkeds_serial_protocol_is_a_dvl_record(tmp_path: Path) -> None:
@@ -185,31 +179,25 @@ def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "of"),
+    ("name", "of", "said"),
     [
-        ("time", lambda k: f"2020-09-13T12:26:4{k}.5Z"),
-        ("timestamp", lambda k: 1600000000.5 + k),
-        ("t_ms", lambda k: 1600000000500 + 1000 * k),
-        ("time_ns", lambda k: 1600000000500000000 + 10**9 * k),
+        ("time", lambda k: f"2020-09-13T12:26:4{k}.5Z", []),
+        ("timestamp", lambda k: 1600000000.5 + k, []),
+        ("t_ms", lambda k: 1600000000500 + 1000 * k, []),
+        ("time_ns", lambda k: 1600000000500000000 + 10**9 * k, []),
+        ("y", lambda k: k, ["a.jsonl: 5 objects have no time that is known; they are taken as 1 s apart"]),
     ],
 )
-def test_an_object_may_hold_its_time(tmp_path: Path, name: str, of: Callable[[int], object]) -> None:
+def test_an_object_may_hold_its_time_and_else_objects_are_a_second_apart(tmp_path, name, of, said):
     rows = [{"type": "nav", "x": 1600000001.0, "truth_time": 5, name: of(k)} for k in range(5)]
     (tmp_path / "a.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")
 
     log = open_log(tmp_path / "a.jsonl")
 
     read = read_whole(log, {"/nav": ["x"]})["/nav"]
-    assert read.received_ns.tolist() == [1600000000500000000 + 10**9 * k for k in range(5)]
-    assert not log.findings()
-
-
-def test_objects_without_a_time_are_a_second_apart(tmp_path: Path) -> None:
-    (tmp_path / "a.jsonl").write_text('{"type": "nav", "x": 1}\n' * 3, encoding="utf-8")
-
-    (finding,) = open_log(tmp_path / "a.jsonl").findings()
-
-    assert finding.text == "a.jsonl: 3 objects have no time that is known; they are taken as 1 s apart"
+    assert np.diff(read.received_ns).tolist() == [10**9] * 4
+    assert said or read.received_ns[0] == 1600000000500000000
+    assert [finding.text for finding in log.findings()] == said
 
 
 def test_the_word_that_a_line_begins_with_is_not_part_of_a_number() -> None:

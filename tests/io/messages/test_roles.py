@@ -91,9 +91,7 @@ def test_a_sensor_is_the_topic_that_is_named_or_else_the_best_by_type_and_name(t
 
 
 def test_two_candidates_are_an_error_that_lists_them_and_the_option() -> None:
-    other = topic("/seatrac/point", USBL.type, POINT, count=19)
-
-    roles = choose_roles(LOG, [USBL, other], {}, {})
+    roles = choose_roles(LOG, [USBL, topic("/seatrac/point", USBL.type, POINT, count=19)], {}, {})
 
     assert taken(roles) == {}
     fault = roles.unresolved["usbl"]

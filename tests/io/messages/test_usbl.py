@@ -130,16 +130,35 @@ def test_messages_that_hold_no_fix_or_have_an_unknown_layout_are_refused(tmp_pat
         logged(tmp_path, [row(kind, {})], HEAD + toml)
 
 
-def test_usbllong_states_the_age_of_a_fix(tmp_path: Path) -> None:
-    """Sent 0.4 s after it was measured by the modem's own clock, whatever that counts from."""
-    kind = "evologics_ros_sync/msg/EvologicsUsbllong"
-    fix = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1234.9, "measurement_time": 1234.5}
-    unset = {**THIRTY_EAST_FORTY_NORTH[kind], "current_time": 1240.0, "measurement_time": 0.0}
+LONG_FIX = THIRTY_EAST_FORTY_NORTH["evologics_ros_sync/msg/EvologicsUsbllong"]
+SONARDYNE = {"name": "AUV", "latitude": 45.0009, "longitude": 7.0}
+AGED: dict[str, tuple[str, list[tuple[float, Mapping[str, Any]]], list[float]]] = {  # records, seconds between fixes
+    # sent 0.4 s after it was measured by the modem's own clock, whatever that counts from; the second states no age
+    "evologics_ros_sync/msg/EvologicsUsbllong": (
+        HEAD,
+        [(0, {**LONG_FIX, "current_time": 1234.9, "measurement_time": 1234.5}),
+         (5, {**LONG_FIX, "current_time": 1240.0, "measurement_time": 0.0})],
+        [5.4],
+    ),
+    "sonardyne_msgs/msg/Position": (
+        MAP,
+        [(0, {**SONARDYNE, "age": 0.75}), (1, {**SONARDYNE, "latitude": 45.001, "age": 0.25}),
+         *((2 + 0.3 * k, {**SONARDYNE, "latitude": 45.002 + 1e-5 * (k // 3), "age": 0.3 * (k % 3)}) for k in range(6))],
+        [1.5, 1.25, 0.9],  # a position that only grew older is the same position
+    ),
+}  # fmt: skip
 
-    log = logged(tmp_path, [row(kind, fix), row(kind, unset, 5.0)], HEAD)
 
-    times = log.start_ns / 1e9 + log.tables["usbl"]["time_s"].to_numpy()
-    assert np.diff(times) == pytest.approx([5.4], abs=1e-6)
+@pytest.mark.parametrize("kind", AGED)
+def test_a_fix_is_as_old_as_it_states(tmp_path: Path, kind: str) -> None:
+    toml, records, seconds = AGED[kind]
+
+    log = logged(tmp_path, [row(kind, values, after_s) for after_s, values in records], toml)
+
+    assert np.diff(log.tables["usbl"]["time_s"]) == pytest.approx(seconds, abs=1e-6)
+    if kind == "sonardyne_msgs/msg/Position":
+        assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
+        assert log.convention("usbl", "age_s").note == "median of their age"
 
 
 def test_several_targets_are_not_guessed_between(tmp_path: Path) -> None:
@@ -240,30 +259,6 @@ def test_what_a_system_marks_as_no_fix_is_left_out(tmp_path, kind, values, chang
         assert log.tables["usbl"]["cov_ee_m2"].to_numpy() == pytest.approx([2.5**2])
 
 
-def test_sonardyne_states_the_age_of_a_position(tmp_path: Path) -> None:
-    kind = "sonardyne_msgs/msg/Position"
-    values = {"name": "AUV", "latitude": 45.0009, "longitude": 7.0}
-    rows = [row(kind, {**values, "age": 0.75}), row(kind, {**values, "latitude": 45.001, "age": 0.25}, 1.0)]
-
-    log = logged(tmp_path, rows, MAP)
-
-    assert np.diff(log.tables["usbl"]["time_s"]) == pytest.approx([1.5])
-    assert places(log)[0] == pytest.approx([0, 0.0009 * 111132], abs=0.1)
-    assert log.convention("usbl", "age_s").note == "median of their age"
-
-
-def test_a_position_that_only_grew_older_is_the_same_position(tmp_path: Path) -> None:
-    kind = "sonardyne_msgs/msg/Position"
-    rows = [
-        row(kind, {"name": "AUV", "latitude": 45.0 + 1e-5 * (k // 3), "longitude": 7.0, "age": 0.3 * (k % 3)}, 0.3 * k)
-        for k in range(6)
-    ]
-
-    log = logged(tmp_path, rows, MAP)
-
-    assert log.tables["usbl"]["time_s"].to_numpy() == pytest.approx([0.0, 0.9])
-
-
 def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accuracy(tmp_path: Path) -> None:
     kind = "vehicle_interface/msg/AcousticLocalization"
     fix = {"sender_address": 3, "latitude": 45.0009, "longitude": 7.0, "measurement_time": 12.0}
@@ -294,23 +289,19 @@ def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str
         logged(tmp_path, rows, f'{MAP}[usbl]\ntopic = "{topic}"')
 
 
-def test_latitude_and_longitude_in_a_pose_are_found_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("section", ["", '[usbl]\nkind = "latlon"'])
+def test_latitude_and_longitude_in_a_pose_are_found_out_but_one_that_was_never_filled_in_is_no_fix(
+    tmp_path: Path, section: str
+) -> None:
     """Their first variance is north's."""
     covariance = {"pose.covariance": np.diag([9.0, 4.0, 0.0, 0.0, 0.0, 0.0]).ravel()}
-    log = logged(tmp_path, [cola2(45.0 + 1e-5 * k, 7.0, k, covariance) for k in range(4)], MAP)
-
-    assert places(log)[3] == pytest.approx([0, 3e-5 * 111132], abs=0.01)
-    assert 'state kind = "position"' in codes(log)["USBL-LATLON"]
-    assert log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy()[0] == pytest.approx([4.0, 9.0])
-
-
-@pytest.mark.parametrize("section", ["", '[usbl]\nkind = "latlon"'])
-def test_a_pose_of_degrees_that_was_never_filled_in_is_no_fix(tmp_path: Path, section: str) -> None:
-    fixes = [cola2(0.0, 0.0, 0), *(cola2(45.0 + 1e-5 * k, 7.0, k) for k in range(1, 5))]
+    fixes = [cola2(0.0, 0.0, 0), *(cola2(45.0 + 1e-5 * k, 7.0, k, covariance) for k in range(1, 5))]
 
     log = logged(tmp_path, fixes, MAP + section)
 
-    assert places(log)[:, 1] == pytest.approx(1e-5 * 111132 * np.arange(1, 5), abs=0.01)
+    assert places(log) == pytest.approx(np.outer(np.arange(1, 5), [0, 1e-5 * 111132]), abs=0.01)
+    assert ('state kind = "position"' in codes(log).get("USBL-LATLON", "")) == (not section)
+    assert log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy()[0] == pytest.approx([4.0, 9.0])
     assert "1 at latitude and longitude 0" in codes(log)["USBL-INVALID"]
 
 

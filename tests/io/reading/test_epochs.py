@@ -178,8 +178,7 @@ def test_a_spinning_vehicle_is_unwrapped_over_the_whole_log() -> None:
 
 
 def test_several_records_of_an_epoch_are_averaged_and_counted() -> None:
-    t = [0.95, 1.0, 1.05, 2.0]
-    dvl = dvl_table(t, forward=[1.0, 2.0, 6.0, 4.0], sd_mps=[0.1, 0.2, 0.2, 0.3])
+    dvl = dvl_table([0.95, 1.0, 1.05, 2.0], forward=[1.0, 2.0, 6.0, 4.0], sd_mps=[0.1, 0.2, 0.2, 0.3])
 
     line = timeline(log(dvl=dvl, compass=compass_table(grid(2))))
 

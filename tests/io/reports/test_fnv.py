@@ -99,8 +99,7 @@ def test_every_table_has_the_values_of_its_csv_file(tmp_path: Path) -> None:
         for name in read.column_names:
             for value, cell in zip(read[name].to_pylist(), (row[name] for row in written), strict=True):
                 assert _same(value, cell), (table.name, name, value, cell)
-    listed = report_of(out)["files"]
-    assert {f"{table.stem}.parquet" for table in tables} <= set(listed)
+    assert {f"{table.stem}.parquet" for table in tables} <= set(report_of(out)["files"])
 
 
 def _same(value: object, cell: str) -> bool:

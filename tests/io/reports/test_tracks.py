@@ -40,8 +40,7 @@ def test_a_stamp_in_a_tum_file_is_unix_time_to_the_nanosecond(tmp_path: Path) ->
 
 
 def test_evo_reads_the_tum_file_with_east_as_x_and_the_bow_as_x_of_the_body(tmp_path: Path) -> None:
-    depth_m = np.where(SECONDS > 10, 3.5, np.nan)
-    write_tum(tmp_path / "t.tum", START_NS, SECONDS, TRACK.position_m, PSI, depth_m)
+    write_tum(tmp_path / "t.tum", START_NS, SECONDS, TRACK.position_m, PSI, np.where(SECONDS > 10, 3.5, np.nan))
 
     read = file_interface.read_tum_trajectory_file(tmp_path / "t.tum")
 
@@ -102,9 +101,7 @@ def test_a_table_is_written_the_same_in_pieces(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_plain_track_has_neither_sigma_nor_heading() -> None:
-    plain = Trajectory("usbl", ("x", "y"), SECONDS, TRACK.position_m, None)
-
-    table = track_table(plain, ORIGIN)
+    table = track_table(Trajectory("usbl", ("x", "y"), SECONDS, TRACK.position_m, None), ORIGIN)
 
     assert table[["sd_east_m", "cov_en_m2", "heading_deg", "forward_mps"]].isna().all(axis=None)
     assert table.lat_deg.notna().all()

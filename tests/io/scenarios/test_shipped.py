@@ -109,8 +109,7 @@ def test_the_files_that_the_documentation_shows_are_scenarios(tmp_path: Path) ->
 
     assert len(shown) == 2
     for number, text in enumerate(shown):
-        found = read_scenario(_file(tmp_path, text, f"shown{number}.toml"))
-        assert len(simulate(found, 0).usbl.time_s) > 80
+        assert len(simulate(read_scenario(_file(tmp_path, text, f"shown{number}.toml")), 0).usbl.time_s) > 80
 
 
 def test_the_documentation_has_every_scenario_and_every_key() -> None:

@@ -126,8 +126,7 @@ def test_an_update_without_a_change_keeps_its_date(tmp_path: Path) -> None:
 
 
 def test_a_file_by_hand_gets_its_digests_its_tool_and_its_date(tmp_path: Path) -> None:
-    by_hand = re.sub(r"(tool|date|log_sha256) = .*\n", "", GOOD)
-    baseline = read_baseline(_baseline(tmp_path, by_hand))
+    baseline = read_baseline(_baseline(tmp_path, re.sub(r"(tool|date|log_sha256) = .*\n", "", GOOD)))
     assert (baseline.tool, baseline.date, baseline.rows[0].log_sha256) == ("", None, "")
 
     text = _updated(baseline, {}, {})
@@ -138,8 +137,7 @@ def test_a_file_by_hand_gets_its_digests_its_tool_and_its_date(tmp_path: Path) -
 
 
 def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
-    text = GOOD.replace("{ value = 0.25, rel", "{ rel")
-    baseline = read_baseline(_baseline(tmp_path, text))
+    baseline = read_baseline(_baseline(tmp_path, GOOD.replace("{ value = 0.25, rel", "{ rel")))
     assert baseline.rows[0].metrics["mean_abs_east_m"].value is None
 
     assert _updated(baseline, {"mean_abs_east_m": 0.25}, {}) == _signed(GOOD)
@@ -147,9 +145,7 @@ def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
 
 def test_an_update_follows_any_layout(tmp_path: Path) -> None:
     unusual = 'schema = 1\nrow = [{ name = "a", log = "l", filter = "f", metrics = { x = { value = 1, abs = 1 } } }]\n'
-    baseline = read_baseline(_baseline(tmp_path, unusual))
-
-    text = _updated(baseline, {"x": 2.0})
+    text = _updated(read_baseline(_baseline(tmp_path, unusual)), {"x": 2.0})
 
     (row,) = read_baseline(_baseline(tmp_path, text)).rows
     assert (row.metrics["x"].value, row.log_sha256) == (2.0, "new")

@@ -236,9 +236,7 @@ def test_gps_may_come_on_the_plane_or_by_latitude(tmp_path: Path) -> None:
 
 def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
     compass, truth_ = "time_ns,heading_deg\n10,2\n20,2", "time_ns,east_m,north_m\n10,1,2\n20,3,4"
-    folder = write_csv(tmp_path / "dive", compass=compass, truth=truth_)
-
-    truth = read_log(folder).truth
+    truth = read_log(write_csv(tmp_path / "dive", compass=compass, truth=truth_)).truth
 
     np.testing.assert_array_equal(truth.position_m, [[1, 2], [3, 4]])
     assert (truth.source, truth.kind) == ("/truth", "other")

@@ -44,8 +44,7 @@ def read(log: Path, topic: str = "nav", **columns: str) -> Log:
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
 def test_day_numbers_are_dates_of_the_calendar(tmp_path: Path, write: Callable[[Path, Tables], Path]) -> None:
     seconds = np.arange(50) / 4
-    nav = {"t": [day_number(s) for s in seconds], "psi": np.arange(50.0)}
-    log = read(write(tmp_path, {"nav": nav}))
+    log = read(write(tmp_path, {"nav": {"t": [day_number(s) for s in seconds], "psi": np.arange(50.0)}}))
 
     assert abs(log.start_ns - T0) <= KNOWN_NS
     np.testing.assert_allclose(log.tables["compass"]["time_s"], seconds, rtol=0, atol=2e-9 * KNOWN_NS)
@@ -80,8 +79,7 @@ def test_day_numbers_of_messages_are_stamps_and_zero_is_none(tmp_path: Path) -> 
 
 
 def test_times_that_are_no_day_numbers_are_refused_in_one_sentence(tmp_path: Path) -> None:
-    nav = {"t": [1.6e9, 1.6e9 + 1], "psi": np.arange(2.0)}
-    file = WRITERS["HDF5"](tmp_path, {"nav": nav})
+    file = WRITERS["HDF5"](tmp_path, {"nav": {"t": [1.6e9, 1.6e9 + 1], "psi": np.arange(2.0)}})
     with pytest.raises(LogError, match="/nav: no value of the column t is a time before 2116 in its unit"):
         read(file)
 

@@ -152,9 +152,7 @@ UNDERSTOOD = {  # what is understood: file, text, columns
 def test_names_and_cells_of_other_programs_are_understood(tmp_path: Path, case: str) -> None:
     file, text, wanted = UNDERSTOOD[case]
 
-    log = logged_csv(tmp_path, "", **{file: timed(text)})
-
-    assert columns(log, wanted) == wanted
+    assert columns(logged_csv(tmp_path, "", **{file: timed(text)}), wanted) == wanted
 
 
 def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path) -> None:

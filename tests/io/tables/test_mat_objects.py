@@ -66,8 +66,7 @@ def test_a_datetime_is_named_and_no_column(tmp_path: Path, write: Callable[[Path
 @pytest.mark.parametrize("write", [write_5, write_7_3])
 def test_a_file_of_nothing_but_objects_says_so(tmp_path: Path, write: Callable[[Path, str, bool], Path]) -> None:
     file = write(tmp_path / "dive.mat", "timetable", False)
-    said = f"{file}: holds no vectors of numbers, but t (a timetable, not read)"
-    assert refusal(LogError, open_log, file) == said
+    assert refusal(LogError, open_log, file) == f"{file}: holds no vectors of numbers, but t (a timetable, not read)"
 
 
 def test_columns_beside_an_object_are_read(tmp_path: Path) -> None:

@@ -53,8 +53,7 @@ def test_the_keys_for_times_are_understood_as_names_of_columns(
 
 def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> None:
     """A timestamp is a time whatever its unit; an empty whole number stays exact in the other rows."""
-    never = np.iinfo(np.int64).min
-    moments = np.array([T0, T0 + SECOND // 4, never, T0 + SECOND]).astype("datetime64[ns]")
+    moments = np.array([T0, T0 + SECOND // 4, np.iinfo(np.int64).min, T0 + SECOND]).astype("datetime64[ns]")
     columns = {"UTC": moments, "Heading (deg)": [1.5, None, 3.5, 4.5], "Depth [cm]": [100, 200, 300, None]}
     file = tmp_path / "nav.parquet"
     pd.DataFrame(columns).astype({"Depth [cm]": "Int64"}).to_parquet(file)
