@@ -312,11 +312,22 @@ def test_a_pause_of_one_sensor_is_none(tmp_path: Path) -> None:
     assert {"PAUSE", "CLOCK-FORWARD"}.isdisjoint(codes(read_log(log)))
 
 
-def test_a_few_times_far_ahead_make_no_parts() -> None:
-    times = STEADY.copy()
-    times[20:29] += 10**9 * SECOND
+FAR_AHEAD = STEADY + np.where((np.arange(COUNT) >= 20) & (np.arange(COUNT) < 29), 10**9 * SECOND, 0)
+TWICE = np.concatenate([np.arange(30), np.arange(30)]) * SECOND
 
-    assert examined(times).steps == []
+
+@pytest.mark.parametrize(
+    ("times", "targets", "rows"),
+    [
+        (FAR_AHEAD, [], []),
+        (TWICE, [np.arange(30), np.arange(30, 60)], []),
+        (TWICE, [], [30]),
+        (back(40, 3 * SECOND), [np.arange(0, COUNT, 2), np.arange(1, COUNT, 2)], [40]),
+    ],
+    ids=["a few far ahead", "targets one after the other", "one target", "targets in turn"],
+)
+def test_a_step_is_one_of_all_targets_that_stays(times: Times, targets: list[Times], rows: list[int]) -> None:
+    assert [step.row for step in examined(times, *([targets] if targets else [])).steps] == rows
 
 
 @settings(max_examples=20)
@@ -456,16 +467,3 @@ def test_part_without_a_step_is_said(tmp_path: Path) -> None:
     log = read_log(write_mcap(tmp_path / "a.mcap", rows_of(STEADY)), Request(part="2"))
 
     assert "part is not used" in codes(log)["KEY-UNUSED"]
-
-
-def test_records_of_two_targets_one_after_the_other_are_no_step() -> None:
-    times = np.concatenate([np.arange(30), np.arange(30)]) * SECOND
-
-    assert examined(times, [np.arange(30), np.arange(30, 60)]).steps == []
-    assert [step.row for step in examined(times).steps] == [30]
-
-
-def test_targets_in_turn_have_one_step() -> None:
-    found = examined(back(40, 3 * SECOND), [np.arange(0, COUNT, 2), np.arange(1, COUNT, 2)])
-
-    assert [step.row for step in found.steps] == [40]

@@ -321,24 +321,21 @@ def test_jumps_and_outliers_are_one_finding_that_says_what_to_do(position_m: Arr
     assert said(position_m) == [f"slam.txt: {text}"]
 
 
-@pytest.mark.parametrize("scatter_m", [0.02, 3.0])
-def test_noise_of_a_fast_receiver_is_no_jump(scatter_m: float) -> None:
-    time_s = np.arange(0, 60, 0.05)
-    position_m = np.random.default_rng(1).normal(0, scatter_m, (len(time_s), 2)) + np.outer(time_s, [1.5, 0])
+FAST_S, HELD_S = np.arange(0, 60, 0.05), np.arange(0, 60, 0.1)
+FAST_M = np.outer(FAST_S, [1.5, 0])
+DIVED_S = np.concatenate([SECONDS[:30], SECONDS[30:] + 600])
+NO_JUMPS: dict[str, tuple[Array, Vector]] = {
+    **{
+        f"noise of {scatter_m} m": (FAST_M + np.random.default_rng(1).normal(0, scatter_m, FAST_M.shape), FAST_S)
+        for scatter_m in (0.02, 3.0)
+    },
+    "held, then moved on": (np.column_stack([5 * np.floor(HELD_S), 0 * HELD_S]), HELD_S),
+    "a gap": (moved((slice(30, None), 900.0)), DIVED_S),
+    **{f"{rows} rows": (STRAIGHT_M[:rows], SECONDS[:rows]) for rows in range(3)},
+    "zeros": (np.zeros((60, 2)), SECONDS),
+}
 
-    assert said(position_m, time_s) == []
 
-
-def test_a_position_that_is_held_and_then_moves_on_is_no_jump() -> None:
-    held_s = np.arange(0, 60, 0.1)
-
-    assert said(np.column_stack([5 * np.floor(held_s), 0 * held_s]), held_s) == []
-
-
-def test_gaps_and_short_truths_are_no_jumps() -> None:
-    dived = np.concatenate([SECONDS[:30], SECONDS[30:] + 600])
-
-    assert said(moved((slice(30, None), 900.0)), dived) == []
-    for rows in range(3):
-        assert said(STRAIGHT_M[:rows], SECONDS[:rows]) == []
-    assert said(np.zeros((60, 2))) == []
+@pytest.mark.parametrize("case", NO_JUMPS)
+def test_what_a_vehicle_or_a_receiver_may_do_is_no_jump(case: str) -> None:
+    assert said(*NO_JUMPS[case]) == []
