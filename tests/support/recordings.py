@@ -259,6 +259,16 @@ def write_csv(folder: Path, **files: str) -> Path:
     return folder
 
 
+def saved(file: Path, *parts: str | bytes | bytearray) -> Path:
+    """Write texts or bytes, one behind the other."""
+    file.write_bytes(b"".join(part.encode() if isinstance(part, str) else part for part in parts))
+    return file
+
+
+def saved_lines(file: Path, lines: Iterable[str]) -> Path:
+    return saved(file, *(f"{line}\n" for line in lines))
+
+
 def sentence(body: str) -> str:
     """Close a sentence with the checksum that NMEA 0183 defines: all its characters, exclusive or."""
     return f"${body}*{reduce(lambda a, b: a ^ b, body.encode()):02X}"

@@ -4,7 +4,7 @@ import gzip
 import json
 import math
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,20 @@ from imc_recordings import sent, write_messages
 from logs import codes
 from moos_recordings import HEAD, line
 from pd45_recordings import pd45_ensemble
-from recordings import SECOND, T0, Row, point, sentence, twist, write_bag, write_mcap, write_rosbag2, yaw
+from recordings import (
+    SECOND,
+    T0,
+    Row,
+    point,
+    saved,
+    saved_lines,
+    sentence,
+    twist,
+    write_bag,
+    write_mcap,
+    write_rosbag2,
+    yaw,
+)
 from table_recordings import WRITERS, Tables, as_csv, as_netcdf
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.clock_parts import PartsError
@@ -56,12 +69,6 @@ def tables_of(times: Times) -> Tables:
     return {"dvl": dvl, "compass": {"time_ns": times, "heading_deg": 90 - k / 10}}
 
 
-def saved(file: Path, data: Iterable[str] | Iterable[bytes]) -> Path:
-    """Write ensembles, or lines with their ends."""
-    file.write_bytes(b"".join(one if isinstance(one, bytes) else f"{one}\n".encode() for one in data))
-    return file
-
-
 def timed(times: Times, text: Callable[[int], str]) -> list[str]:
     """Return a line for each record, by its number, behind its time."""
     return [f"{t // SECOND}.{t % SECOND:09d} {text(k)}" for k, t in enumerate(times.tolist())]
@@ -72,7 +79,7 @@ def true_heading(k: int) -> str:
 
 
 def as_nmea(folder: Path, times: Times) -> Path:
-    return saved(folder / "a.nmea", timed(times, true_heading))
+    return saved_lines(folder / "a.nmea", timed(times, true_heading))
 
 
 def as_tlog(folder: Path, times: Times) -> Path:
@@ -80,18 +87,18 @@ def as_tlog(folder: Path, times: Times) -> Path:
     angles = [math.radians(90 - k / 10) for k in range(len(times))]
     packets = (bytes(mavlink.MAVLink_attitude_message(0, 0, 0, yaw, 0, 0, 0).pack(sender)) for yaw in angles)
     stamps = (struct.pack(">Q", t // 1000) for t in times.tolist())
-    return saved(folder / "a.tlog", (stamp + packet for stamp, packet in zip(stamps, packets, strict=True)))
+    return saved(folder / "a.tlog", *(stamp + packet for stamp, packet in zip(stamps, packets, strict=True)))
 
 
 def as_alog(folder: Path, times: Times) -> Path:
     log = [line((t - T0) / SECOND + 10**6, "HEADING", "iCompass", 90 - k / 10) for k, t in enumerate(times.tolist())]
     (folder / "usbldr.toml").write_text(TOML.format("HEADING"))
-    return saved(folder / "a.alog", [(HEAD + "".join(log)).encode()])
+    return saved(folder / "a.alog", HEAD, *log)
 
 
 def as_json_lines(folder: Path, times: Times) -> Path:
     (folder / "usbldr.toml").write_text(TOML.format("h"))
-    return saved(folder / "a.jsonl", timed(times, lambda k: f'{{"h": {90 - k / 10}}}'))
+    return saved_lines(folder / "a.jsonl", timed(times, lambda k: f'{{"h": {90 - k / 10}}}'))
 
 
 def as_lsf(folder: Path, times: Times) -> Path:
@@ -108,10 +115,8 @@ def as_blueos(folder: Path, times: Times) -> Path:
 def as_onboard(folder: Path, times: Times) -> Path:
     number, name, codes, columns, _ = DEFINITIONS[0]
     parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"), fmt(number, name, codes, columns)]
-    parts += [
-        row(number, codes, (t - T0) // 1000 + 2 * 10**12, 0, 0, 0.0, (90 - k / 10) % 360, 0)
-        for k, t in enumerate(times.tolist())
-    ]
+    for k, us in enumerate(((times - T0) // 1000 + 2 * 10**12).tolist()):
+        parts.append(row(number, codes, us, 0, 0, 0.0, (90 - k / 10) % 360, 0))
     return write_bin(folder / "a.BIN", parts)
 
 
@@ -120,36 +125,31 @@ def pd_clock(time_ns: int) -> str:
 
 
 def as_pd0(folder: Path, times: Times) -> Path:
-    parts = [
-        ensemble(k, 1, (250, -1500, 10, 0), gga=False, clock=pd_clock(t), heading=9000 - 10 * k)
-        for k, t in enumerate(times.tolist())
-    ]
-    return saved(folder / "a.pd0", parts)
+    clocks = [pd_clock(t) for t in times.tolist()]
+    velocity = (250, -1500, 10, 0)
+    parts = (ensemble(k, 1, velocity, gga=False, clock=t, heading=9000 - 10 * k) for k, t in enumerate(clocks))
+    return saved(folder / "a.pd0", *parts)
 
 
 def as_pd45(form: int, folder: Path, times: Times) -> Path:
     """Write PD5, which has headings, or PD4, whose records are recognised by their velocities."""
     own = [{"heading": 9000 - 10 * k, "depth": 100} if form == 5 else {} for k in range(len(times))]
+    clocks = enumerate((times // 10**7 % 8_640_000).tolist())
     return saved(
-        folder / f"a.pd{form}",
-        (
-            pd45_ensemble(form, t // 10**7 % 8_640_000, x=0, y=1000 + 10 * k, z=10, **own[k])
-            for k, t in enumerate(times.tolist())
-        ),
+        folder / f"a.pd{form}", *(pd45_ensemble(form, t, x=0, y=1000 + 10 * k, z=10, **own[k]) for k, t in clocks)
     )
 
 
 def as_lines(folder: Path, times: Times) -> Path:
     """Write lines that begin with a word, behind their log times."""
     lines = timed(times, lambda k: f"wrz,{1 + k / 100},0.25,-0.01,y,1.30,1.855,0,,,123.0,1")
-    return saved(folder / "a.log", lines)
+    return saved_lines(folder / "a.log", lines)
 
 
 def as_reports(folder: Path, times: Times) -> Path:
     clocks = [dict.fromkeys(("time_of_validity", "time_of_transmission"), t // 1000) for t in times.tolist()]
-    return saved(
-        folder / "a.jsonl", (json.dumps(velocity(0) | clock | {"vx": 1 + k / 100}) for k, clock in enumerate(clocks))
-    )
+    reports = (velocity(0) | clock | {"vx": 1 + k / 100} for k, clock in enumerate(clocks))
+    return saved_lines(folder / "a.jsonl", map(json.dumps, reports))
 
 
 def as_pd6(folder: Path, times: Times) -> Path:
@@ -158,7 +158,7 @@ def as_pd6(folder: Path, times: Times) -> Path:
         lines += [f":SA, +1.00, -2.00,{90 - k / 10:6.2f}\r"]
         lines += [f":TS,{pd_clock(t)}, 0.0, +0.0,{k / 10:6.1f},1475.0,  0\r"]
         lines += [f":BI,  +{100 + k},  -420, +2000,    +0,A\r"]
-    return saved(folder / "a.pd6", lines)
+    return saved_lines(folder / "a.pd6", lines)
 
 
 def as_sentences(folder: Path, times: Times) -> Path:
@@ -168,7 +168,7 @@ def as_sentences(folder: Path, times: Times) -> Path:
         moment, hundredths = datetime.fromtimestamp(t // SECOND, UTC), t % SECOND // 10**7
         lines += [sentence(f"GPRMC,{moment:%H%M%S}.{hundredths:02d},A,,,,,1.0,90.0,{moment:%d%m%y},,,A")]
         lines += [true_heading(k)]
-    return saved(folder / "a.nmea", lines)
+    return saved_lines(folder / "a.nmea", lines)
 
 
 def as_carried(folder: Path, times: Times) -> Path:
@@ -180,7 +180,7 @@ def as_carried(folder: Path, times: Times) -> Path:
 
 def packed(writer: Callable[[Path, Times], Path], folder: Path, times: Times) -> Path:
     file = writer(folder, times)
-    return saved(file.with_name(file.name + ".gz"), [gzip.compress(file.read_bytes())])
+    return saved(file.with_name(file.name + ".gz"), gzip.compress(file.read_bytes()))
 
 
 CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
@@ -210,7 +210,6 @@ CONTAINERS: dict[str, Callable[[Path, Times], Path]] = {
     "PD5": partial(as_pd45, 5),
     "PD6": as_pd6,
 }
-
 
 UNDATED, HOUR = ("PD4", "PD5"), 3600 * SECOND  # times of the day, as PD4: a step of half a day and more is a midnight
 

@@ -249,9 +249,7 @@ def test_the_fixes_show_that_the_vehicle_did_not_move_as_it_could_have(dive: Log
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_vehicle_that_moves_and_stops_keeps_its_velocities_also_if_its_compass_is_mirrored(
-    dive: Log, mirrored: bool
-) -> None:
+def test_a_vehicle_that_moves_and_stops_keeps_its_velocities_also_if_its_compass_is_mirrored(dive, mirrored):
     """It moves at .4 m/s for 20 s of every minute, on a heading of 60 deg."""
     rng = np.random.default_rng(4)
     dvl_s, usbl_s = times(dive, "dvl"), times(dive, "usbl")

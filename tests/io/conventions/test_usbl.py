@@ -13,7 +13,6 @@ from usbldr.io.provenance import Convention
 
 HEAD = "head = { east_m = 100.0, north_m = -50.0, depth_m = 2.0 }"
 
-
 PLACES = "time_ns,slant_range_m,bearing_deg"
 POINT, LATITUDE = point(T0, 3.0, 4.0), fix(T0, 45.0009, 7.0, topic="/usbl/fix")
 POSE_OF_DEGREES = T0, "/usbl", POSE, {"header.stamp": T0, "pose.position.x": 45.0009, "pose.position.y": 7.0}

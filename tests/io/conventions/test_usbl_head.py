@@ -27,7 +27,6 @@ def gyro(time_ns: int, heading_deg: float) -> Row:
 
 ON_SHIP = f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix", heading_topic = "/ship/heading", sd_m = 0.0%s }}\n'
 
-
 FROM_SHIP = f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}\n'
 BOW = 'frame = "body"\naxes = "FSD"\n'
 BY_IMU = MAP + "[usbl]\n" + BOW + 'head = {{ topic = "/ship/fix", heading_topic = "/ship/imu"{} }}\n'

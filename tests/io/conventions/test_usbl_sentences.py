@@ -29,9 +29,7 @@ SHALLOW_M = 142.8 * math.cos(math.radians(2.8))
 
 
 @pytest.mark.parametrize("added", ["", ",T,T,1,3313,B,-2,-2", ",T,T,1,3313,B,-2,-2,and,more"])
-def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation_of_what_it_heard(
-    tmp_path: Path, added: str
-) -> None:
+def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation_of_what_it_heard(tmp_path, added):
     log = logged(tmp_path, LOCATOR + added, "USRTH,,,,,,,,-0.6,1.9,178.1,271.9,16")
 
     (place,), bearing = places(log), math.radians(37.2)

@@ -166,9 +166,7 @@ def test_a_stated_sigma_is_reported_if_it_makes_nees_wrong_by_more_than_two(log,
 
 
 @pytest.mark.parametrize(("changes", "named"), [((), 1), ((SensorChange(300.0, 0.0, 0.0, fix_sd_scale=3.0),), 0)])
-def test_a_change_of_noise_is_named_once(
-    log: Log, monkeypatch: pytest.MonkeyPatch, changes: tuple[SensorChange, ...], named: int
-) -> None:
+def test_a_change_of_noise_is_named_once(log, monkeypatch, changes, named):
     """A found change is a SENSOR-CHANGE."""
     line = timeline(log)
     residual_m = np.hypot(*np.random.default_rng(1).normal(0.0, 1.0, (2, len(line.fix_time_s))))

@@ -8,7 +8,7 @@ import pytest
 
 from compressions import PACK
 from logs import refusal
-from recordings import SECOND, T0, write_csv
+from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -32,8 +32,7 @@ def dive(folder: Path) -> Path:
 def packed(folder: Path, name: str, ending: str = "gz") -> Path:
     whole = (folder / name).read_bytes()
     (folder / name).unlink()
-    (folder / f"{name}.{ending}").write_bytes(PACK[ending](whole))
-    return folder / f"{name}.{ending}"
+    return saved(folder / f"{name}.{ending}", PACK[ending](whole))
 
 
 @pytest.mark.parametrize("ending", NAMES)

@@ -152,9 +152,7 @@ def test_a_compressed_truth_is_named(tmp_path: Path) -> None:
         read_log(log, Request(truth="truth.csv"))
 
 
-def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(tmp_path, monkeypatch):
     file = in_mcap_in_file(tmp_path / "a.mcap.zst", 1_300_000, 300)
     monkeypatch.setenv(VARIABLE, "0.01")
     monkeypatch.setattr("usbldr.io.limits.UNPACKED_RATIO", 2_000_000)  # by its own size the copy could have 600 MB

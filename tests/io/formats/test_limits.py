@@ -19,7 +19,7 @@ import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from mcap.writer import Writer
 
-from recordings import FLOAT64, T0, execute, short_dive, write_mcap, write_rosbag2
+from recordings import FLOAT64, T0, execute, saved, short_dive, write_mcap, write_rosbag2
 from speed.bombs import bz2_of, in_bag, in_db3, in_file, in_mcap, in_mcap_in_file, lz4_of, zstd_of
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.collected import read_whole
@@ -33,7 +33,6 @@ from usbldr.io.settings.validation import read_document
 
 MB = 1 << 20
 CHUNK = 1_300_000  # [bytes] within the lowered limit of a chunk, 1.3 MB
-
 
 BOMBS: dict[str, Callable[[Path], Path]] = {
     "bag bz2, one chunk": lambda d: in_bag(d / "a", "bz2", [(0xFFFFFFFF, bz2_of(20 * MB))]),
@@ -240,7 +239,5 @@ def test_metadata_that_multiplies_or_is_not_yaml_is_ignored(tmp_path: Path, text
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a" + ".a" * 100_000 + " = 1"], ids=["lists", "keys"])
 def test_a_configuration_that_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "usbldr.toml").write_text(text, encoding="utf-8")
-
     with pytest.raises(UsageError, match="nested too deeply"):
-        read_document(tmp_path / "usbldr.toml")
+        read_document(saved(tmp_path / "usbldr.toml", text))

@@ -14,7 +14,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from autopilot_recordings import COUNT, onboard, packets, row, write_bin, write_tlog
 from blueos_recordings import Row, delta, write_blueos
-from recordings import SECOND, T0
+from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -84,8 +84,7 @@ def foreign(payload: bytes) -> bytes:
 
 def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Path) -> None:
     parts = packets()
-    (tmp_path / "a.tlog").write_bytes(b"".join([parts[0], foreign(b"ab"), *parts[1:]]))
-    log = open_log(tmp_path / "a.tlog")
+    log = open_log(saved(tmp_path / "a.tlog", b"".join([parts[0], foreign(b"ab"), *parts[1:]])))
 
     problems = {topic.name: topic.problem for topic in log.topics() if topic.problem}
     assert problems == {"mavlink/1/1/UNKNOWN_8388607": "its message 8388607 is not in the dialect ardupilotmega"}
@@ -154,12 +153,10 @@ def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
 
 
 def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "a.tlog").write_bytes(packets()[0][:-1])
     with pytest.raises(LogError, match=r"holds no messages \(63 of 63 bytes, from byte 0 on, are damaged or cut"):
-        read_log(tmp_path / "a.tlog")
-    (tmp_path / "a.BIN").write_bytes(onboard()[0])
+        read_log(saved(tmp_path / "a.tlog", packets()[0][:-1]))
     with pytest.raises(LogError, match="holds no messages"):
-        read_log(tmp_path / "a.BIN")
+        read_log(saved(tmp_path / "a.BIN", onboard()[0]))
 
 
 @pytest.mark.filterwarnings("error")  # of a file that is left open

@@ -2,24 +2,18 @@
 
 import csv
 import json
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dvl_recordings import COUNT, ensemble, velocity, write_json, write_pd0, write_pd6
-from recordings import SECOND, T0
+from recordings import SECOND, T0, saved_lines
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
-
-
-def saved(file: Path, texts: Iterable[str]) -> Path:
-    file.write_text("\n".join(texts) + "\n", encoding="utf-8")
-    return file
 
 
 def json_lines(folder: Path) -> list[str]:
@@ -154,7 +148,7 @@ def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -
         "text behind": "\n".join(f"{line} # rx 212 bytes" for line in lines),
     }[form]
 
-    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved(tmp_path / "b.json", [text]))]
+    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved_lines(tmp_path / "b.json", [text]))]
 
     read = [read_whole(log, {"/velocity": ["vx", "time_of_validity"]})["/velocity"] for log in logs]
     np.testing.assert_array_equal(read[1].received_ns, read[0].received_ns)
@@ -166,7 +160,7 @@ def test_an_object_that_is_not_closed_costs_its_lines_alone(tmp_path: Path) -> N
     texts = [json.dumps(json.loads(line), indent=2) for line in json_lines(tmp_path)]
     texts[4] = texts[4].removesuffix("}")
 
-    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved(tmp_path / "b.json", texts))]
+    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved_lines(tmp_path / "b.json", texts))]
 
     whole, left = (sum(topic.count for topic in log.topics()) for log in logs)
     assert (whole - left, [finding.lost_data for finding in logs[1].findings()]) == (1, [True])
@@ -183,7 +177,7 @@ def test_a_report_that_ends_early_is_named(tmp_path: Path, cut: str) -> None:
     lines = json_lines(tmp_path)
     lines[4] = lines[4].replace(f", {cut}", f"}} {cut}", 1) if cut != "}" else lines[4][:-1]
 
-    found = open_log(saved(tmp_path / "b.jsonl", lines)).findings()
+    found = open_log(saved_lines(tmp_path / "b.jsonl", lines)).findings()
 
     assert "lines are no JSON, the first is line 5" in next(one.text for one in found if one.lost_data)
 
@@ -193,7 +187,7 @@ def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) ->
     for k, report in enumerate(reports[:20]):
         report |= {"time_of_validity": 30_000_000 + 200_000 * k, "time_of_transmission": 30_050_000 + 200_000 * k}
 
-    log = open_log(saved(tmp_path / "b.jsonl", map(json.dumps, reports)))
+    log = open_log(saved_lines(tmp_path / "b.jsonl", map(json.dumps, reports)))
     read = read_whole(log, {"/velocity": ["time_of_validity"]})["/velocity"]
 
     assert read.received_ns[:20].tolist() == [30_050_000_000 + 200_000_000 * k for k in range(20)]
@@ -204,12 +198,14 @@ def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) ->
 def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> None:
     place = {"cog": -1, "fix_quality": 1, "hdop": 1.9, "lat": 63.4, "lon": 10.4, "numsats": 11, "sog": 0}
     places = [{**place, "lat": 63.4 + k * 1e-6} for k in range(COUNT)]
-    bare = saved(tmp_path / "bare.txt", map(json.dumps, places))
-    whole = saved(tmp_path / "whole.txt", (json.dumps(p | {"ts": T0 // SECOND + k}) for k, p in enumerate(places)))
+    bare = saved_lines(tmp_path / "bare.txt", map(json.dumps, places))
+    whole = saved_lines(
+        tmp_path / "whole.txt", (json.dumps(p | {"ts": T0 // SECOND + k}) for k, p in enumerate(places))
+    )
     timed = (f"2020-09-13T12:26:40.{k:02d}Z {json.dumps(p)}" for k, p in enumerate(places))
 
     (finding,) = open_log(bare).findings()
-    log = read_log(saved(tmp_path / "timed.txt", timed), Request(topics={"usbl": "/global"}))
+    log = read_log(saved_lines(tmp_path / "timed.txt", timed), Request(topics={"usbl": "/global"}))
 
     assert finding.text == "bare.txt: 40 lines have no time; log them with one before each line"
     assert (len(log.tables["usbl"]), log.start_ns) == (COUNT, T0)
@@ -222,7 +218,7 @@ def test_reports_of_the_first_version_of_json_are_timed_one_after_the_other(tmp_
     reports = ({k: v for k, v in velocity(k).items() if k not in left_out} for k in range(COUNT))
     lines = [json.dumps({**report, "time": 200.0, "format": "json_v1"}) for report in reports]
 
-    log = read_log(saved(tmp_path / "dvl.txt", lines))
+    log = read_log(saved_lines(tmp_path / "dvl.txt", lines))
 
     assert log.format == "JSON lines"
     assert log.provenance["dvl"].used == COUNT - 1  # one is invalid

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logs import HEAD, MAP, codes, covariance, logged, logged_nmea, on_map
-from recordings import SECOND, T0, sentence
+from recordings import SECOND, T0, saved, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
@@ -24,7 +24,6 @@ from usbldr.io.reading.read import Request, read_log
 
 STRING = "std_msgs/msg/String"
 DAY = 86_400 * SECOND
-
 
 # recorded sentences of a HiPAP, a Ranger 2 and two GAPS with their own checksums
 RECORDED_GGA = "$GPGGA,075617.34,7002.968962,N,02938.350607,E,2,12,0.6,-0.52,M,20.34,M,7.0,0907*6F"
@@ -83,9 +82,7 @@ def test_each_date_is_that_of_sentences_around_it(tmp_path: Path, order: Sequenc
             both = {"GPRMC": f"GPRMC,{at},A,{where},1.0,90.0,{date},,,A"}
             both["GPGGA"] = f"GPGGA,{at},{where},1,10,0.8,1.0,M,48.0,M,,"
             lines += [sentence(both[name]) for name in order]
-    (tmp_path / "gps.nmea").write_text("\n".join([*lines, sentence("HEHDT,1.0,T")]) + "\n", encoding="utf-8")
-
-    log = open_log(tmp_path / "gps.nmea")
+    log = open_log(saved(tmp_path / "gps.nmea", "\n".join([*lines, sentence("HEHDT,1.0,T")]) + "\n"))
     read = read_whole(log, {"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
 
     starts = [
@@ -162,9 +159,7 @@ def test_lines_with_a_time_of_day_are_timed_by_it(tmp_path: Path) -> None:
     ("form", "day", "code"),
     [("{m:02}/{d:02}/{y}", 13, None), ("{d}/{m}/{y}", 13, None), ("{m:02}/{d:02}/{y}", 5, "DATE-ORDER")],
 )
-def test_a_date_before_the_sentences_of_a_ship_dates_them(
-    tmp_path: Path, form: str, day: int, code: str | None
-) -> None:
+def test_a_date_before_the_sentences_of_a_ship_dates_them(tmp_path, form, day, code):
     """As SCS of NOAA writes it: 09/13/2020,23:59:58.100,$HEHDT."""
     begin = datetime(2020, 9, day, 23, 59, 58, tzinfo=UTC)
     times = [begin + timedelta(seconds=k) for k in range(4)]
@@ -346,9 +341,7 @@ def test_a_gga_on_a_usbl_topic_is_the_target(tmp_path: Path) -> None:
 
 
 def test_a_file_of_sentences_is_recognised_by_its_content(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(f"time,text\n1600000000.5,{RECORDED_GGA}\n1600000001.5,{GAPS}\n", encoding="utf-8")
-
-    log = open_log(tmp_path / "a.csv")
+    log = open_log(saved(tmp_path / "a.csv", f"time,text\n1600000000.5,{RECORDED_GGA}\n1600000001.5,{GAPS}\n"))
 
     assert log.format == "NMEA text"
     assert [topic.name for topic in log.topics()] == ["/GPGGA", "/PTSAG"]
@@ -358,9 +351,7 @@ def test_a_file_of_sentences_is_recognised_by_its_content(tmp_path: Path) -> Non
 def test_bytes_that_are_no_text_are_lines_without_a_sentence(tmp_path: Path) -> None:
     noise = bytes(range(128, 200))
     lines = b"".join(b"%d %s\n" % (1600000000 + k, RECORDED_GGA.encode()) for k in range(3))
-    (tmp_path / "noisy.txt").write_bytes(lines + noise + b"\n")
-
-    log = read_log(tmp_path / "noisy.txt")
+    log = read_log(saved(tmp_path / "noisy.txt", lines + noise + b"\n"))
 
     assert len(log.tables["gps"]) == 1  # the same time and place thrice
     assert codes(log)["NMEA-OTHER"] == "noisy.txt: 1 lines hold no NMEA sentence"

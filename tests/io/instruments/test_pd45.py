@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pd45_recordings import COUNT, pd45_ensemble, pd45_ensembles, write_pd45
-from recordings import SECOND, T0, short_dive, write_mcap
+from recordings import SECOND, T0, saved, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -143,8 +143,7 @@ def test_ensembles_across_the_blocks_in_which_a_file_is_looked_through_are_whole
 def test_an_ensemble_at_no_time_of_day_is_left_out(tmp_path: Path) -> None:
     parts = pd45_ensembles(4)
     parts[7] = pd45_ensemble(4, 0, minute=60)
-    (tmp_path / "a.pd4").write_bytes(b"".join(parts))
-    log = open_log(tmp_path / "a.pd4")
+    log = open_log(saved(tmp_path / "a.pd4", *parts))
 
     assert log.topics()[0].count == COUNT - 1
     assert "1 ensembles have no valid time; left out" in [finding.text for finding in log.findings()]
@@ -153,7 +152,5 @@ def test_an_ensemble_at_no_time_of_day_is_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("coordinates", "what"), [(0b00, "beam"), (0b11, "earth")])
 def test_velocities_along_beams_and_in_earth_axes_are_refused(tmp_path: Path, coordinates: int, what: str) -> None:
     parts = [pd45_ensemble(4, 100 * k, x=1, y=2, z=3, **{"system config": coordinates << 6}) for k in range(COUNT)]
-    (tmp_path / "a.pd4").write_bytes(b"".join(parts))
-
     with pytest.raises(LogError, match=rf"40 in {what} coordinates; velocities along beams or in earth axes cannot be"):
-        read_log(tmp_path / "a.pd4")
+        read_log(saved(tmp_path / "a.pd4", *parts))

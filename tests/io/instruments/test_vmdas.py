@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recordings import SECOND
+from recordings import SECOND, saved
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
@@ -144,8 +144,7 @@ def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
 def test_an_ensemble_without_data_is_left_out_and_counted(tmp_path: Path) -> None:
     head = b"\x7f\x7f\6\0\0\0"
     empty = head + sum(head).to_bytes(2, "little")
-    (tmp_path / "a.ENX").write_bytes(empty + write_enx(tmp_path / "b.ENX").read_bytes())
-    log = open_log(tmp_path / "a.ENX")
+    log = open_log(saved(tmp_path / "a.ENX", empty + write_enx(tmp_path / "b.ENX").read_bytes()))
 
     assert [topic.count for topic in log.topics()] == [COUNT, COUNT]
     assert [finding.text for finding in log.findings()] == ["1 ensembles have no leader or no valid time; left out"]
@@ -164,8 +163,7 @@ def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path
     for k, clock in enumerate(clocks):
         fixed, variable = leaders(0, k)
         parts.append(pd0_ensemble([fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)]))
-    (tmp_path / "a.ENX").write_bytes(b"".join(parts))
-    log = open_log(tmp_path / "a.ENX")
+    log = open_log(saved(tmp_path / "a.ENX", *parts))
     found = read_whole(log, {"/heading": ["heading_deg"], "/navigation": ["latitude"]})
 
     assert found["/heading"].received_ns.tolist() == expected

@@ -43,7 +43,6 @@ QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/V
 FIELD, AZIMUTH, WHOI = "sensor_msgs/msg/MagneticField", "compass_msgs/msg/Azimuth", "ds_sensor_msgs/msg/Compass"
 FLOAT = "std_msgs/msg/Float32"
 
-
 row = partial(record, "/heading")
 
 
@@ -188,7 +187,6 @@ def test_the_model_gives_the_values_that_noaa_publishes(lat: float, lon: float, 
 
 
 SEATTLE = "[map]\norigin_lat_deg = 47.6205\norigin_lon_deg = -122.3493\n"
-
 
 UNKNOWN, TRUE, MAGNETIC = (
     row(QUATERNION, turned("quaternion", 0.0)),

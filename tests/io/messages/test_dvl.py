@@ -16,7 +16,6 @@ from usbldr.io.provenance import Convention
 VELOCITY = "geometry_msgs/Vector3 velocity\n"
 SIMULATED = HEADER + VELOCITY + "float64[9] velocity_covariance\nfloat64 altitude\n"
 
-
 TYPES = {
     "uuv_sensor_ros_plugins_msgs/msg/DVL": SIMULATED,
     "smarc_msgs/msg/DVL": SIMULATED,
@@ -39,9 +38,7 @@ TYPES = {
 }
 define(TYPES)
 
-
 row = partial(record, "/sensor")
-
 
 WATER_LINKED = {"velocity.x": 2.0, "velocity.y": 1.0, "velocity_valid": True, "fom": 0.03}
 FORWARD_2_STARBOARD_1 = {

@@ -30,6 +30,7 @@ from recordings import (
     define,
     fix,
     record,
+    saved,
     sentence,
     stamp,
     write_bag,
@@ -64,7 +65,6 @@ TYPES = {
     "holoocean_interfaces/msg/DepthSensor": HEADER + "float32 depth\n",
 }
 define(TYPES)
-
 
 row = partial(record, "/gps")
 
@@ -156,8 +156,7 @@ def telemetry(folder: Path) -> Path:
     for k, good in enumerate(GOOD):
         fix_of = mavlink.MAVLink_gps_raw_int_message(k, 3 if good else 1, 322500000 + k, -647500000, 0, 1, 1, 0, 0, 9)
         parts.append(struct.pack(">Q", (T0 + k * SECOND) // 1000) + bytes(fix_of.pack(sender)))
-    (folder / "a.tlog").write_bytes(b"".join(parts))
-    return folder / "a.tlog"
+    return saved(folder / "a.tlog", *parts)
 
 
 def onboard(folder: Path) -> Path:
@@ -186,8 +185,7 @@ def ensembles(folder: Path) -> Path:
     for part, good in zip(parts, GOOD, strict=True):
         part[-23] = 2 if good else 0
         part[-2:] = struct.pack("<H", sum(part[:-2]) & 0xFFFF)
-    (folder / "a.pd0").write_bytes(b"".join(parts))
-    return folder / "a.pd0"
+    return saved(folder / "a.pd0", *parts)
 
 
 def receiver(folder: Path, body: str, good: str, bad: str) -> Path:
@@ -195,8 +193,7 @@ def receiver(folder: Path, body: str, good: str, bad: str) -> Path:
         f"{T0 // SECOND + k} {sentence(body.format(f'1226{40 + k}.00,3215.{k:03d},N,06445.0,W', good if ok else bad))}"
         for k, ok in enumerate(GOOD)
     ]
-    (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="ascii")
-    return folder / "a.nmea"
+    return saved(folder / "a.nmea", "\n".join(lines) + "\n")
 
 
 GOOD = [k % 4 != 1 for k in range(10)]

@@ -90,7 +90,6 @@ COMPASSES: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {  # 200 
     "mavros_msgs/msg/VfrHud": ({"heading": 200}, {}),
 }
 
-
 NED = {"status.heading_valid": True, "header.frame_id": "imu_link_ned"}  # SBG counts from north if its frame says so
 
 

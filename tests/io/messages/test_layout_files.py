@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import logs
 from logs import MAP, codes, logged_nmea
-from recordings import SECOND, T0, sentence
+from recordings import SECOND, T0, saved, sentence
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_lines import WORD_LINE
@@ -153,8 +153,7 @@ def test_a_layout_file_that_says_anything_else_is_refused(tmp_path: Path, text: 
 def test_lines_of_a_dvl_are_read_beside_sentences_with_an_address(tmp_path: Path, each: int) -> None:
     lines = [f"{1600000000 + k} {one}" for k in range(9) for one in (*[WRZ] * each, "$HCHDT,35.06,T*29", RECORDED_GGA)]
     lines += [f"1600000010 {WRZ.replace('0.120', '0.121')}", "1600000011 HCHDT,35.06,T*29"]
-    (tmp_path / "a.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    log = open_log(tmp_path / "a.log")
+    log = open_log(saved(tmp_path / "a.log", "\n".join(lines) + "\n"))
 
     by_words = each > 1  # then an address without its $ is a word, and its checksum is right
     counts = {"/wrz": 9 * each, "/HCHDT": 9 + by_words, "/GPGGA": 9}
@@ -163,9 +162,7 @@ def test_lines_of_a_dvl_are_read_beside_sentences_with_an_address(tmp_path: Path
 
 
 def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("sensor,time_s,x\ndvl,1,2\ndvl,2,3\n", encoding="utf-8")
-
-    assert open_log(tmp_path / "a.csv").format == "CSV file"
+    assert open_log(saved(tmp_path / "a.csv", "sensor,time_s,x\ndvl,1,2\ndvl,2,3\n")).format == "CSV file"
 
 
 def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
@@ -190,9 +187,7 @@ def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
 )
 def test_an_object_may_hold_its_time_and_else_objects_are_a_second_apart(tmp_path, name, of, said):
     rows = [{"type": "nav", "x": 1600000001.0, "truth_time": 5, name: of(k)} for k in range(5)]
-    (tmp_path / "a.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")
-
-    log = open_log(tmp_path / "a.jsonl")
+    log = open_log(saved(tmp_path / "a.jsonl", "".join(f"{json.dumps(row)}\n" for row in rows)))
 
     read = read_whole(log, {"/nav": ["x"]})["/nav"]
     assert np.diff(read.received_ns).tolist() == [10**9] * 4

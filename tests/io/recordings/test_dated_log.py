@@ -30,9 +30,7 @@ def receiver(folder: Path, times: list[datetime]) -> Path:
 
 @pytest.mark.parametrize("of_clocks", [(-40, 60), (10, 60), (-40, -10)], ids=["over midnight", "after", "before"])
 @pytest.mark.parametrize("of_dates", [(-60, 60), (-60, -20), (20, 90)], ids=["over midnight", "before", "after"])
-def test_times_of_day_get_the_dates_of_another_format(
-    tmp_path: Path, of_clocks: tuple[int, int], of_dates: tuple[int, int]
-) -> None:
+def test_times_of_day_get_the_dates_of_another_format(tmp_path, of_clocks, of_dates):
     log = read_log(receiver(clocks(tmp_path, moments(*of_clocks)), moments(*of_dates)))
 
     for sensor, (first_s, last_s) in {"compass": of_clocks, "gps": of_dates}.items():

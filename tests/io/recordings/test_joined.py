@@ -100,7 +100,6 @@ def forward_mps(log: Log) -> list[float]:
 
 WHOLE = [1 + k / 100 for k in range(COUNT)]
 
-
 IN_THREE = velocities(0, 15), velocities(15, 16), velocities(16, COUNT)
 OTHER_ORDER = "\n".join(",".join(line.split(",")[k] for k in (0, 2, 1)) for line in velocities(15, COUNT).splitlines())
 EARLIER = "they follow each other; of times that two of them have, the records of the earlier one are read"
@@ -129,9 +128,7 @@ def test_tables_that_follow_each_other_are_one_topic(tmp_path, names, parts, why
     ]
 
 
-def test_a_part_may_be_added_where_the_first_is_named_and_else_a_part_that_is_named_is_read_alone(
-    tmp_path: Path,
-) -> None:
+def test_a_part_may_be_added_where_the_first_is_named_and_else_a_part_that_is_named_is_read_alone(tmp_path):
     first = write_csv(tmp_path / "dive", compass=COMPASS, dvl_1=velocities(0, 15))
     (file,) = write_csv(tmp_path / "more", dvl_2=velocities(15, COUNT)).glob("*.csv")
     both = write_csv(tmp_path / "both", compass=COMPASS, dvl_1=velocities(0, 15), dvl_2=velocities(15, COUNT))

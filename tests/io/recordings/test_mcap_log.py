@@ -15,7 +15,7 @@ from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from logs import TWIST_X, losses, refusal, x_of
-from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, twist, write_mcap, write_payloads, yaw
+from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, saved, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.limits import VARIABLE
@@ -280,8 +280,7 @@ def test_records_of_a_later_version_are_passed_over(tmp_path: Path) -> None:
     future = b"\x7f" + struct.pack("<Q", 5) + b"what?"
     while not whole[first_message : first_message + 9].endswith(b"\0" * 6):
         first_message = whole.index(b"\x05", first_message + 1)
-    (tmp_path / "b.mcap").write_bytes(whole[:first_message] + future + whole[first_message:])
-    log = McapLog(tmp_path / "b.mcap")
+    log = McapLog(saved(tmp_path / "b.mcap", whole[:first_message] + future + whole[first_message:]))
 
     assert len(x_of(log)) == 1000
     assert log.findings() == ()

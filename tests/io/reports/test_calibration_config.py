@@ -11,6 +11,7 @@ import pytest
 from checkout import SAMPLES
 from commands import output_of, report_of
 from logs import refusal
+from recordings import saved
 from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.replay.run import run as run_filter
@@ -69,8 +70,7 @@ def simulated(folder: Path, section: str, wrong: dict[str, float]) -> Path:
     stated = {"usbl": ["accuracy = { sd_m = 0.2 }"]}
     stated.setdefault(section, []).extend(f"{key} = {value}" for key, value in wrong.items())
     sections = "".join(f"\n[{name}]\n" + "\n".join(keys) + "\n" for name, keys in stated.items())
-    (folder / "wrong.toml").write_text(SCENARIO + sections, encoding="utf-8")
-    output_of("simulate", folder / "wrong.toml", "-o", folder / "dive.mcap")
+    output_of("simulate", saved(folder / "wrong.toml", SCENARIO + sections), "-o", folder / "dive.mcap")
     return folder / "dive.mcap"
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from commands import report_of
+from recordings import saved
 from scored_runs import WHOLE, run_of, scored
 from uncalibrated import dive_without_calibration
 from usbldr.filters.errors import UsageError
@@ -28,7 +29,6 @@ PAPER = find_scenario("paper")
 
 LOG = dive_without_calibration(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
-
 
 USBL = dead_reckoning.usbl(TIMELINE)
 CKF = run_filter("ckf", TIMELINE, LOG.parameters)
@@ -268,7 +268,5 @@ def test_an_empty_folder_may_become_a_run(tmp_path: Path) -> None:
 
 
 def test_a_place_that_cannot_be_written_is_a_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-
     with pytest.raises(UsageError, match="cannot be written"):
-        leave_a_run(tmp_path / "file" / "out")
+        leave_a_run(saved(tmp_path / "file", "in the way") / "out")

@@ -11,6 +11,7 @@ import pytest
 from checkout import ROOT
 from commands import output_of
 from everything import EVERYTHING, SCENARIO
+from recordings import saved
 from usbldr.filters.errors import UsageError
 from usbldr.filters.simulation.scenario import RandomWalkMotion
 from usbldr.filters.simulation.simulate import simulate
@@ -19,20 +20,15 @@ from usbldr.io.scenarios.shipped import find_scenario, read_scenario, scenario_n
 from usbldr.io.scenarios.survey_scenarios import SurveyFile
 
 
-def _file(folder: Path, text: str, name: str = "mine.toml") -> Path:
-    (folder / name).write_text(text, encoding="utf-8")
-    return folder / name
-
-
 def test_every_key_of_a_file_arrives_in_the_dive_with_angles_counter_clockwise(tmp_path: Path) -> None:
-    assert read_scenario(_file(tmp_path, EVERYTHING, "everything.toml")) == SCENARIO
+    assert read_scenario(saved(tmp_path / "everything.toml", EVERYTHING)) == SCENARIO
 
 
 def test_a_file_like_another_states_only_what_differs(tmp_path: Path) -> None:
     text = 'schema = 1\nlike = "paper"\nabout = "slower"\n[dvl]\nrate_hz = 2.0\n[drawn]\ndvl_scale_sd = 0.02\n'
     paper = find_scenario("paper")
 
-    mine = read_scenario(_file(tmp_path, text))
+    mine = read_scenario(saved(tmp_path / "mine.toml", text))
 
     dvl, drawn = dataclasses.replace(paper.dvl, rate_hz=2.0), RandomWalkMotion(0.2, 0.02, 0.0)
     assert mine == dataclasses.replace(paper, name="mine", about="slower", dvl=dvl, drawn=drawn)
@@ -63,7 +59,7 @@ def test_a_file_like_another_states_only_what_differs(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_a_mistake_is_one_sentence_with_file_and_key(tmp_path: Path, was: str, now: str, sentence: str) -> None:
     assert EVERYTHING.count(was) == 1
-    file = _file(tmp_path, EVERYTHING.replace(was, now))
+    file = saved(tmp_path / "mine.toml", EVERYTHING.replace(was, now))
 
     with pytest.raises(UsageError, match=sentence) as fault:
         read_scenario(file)
@@ -83,7 +79,7 @@ def test_every_shipped_scenario_can_be_read_and_has_a_description() -> None:
 
 def test_a_file_is_a_scenario_wherever_a_log_is_expected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    _file(tmp_path, 'schema = 1\nlike = "paper"\nabout = "a short one"\nduration_s = 20.0\n', "short.toml")
+    saved(tmp_path / "short.toml", 'schema = 1\nlike = "paper"\nabout = "a short one"\nduration_s = 20.0\n')
 
     written = output_of("simulate", "short.toml", "-o", "short.mcap", "--seed", 3)
     compared = output_of("compare", "short.toml", "--filters", "ekf,usbl", "--seeds", 2, "--jobs", 1)
@@ -109,7 +105,7 @@ def test_the_files_that_the_documentation_shows_are_scenarios(tmp_path: Path) ->
 
     assert len(shown) == 2
     for number, text in enumerate(shown):
-        assert len(simulate(read_scenario(_file(tmp_path, text, f"shown{number}.toml")), 0).usbl.time_s) > 80
+        assert len(simulate(read_scenario(saved(tmp_path / f"shown{number}.toml", text)), 0).usbl.time_s) > 80
 
 
 def test_the_documentation_has_every_scenario_and_every_key() -> None:

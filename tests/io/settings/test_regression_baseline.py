@@ -9,6 +9,7 @@ import pytest
 
 from checkout import ROOT
 from logs import refusal
+from recordings import saved
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.io.settings.regression_baseline import (
@@ -51,13 +52,6 @@ abs = 0
 value = 1.0
 """
 
-
-def _baseline(tmp_path: Path, text: str) -> Path:
-    file = tmp_path / "baseline.toml"
-    file.write_text(text)
-    return file
-
-
 TODAY = datetime.date(2026, 2, 1)
 
 
@@ -71,7 +65,7 @@ def _signed(text: str) -> str:
 
 
 def test_rows_keep_their_options_apart_from_their_metrics(tmp_path: Path) -> None:
-    first, second = read_baseline(_baseline(tmp_path, GOOD)).rows
+    first, second = read_baseline(saved(tmp_path / "baseline.toml", GOOD)).rows
 
     assert (first.name, first.log, first.filter, first.seeds) == ("first", "dive.mcap", "adf", 1)
     assert first.options == {"dr_from": "first-gps"}
@@ -106,7 +100,7 @@ def test_the_direction_of_every_metric_and_of_its_statistics_over_seeds_is_the_d
 
 
 def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) -> None:
-    baseline = read_baseline(_baseline(tmp_path, GOOD))
+    baseline = read_baseline(saved(tmp_path / "baseline.toml", GOOD))
 
     values = {"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}
 
@@ -122,22 +116,22 @@ def test_an_update_without_a_change_keeps_its_date(tmp_path: Path) -> None:
     same = {"mean_abs_east_m": 0.25, "nees_mean": -1e-3}, {"rmse_horizontal_m": 3.0, "coverage": 1.0}
     plain = GOOD.replace("-1e-3", "-0.001").replace("value = 1.0", "value = 1")
 
-    assert _updated(read_baseline(_baseline(tmp_path, plain)), *same) == plain
+    assert _updated(read_baseline(saved(tmp_path / "baseline.toml", plain)), *same) == plain
 
 
 def test_a_file_by_hand_gets_its_digests_its_tool_and_its_date(tmp_path: Path) -> None:
-    baseline = read_baseline(_baseline(tmp_path, re.sub(r"(tool|date|log_sha256) = .*\n", "", GOOD)))
+    baseline = read_baseline(saved(tmp_path / "baseline.toml", re.sub(r"(tool|date|log_sha256) = .*\n", "", GOOD)))
     assert (baseline.tool, baseline.date, baseline.rows[0].log_sha256) == ("", None, "")
 
     text = _updated(baseline, {}, {})
 
     assert text == _signed(GOOD).replace("first digest", "new").replace("second digest", "new")
-    again = read_baseline(_baseline(tmp_path, text))
+    again = read_baseline(saved(tmp_path / "baseline.toml", text))
     assert (again.tool, again.date, again.rows[1].log_sha256) == ("usbldr 0.3.0", TODAY, "new")
 
 
 def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
-    baseline = read_baseline(_baseline(tmp_path, GOOD.replace("{ value = 0.25, rel", "{ rel")))
+    baseline = read_baseline(saved(tmp_path / "baseline.toml", GOOD.replace("{ value = 0.25, rel", "{ rel")))
     assert baseline.rows[0].metrics["mean_abs_east_m"].value is None
 
     assert _updated(baseline, {"mean_abs_east_m": 0.25}, {}) == _signed(GOOD)
@@ -145,9 +139,9 @@ def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
 
 def test_an_update_follows_any_layout(tmp_path: Path) -> None:
     unusual = 'schema = 1\nrow = [{ name = "a", log = "l", filter = "f", metrics = { x = { value = 1, abs = 1 } } }]\n'
-    text = _updated(read_baseline(_baseline(tmp_path, unusual)), {"x": 2.0})
+    text = _updated(read_baseline(saved(tmp_path / "baseline.toml", unusual)), {"x": 2.0})
 
-    (row,) = read_baseline(_baseline(tmp_path, text)).rows
+    (row,) = read_baseline(saved(tmp_path / "baseline.toml", text)).rows
     assert (row.metrics["x"].value, row.log_sha256) == (2.0, "new")
     assert text.startswith('schema = 1\ntool = "usbldr 0.3.0"\ndate = 2026-02-01\nrow = [{ name = "a", log = "l"')
 
@@ -175,7 +169,7 @@ def test_an_update_follows_any_layout(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_a_wrong_file_is_refused_with_row_and_key(tmp_path: Path, old: str, new: str, sentence: str) -> None:
-    file = _baseline(tmp_path, GOOD.replace(old, new, 1))
+    file = saved(tmp_path / "baseline.toml", GOOD.replace(old, new, 1))
 
     assert refusal(UsageError, read_baseline, file).startswith(f"{file}: {sentence}")
 
@@ -188,9 +182,7 @@ def test_a_file_that_is_not_there_is_a_sentence(tmp_path: Path) -> None:
 def test_the_baseline_of_the_page_on_ci_is_one(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "ci.md").read_text()
     (block,) = (block for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL) if "[[row]]" in block)
-    (tmp_path / "gate.toml").write_text(block)
-
-    (row,) = read_baseline(tmp_path / "gate.toml").rows
+    (row,) = read_baseline(saved(tmp_path / "gate.toml", block)).rows
 
     assert row.options == {"calibrate": "scale,heading"}
     assert {metric.value for metric in row.metrics.values()} == {None}

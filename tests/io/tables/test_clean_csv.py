@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from recordings import T0, write_csv
+from recordings import T0, saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -76,9 +76,7 @@ def test_a_clean_file_may_have_any_ending(tmp_path: Path) -> None:
 
 def test_a_clean_file_takes_the_fast_path(tmp_path: Path) -> None:
     rows = (f"{T0 + k},{k / 7},{'ab'[k % 2]}\r\n" for k in range(30_000))
-    (tmp_path / "a.csv").write_text("time_ns,x,name\n" + "".join(rows), newline="")
-
-    table = read_texts(tmp_path / "a.csv")
+    table = read_texts(saved(tmp_path / "a.csv", "time_ns,x,name\n" + "".join(rows)))
 
     assert [isinstance(cells, NumberColumn) for cells in table.columns.values()] == [True, True, False]
     assert list(table.columns["x"])[12_345] == str(12_345 / 7)

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from logs import logged_csv, refusal
-from recordings import SECOND, T0, write_csv
+from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -112,9 +112,7 @@ def test_a_long_table_is_the_wide_one(tmp_path: Path, order: str, names: tuple[s
 
 def test_names_and_units_of_several_columns_are_one_name(tmp_path: Path) -> None:
     rows = [f"{T0 // SECOND},gyro,heading,{angle},rad" for angle in (0.5, 0.75)]  # twice at one time
-    (tmp_path / "dive.csv").write_text("\n".join(["time_s,topic,field,value,unit", *rows, ""]), encoding="utf-8")
-
-    log = open_log(tmp_path / "dive.csv")
+    log = open_log(saved(tmp_path / "dive.csv", "\n".join(["time_s,topic,field,value,unit", *rows, ""])))
 
     assert read_whole(log, {"/dive": ["heading_deg"]})["/dive"].columns["heading_deg"] == pytest.approx(
         np.degrees([0.5, 0.75])
@@ -141,8 +139,6 @@ def test_values_of_two_devices_are_not_mixed(tmp_path: Path, who: str) -> None:
 
 
 def test_parameters_and_their_values_are_no_long_table(tmp_path: Path) -> None:
-    (tmp_path / "dive.csv").write_text("name,value\nrate,5\nmount,0.5\n", encoding="utf-8")
-
-    (topic,) = open_log(tmp_path / "dive.csv").topics()
+    (topic,) = open_log(saved(tmp_path / "dive.csv", "name,value\nrate,5\nmount,0.5\n")).topics()
 
     assert "its columns match no sensor (name, value)" in topic.problem

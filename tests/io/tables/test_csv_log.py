@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from logs import MAP, logged_csv, lost, refusal
-from recordings import T0, write_csv
+from recordings import T0, saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.log import Log
@@ -20,8 +20,7 @@ DVL = f"time_ns,received_ns,starboard_mps,forward_mps\n{T0},{T0 + 7},0.1,1.25\n{
 
 
 def read_text(folder: Path, text: str, name: str = "compass") -> Log:
-    (folder / f"{name}.csv").write_text(text, encoding="utf-8")
-    return read_log(folder / f"{name}.csv")
+    return read_log(saved(folder / f"{name}.csv", text))
 
 
 def test_a_stem_is_a_topic_and_its_columns_determine_the_type_and_keep_the_order_of_the_file(tmp_path: Path) -> None:

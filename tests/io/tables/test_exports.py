@@ -8,7 +8,7 @@ import pytest
 
 from commands import run
 from logs import refusal
-from recordings import SECOND, write_csv
+from recordings import SECOND, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import Request, read_log
@@ -44,9 +44,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
         gps = f"26:{58 + k}" if k < 2 else f"27:0{k - 2}"  # 18 s ahead
         values = {"t": t, "h": 10.5 + k, "sod": 44800 + k, "utc": clock, "gps": gps, "hms": clock.replace(":", ",")}
         rows.append(row.format(**values, d=f"{t / 1e9:.9f}D+09"))
-    (tmp_path / "compass.csv").write_text("\n".join([names, *rows]) + "\n", encoding="ascii")
-
-    log = read_log(tmp_path / "compass.csv")
+    log = read_log(saved(tmp_path / "compass.csv", "\n".join([names, *rows]) + "\n"))
 
     assert log.start_ns == T0_S * SECOND
     table = log.tables["compass"][["time_s", "heading_deg"]]
@@ -89,9 +87,7 @@ def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, col
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path: Path, begin: bytes, said: str) -> None:
-    (tmp_path / "dive.raw").write_bytes(begin * 20)
-
-    assert said in refusal(LogError, open_log, tmp_path / "dive.raw")
+    assert said in refusal(LogError, open_log, saved(tmp_path / "dive.raw", begin * 20))
 
 
 def test_a_foreign_file_beside_tables_is_named_with_what_to_do(tmp_path: Path) -> None:
@@ -110,9 +106,7 @@ def test_a_foreign_file_beside_tables_is_named_with_what_to_do(tmp_path: Path) -
 @pytest.mark.parametrize("mark", [",", ";", "|"])
 def test_words_behind_the_last_row_are_no_lost_data(tmp_path: Path, end: str, mark: str) -> None:
     rows = f"Time [s],Heading (deg),Note\n{T0_S},10.5,1\n{T0_S + 1},11.5,2\n{end}".replace(",", mark)
-    (tmp_path / "compass.csv").write_text(rows, encoding="ascii")
-
-    log = read_log(tmp_path / "compass.csv")
+    log = read_log(saved(tmp_path / "compass.csv", rows))
 
     assert log.tables["compass"]["heading_deg"].tolist() == [10.5, 11.5]
     assert [one.text for one in log.findings if one.lost_data] == []
@@ -194,9 +188,7 @@ def test_of_several_headings_the_true_one_is_taken(tmp_path: Path, names: str, t
 @pytest.mark.parametrize("before", ["", "2020/09/13 12:26:40.1 ", "2020-09-13T12:26:40.100Z,", "1600000000.1;"])
 def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: str) -> None:
     lines = [":SA, +0.00, +0.00, 12.50", ":TS,20091312264000,35.0,+15.0,20.0,1500.0,  0", ":BS,  +250, +1500,    +0,A"]
-    (tmp_path / "dvl.log").write_text("".join(f"{before}{line}\r\n" for line in lines * 3), encoding="ascii")
-
-    log = open_log(tmp_path / "dvl.log")
+    log = open_log(saved(tmp_path / "dvl.log", "".join(f"{before}{line}\r\n" for line in lines * 3)))
 
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
 
@@ -212,9 +204,7 @@ def test_nanoseconds_beside_the_parts_of_a_time_belong_to_it(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("lat", "lon", "unit"), [(59.0, 10.5, "rad"), (0.5, 1.2, "deg")])
-def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(
-    tmp_path: Path, lat: float, lon: float, unit: str
-) -> None:
+def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_path, lat, lon, unit):
     """Circles of 60 m at 1 m/s: 111.2 km are a degree of latitude."""
     t = np.arange(400)
     turned = t / 60

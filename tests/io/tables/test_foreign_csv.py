@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from commands import run
 from logs import MAP, codes, columns, logged_csv, lost, only, places, refusal
-from recordings import SECOND, T0, write_csv
+from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -182,9 +182,7 @@ def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path)
           for name in ("Time [MESZ]", "Local Time", "Time (PST)")),
     ],
 )  # fmt: skip
-def test_a_zone_in_the_name_of_a_time_holds_if_it_has_hours_and_its_cells_state_none(
-    tmp_path: Path, names: str, cells: str, as_utc: str
-) -> None:
+def test_a_zone_in_the_name_of_a_time_holds_if_it_has_hours_and_its_cells_state_none(tmp_path, names, cells, as_utc):
     log = logged_csv(tmp_path, "", compass=f"{names}\n{cells},30.5\n{cells},30.5\n")
 
     assert log.start_ns == T0
@@ -283,9 +281,7 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
          "has no header: its first line holds values; insert a line with the names of its columns"),
     ],
 )  # fmt: skip
-def test_what_a_header_leaves_open_is_refused_in_one_sentence(
-    tmp_path: Path, name: str, header: str, cells: str, why: str
-) -> None:
+def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path, name, header, cells, why):
     folder = write_csv(tmp_path / "dive", **{name: f"{header}\n{cells}"}, depth=f"time_ns,depth_m\n{T0},3")
 
     (problem,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}
@@ -316,9 +312,7 @@ AROUND = {  # what other programs write around a table, and the heading in it
 @pytest.mark.parametrize("case", AROUND)
 def test_what_other_programs_write_around_a_table_is_none_of_it(tmp_path: Path, case: str) -> None:
     data = AROUND[case]
-    (tmp_path / "compass.csv").write_bytes(data if isinstance(data, bytes) else data.encode())
-
-    log = read_log(tmp_path / "compass.csv")
+    log = read_log(saved(tmp_path / "compass.csv", data))
 
     assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
     assert "dvl" not in log.tables or log.tables["dvl"]["starboard_mps"].tolist() == [0.25, 0.25]
@@ -357,9 +351,7 @@ TITLED_NAMES = ["Time [s]", "Gyro Heading [deg]", "USBL Latitude [deg]", "USBL L
     ("text", "names"),
     [(OVER, OVER_NAMES), *((TITLED.replace(",", separator), TITLED_NAMES) for separator in (",", ";", "\t"))],
 )
-def test_names_over_several_columns_go_before_those_below_and_titles_are_none(
-    tmp_path: Path, text: str, names: list[str]
-) -> None:
+def test_names_over_several_columns_go_before_those_below_and_titles_are_none(tmp_path, text, names):
     (tmp_path / "dive.csv").write_text(text, encoding="utf-8")
 
     cells = {name: float(cells[0]) for name, cells in read_texts(tmp_path / "dive.csv").columns.items()}
@@ -609,9 +601,7 @@ def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
         (("12/05/2026", "13/05/2026"), "", "2026-05-12", ""),
     ],
 )
-def test_all_files_take_the_same_order_of_day_and_month(
-    tmp_path: Path, dates: tuple[str, str], notation: str, first: str, code: str
-) -> None:
+def test_all_files_take_the_same_order_of_day_and_month(tmp_path, dates, notation, first, code):
     clocks = ("23:59", "00:00") if dates[0] != dates[1] else ("23:58", "23:59")
     before, behind = ([f"{d} {c}:{k:02d}" for k in range(30)] for d, c in zip(dates, clocks, strict=True))
     gps = "Time,Latitude [deg],Longitude [deg]\n" + "".join(f"{time},45,7\n" for time in before)

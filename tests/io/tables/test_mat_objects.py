@@ -9,7 +9,7 @@ import pytest
 import scipy.io
 
 from logs import refusal
-from recordings import SECOND, T0
+from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
 
@@ -72,7 +72,5 @@ def test_a_file_of_nothing_but_objects_says_so(tmp_path: Path, write: Callable[[
 def test_columns_beside_an_object_are_read(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "plain.mat", {"time_ns": T0 + np.arange(6) * SECOND, "heading_deg": np.arange(6.0)})
     columns = (tmp_path / "plain.mat").read_bytes()[128:]
-    (tmp_path / "compass.mat").write_bytes(HEAD + opaque("note", "string") + columns)
-
-    (topic,) = open_log(tmp_path / "compass.mat").topics()
+    (topic,) = open_log(saved(tmp_path / "compass.mat", HEAD + opaque("note", "string") + columns)).topics()
     assert (topic.name, topic.count, topic.problem) == ("/compass", 6, "")

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +40,7 @@ def test_a_log_of_tables_is_the_log_of_the_csv_files_that_it_equals(tmp_path: Pa
 
 @pytest.mark.parametrize("key", TIME_UNITS_NS)
 @pytest.mark.parametrize("write", [as_csv, WRITERS["HDF5"], WRITERS["MATLAB"]])
-def test_the_keys_for_times_are_understood_as_names_of_columns(
-    tmp_path: Path, write: Callable[[Path, Tables], Path], key: str
-) -> None:
+def test_the_keys_for_times_are_understood_as_names_of_columns(tmp_path, write, key):
     since_1970 = np.arange(T0, T0 + 400 * SECOND, SECOND // 2)
     times = since_1970 if key == "time_ns" else since_1970 / TIME_UNITS_NS[key] + AT_1970.get(key, 0)
     log = read_log(write(tmp_path, {"compass": {key: times, "heading_deg": np.arange(len(times)) % 360.0}}))
@@ -336,9 +334,7 @@ def test_a_time_may_stand_in_another_structure(tmp_path: Path, form: str) -> Non
     ("form", "module", "extra"),
     [("Parquet", "pyarrow", "parquet"), ("HDF5", "h5py", "hdf5"), ("MATLAB", "scipy.io", "mat")],
 )
-def test_without_its_library_the_sentence_names_the_extra(
-    tmp_path: Path, form: str, module: str, extra: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_its_library_the_sentence_names_the_extra(tmp_path, form, module, extra, monkeypatch):
     file = WRITERS[form](tmp_path, dive())
     monkeypatch.setitem(sys.modules, module, None)
 
@@ -375,9 +371,7 @@ def test_numbers_of_more_than_eight_bytes_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("write", [parquet_in_groups, hdf5_in_chunks])
-def test_a_damaged_column_is_an_error_if_it_is_used(
-    tmp_path: Path, write: Callable[[Path, Mapping[str, Any], str], tuple[Path, int]]
-) -> None:
+def test_a_damaged_column_is_an_error_if_it_is_used(tmp_path, write):
     compass = {**dive()["compass"], "sd_deg": np.arange(COUNT) / 10}
     file, place = write(tmp_path, compass, "heading_deg")
     bent = bytearray(file.read_bytes())
@@ -429,9 +423,7 @@ def long_mat(folder: Path, rows: int) -> Path:
 
 
 @pytest.mark.parametrize("write", [long_parquet, long_mat])
-def test_tables_far_longer_than_their_file_are_refused(
-    tmp_path: Path, write: Callable[[Path, int], Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tables_far_longer_than_their_file_are_refused(tmp_path, write, monkeypatch):
     file = write(tmp_path, 400_000)
     monkeypatch.setenv(VARIABLE, "0.01")
 
