@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recordings import Row, write_csv, write_mcap
+from recordings import Row, saved, saved_lines, write_csv, write_mcap
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.reader import Reader
+from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.reading.read import Request, read_log
 
 HEAD = "[usbl]\nhead = { east_m = 100.0, north_m = 200.0 }\n"
@@ -25,24 +26,25 @@ def on_map(lat_deg: float, lon_deg: float) -> str:
 MAP = on_map(45.0, 7.0)
 
 
+def read_as(log: Path, toml: str, request: Request = DEFAULT_REQUEST) -> Log:
+    """Read a log by its usbldr.toml, which is in its folder, if it is one, or beside it."""
+    saved((log if log.is_dir() else log.parent) / "usbldr.toml", toml)
+    return read_log(log, request)
+
+
 def logged(folder: Path, rows: Iterable[Row], toml: str = "", topics: Mapping[str, str] | None = None) -> Log:
     """Read the rows from dive.mcap; topics: role -> topic."""
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(write_mcap(folder / "dive.mcap", rows), Request(topics=topics or {}))
+    return read_as(write_mcap(folder / "dive.mcap", rows), toml, Request(topics=topics or {}))
 
 
 def logged_csv(folder: Path, toml: str, **files: str) -> Log:
     """Read the texts from a folder of CSV files."""
-    sheets = write_csv(folder / "dive", **files)
-    (sheets / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(sheets)
+    return read_as(write_csv(folder / "dive", **files), toml)
 
 
 def logged_nmea(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log:
     """Read the lines from ship.nmea."""
-    (folder / "ship.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(folder / "ship.nmea", Request(topics=topics))
+    return read_as(saved_lines(folder / "ship.nmea", lines), toml, Request(topics=topics))
 
 
 def refusal(kind: type[Exception], call: Callable[..., object], *arguments: Any, **named: Any) -> str:

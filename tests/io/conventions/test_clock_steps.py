@@ -22,7 +22,7 @@ from blueos_recordings import write_blueos
 from commands import run
 from dvl_recordings import ensemble, velocity
 from imc_recordings import sent, write_messages
-from logs import codes
+from logs import codes, read_as
 from moos_recordings import HEAD, line
 from pd45_recordings import pd45_ensemble
 from recordings import (
@@ -456,8 +456,7 @@ def test_a_part_that_there_is_not_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(UsageError, match=r"there is no part 3: /dvl, /imu: the clock goes back by 100\.000 s"):
         read_log(log, Request(part="3"))
-    (tmp_path / "usbldr.toml").write_text("part = 2\n", encoding="utf-8")
-    assert headings(read_log(log)) == [*range(40, COUNT)]
+    assert headings(read_as(log, "part = 2\n")) == [*range(40, COUNT)]
     assert "part 2: 2020-09-13T12:25:08.000Z" in run("info", log, "--config", "none").output
     assert "only part 2 is used" in run("info", log, "--config", "none", "--part", "2").output
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from logs import codes, logged, logged_csv, only, refusal
+from logs import codes, logged, logged_csv, only, read_as, refusal
 from recordings import (
     DVL,
     HEADING,
@@ -178,8 +178,8 @@ def test_a_csv_folder_in_millimetres_or_radians_is_told_how_its_columns_are_name
     said = refusal(LogError, read_log, folder)
 
     advice = said.partition("state ")[2].removesuffix(" under [dvl]").replace(", axes", "\naxes")
-    (folder / "usbldr.toml").write_text("[dvl]\n" + advice.replace(" and unit", "\nunit"))
-    assert read_log(folder).tables["dvl"]["forward_mps"].tolist() == [0.2] * 5
+    log = read_as(folder, "[dvl]\n" + advice.replace(" and unit", "\nunit"))
+    assert log.tables["dvl"]["forward_mps"].tolist() == [0.2] * 5
 
 
 def test_a_unit_for_a_quaternion_is_said_not_to_be_used(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import on_map
+from logs import on_map, read_as
+from recordings import saved_lines
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.filters.replay.online import OnlineFilter
@@ -41,9 +42,8 @@ def dive(folder: Path, lat_deg: float, fixes: str) -> Log:
     dvl = ["time_ns,starboard_mps,forward_mps", *(f"{s}000000000,0,{SPEED_MPS}" for s in seconds)]
     compass = ["time_ns,heading_deg", *(f"{s}000000000,90" for s in seconds)]
     for name, lines in (("dvl", dvl), ("compass", compass), ("usbl", fixes.split())):
-        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "usbldr.toml").write_text(on_map(lat_deg, LON_DEG), encoding="utf-8")
-    return read_log(folder, Request())
+        saved_lines(folder / f"{name}.csv", lines)
+    return read_as(folder, on_map(lat_deg, LON_DEG))
 
 
 def by_latitude(lat_deg: float) -> str:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from logs import logged
-from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist, write_mcap
+from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.io.log import Log
@@ -109,9 +109,7 @@ def test_levelling_by_an_attitude_that_no_record_holds_is_a_sentence(tmp_path: P
 
 
 def test_an_export_is_level_and_stays_so(tmp_path: Path) -> None:
-    write_mcap(tmp_path / "dive.mcap", dive(-0.4))
-    (tmp_path / "usbldr.toml").write_text(settings(), encoding="utf-8")
-    log = read_log(tmp_path / "dive.mcap")
+    log = logged(tmp_path, dive(-0.4), settings())
 
     export(log, tmp_path / "out.mcap")
     back = read_log(tmp_path / "out.mcap", Request())

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP, only, refusal
+from logs import MAP, only, read_as, refusal
 from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Truth, Vector
@@ -36,8 +36,7 @@ def dive(tmp_path: Path, toml: str = "", more: Sequence[Row] = (), request: Requ
     write_mcap(tmp_path / "dive.mcap", [*short_dive(), *more])
     (tmp_path / "slam").mkdir(exist_ok=True)
     (tmp_path / "slam" / "vertices.txt").write_text(VERTICES, encoding="utf-8")
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-    return read_log(tmp_path / "dive.mcap", request or Request())
+    return read_as(tmp_path / "dive.mcap", toml, request or Request())
 
 
 def pose(time_ns: int, x: float, y: float, kind: str = POSE) -> Row:

@@ -7,12 +7,12 @@ import numpy as np
 import pymap3d
 import pytest
 
-from logs import MAP, codes, covariance, logged, logged_csv, places
+from logs import MAP, codes, covariance, logged, logged_csv, places, read_as
 from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.io.reading.epochs import timeline
-from usbldr.io.reading.read import Request, read_log
+from usbldr.io.reading.read import Request
 from usbldr.io.reading.survey import survey
 
 
@@ -180,9 +180,8 @@ def test_a_range_that_is_too_long_is_the_same_error_before_and_after_the_depth_i
 
     line = timeline(log)
     scaled = "[usbl]\nsound_speed_scale = 0.96\nhead = { east_m = 10.0, north_m = 0.0 }"
-    (tmp_path / "dive" / "usbldr.toml").write_text(scaled)
 
-    assert places(read_log(tmp_path / "dive"))[0] == pytest.approx([10 + 76.8, 0])  # 96 m, 57.6 m below the head
+    assert places(read_as(tmp_path / "dive", scaled))[0] == pytest.approx([10 + 76.8, 0])  # 96 m, 57.6 m below the head
     assert line.fix_away_m[0] == pytest.approx([(100**2 - 57.6**2) ** 0.5, 0])
     assert freed(line, {"usbl_range": 1 / 0.96 - 1}).fix_m[0] == pytest.approx([10 + 76.8, 0])
 

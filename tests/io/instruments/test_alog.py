@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import losses
+from logs import losses, read_as
 from moos_recordings import COUNT, HEAD, line, write_alog
 from recordings import SECOND, T0
 from usbldr.filters.errors import LogError
@@ -34,8 +34,7 @@ def saved(folder: Path, *postings: str) -> Path:
 
 
 def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:
-    (tmp_path / "usbldr.toml").write_text(COLUMNS)
-    log = read_log(write_alog(tmp_path / "a.alog"))
+    log = read_as(write_alog(tmp_path / "a.alog"), COLUMNS)
 
     assert log.format == "MOOS log"
     assert log.start_ns == T0 + SECOND // 4

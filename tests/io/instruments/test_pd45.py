@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from logs import read_as
 from pd45_recordings import COUNT, pd45_ensemble, pd45_ensembles, write_pd45
 from recordings import SECOND, T0, saved, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
@@ -81,8 +82,7 @@ def test_days_follow_each_other_at_midnight(tmp_path: Path) -> None:
 def test_the_day_holds_beside_other_files_of_the_dive(tmp_path: Path) -> None:
     write_pd45(tmp_path / "a.pd4", 4, first_hundredths=T0 % (86_400 * SECOND) // (SECOND // 100))
     dive = write_mcap(tmp_path / "dive.mcap", [row for row in short_dive() if row[1] != "/dvl"])
-    (tmp_path / "usbldr.toml").write_text('[[file]]\npath = "a.pd4"\ndate = 2020-09-13\n', encoding="utf-8")
-    log = read_log(dive)
+    log = read_as(dive, '[[file]]\npath = "a.pd4"\ndate = 2020-09-13\n')
 
     assert log.format == "MCAP + PD4"
     assert len(log.tables["dvl"]) == COUNT

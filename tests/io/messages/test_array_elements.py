@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from commands import run
-from logs import refusal
+from logs import read_as, refusal
 from recordings import ROS1, ROS2, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import ros_decoder
@@ -104,9 +104,7 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_the_second_of_several_hits_is_read_if_there_is_one(tmp_path: Path, kind: str) -> None:
-    (tmp_path / "usbldr.toml").write_text(COLUMNS, encoding="utf-8")
-
-    log = read_log(WRITERS[kind](tmp_path))
+    log = read_as(WRITERS[kind](tmp_path), COLUMNS)
 
     second = [(k, hits(k)[1]) for k in range(len(SECONDS)) if SECONDS[k] > 1]
     table = log.tables["usbl"]

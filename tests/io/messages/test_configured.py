@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from damage import recorded
 from damaged_formats import FORMATS
-from logs import logged, logged_csv, refusal
+from logs import logged, logged_csv, read_as, refusal
 from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_rosbag2
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -233,9 +233,8 @@ def test_the_clock_offset_of_a_file_moves_times_in_every_unit(tmp_path: Path) ->
     write_mcap(tmp_path / "dive.mcap", rows())
     toml = CONFIGURATION + '[[file]]\npath = "dive.mcap"\nclock_offset_s = 1.5\n'
     (tmp_path / "moved.toml").write_text(toml, encoding="utf-8")
-    (tmp_path / "usbldr.toml").write_text(CONFIGURATION, encoding="utf-8")
 
-    here = read_log(tmp_path / "dive.mcap")
+    here = read_as(tmp_path / "dive.mcap", CONFIGURATION)
     moved = read_log(tmp_path / "dive.mcap", Request(configuration=str(tmp_path / "moved.toml")))
 
     for role in ("dvl", "compass", "gps", "depth"):

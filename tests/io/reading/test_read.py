@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from logs import only, refusal
+from logs import logged, only, read_as, refusal
 from recordings import SECOND, T0, fix, point, short_dive, twist, write_csv, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.log import COLUMNS
@@ -120,8 +120,7 @@ def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
     head = "[usbl]\nhead = { lat_deg = 44.0, lon_deg = 7.0 }\n"
     sources: list[tuple[float, str]] = []
     for toml in ("[map]\norigin_lat_deg = 43.0\norigin_lon_deg = 7.0\n" + head, head, ""):
-        (tmp_path / "usbldr.toml").write_text(toml, encoding="utf-8")
-        origin = read_log(file).origin
+        origin = read_as(file, toml).origin
         sources.append((origin.lat_deg, origin.kind))
 
     assert sources == [(43.0, "[map]"), (44.0, "usbl head"), (45.0, "first gps fix")]
@@ -130,8 +129,7 @@ def test_the_map_is_the_origin_before_head_and_gps(tmp_path: Path) -> None:
 def test_the_digest_of_a_folder_changes_with_its_files_and_not_with_its_configuration(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2")
     first = read_log(folder).sha256
-    (folder / "usbldr.toml").write_text("[compass]\nsd_deg = 2.0", encoding="utf-8")
-    assert read_log(folder).sha256 == first
+    assert read_as(folder, "[compass]\nsd_deg = 2.0").sha256 == first
 
     write_csv(folder, compass="time_ns,heading_deg\n1,3")
     assert read_log(folder).sha256 != first
@@ -163,9 +161,8 @@ MAP = "[map]\norigin_lat_deg = {}\norigin_lon_deg = 7.0"
 def test_places_that_cannot_be_of_one_dive_are_told(tmp_path, usbl, gps, toml, sentence):
     places = ((usbl, "/usbl/fix"), (gps, "/gps/fix"))
     fixes = [fix(T0 + k * SECOND, *at, topic=name) for k in range(5) for at, name in places]
-    (tmp_path / "usbldr.toml").write_text(toml)
 
-    log = read_log(write_mcap(tmp_path / "dive.mcap", [*(r for r in short_dive() if r[1] != "/usbl"), *fixes]))
+    log = logged(tmp_path, [*(row for row in short_dive() if row[1] != "/usbl"), *fixes], toml)
 
     found = [finding.text for finding in log.findings if finding.code == "PLACES-APART"]
     assert len(found) == (sentence is not None)
@@ -175,9 +172,8 @@ def test_places_that_cannot_be_of_one_dive_are_told(tmp_path, usbl, gps, toml, s
 def test_the_fixes_of_a_usbl_do_not_become_the_truth_where_the_gps_serves_as_usbl(tmp_path: Path) -> None:
     fixes = [fix(T0 + k * SECOND, *PLACE, topic=name) for k in range(5) for name in ("/usbl/fix", "/gps/fix")]
     log = write_mcap(tmp_path / "dive.mcap", [*(row for row in short_dive() if row[1] != "/usbl"), *fixes])
-    (tmp_path / "usbldr.toml").write_text(MAP.format(45.0))
 
-    right, swapped = read_log(log), read_log(log, Request(topics={"usbl": "/gps/fix"}))
+    right, swapped = read_as(log, MAP.format(45.0)), read_log(log, Request(topics={"usbl": "/gps/fix"}))
 
     assert (right.provenance["usbl"].topic, right.truth.source) == ("/usbl/fix", "/gps/fix")
     assert swapped.truth is None

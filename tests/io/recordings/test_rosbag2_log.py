@@ -89,7 +89,7 @@ def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
     assert open_log(file).topics()[0].count == 10
 
 
-def test_a_missing_journal_is_reported_and_one_that_is_none_is_lost_data(tmp_path: Path) -> None:
+def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
     (tmp_path / "spoilt").mkdir()
     file = five(tmp_path / "spoilt")
     file.with_name("dive.db3-wal").write_bytes(b"rows")

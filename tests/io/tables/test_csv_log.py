@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP, logged_csv, lost, refusal
+from logs import MAP, logged_csv, lost, only, refusal
 from recordings import T0, saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -65,58 +65,66 @@ def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, name: str, t
     assert refusal(LogError, read_log, folder if "{folder}" in said else file) == expected
 
 
-BAD = {7: "north", 50: "5O", 90: None, 91: "91,5", 92: '"92', 93: "93,,"}  # cells of a row
-ONE_IN_TEN = "".join(f"{T0 + k}" + (f",{cell}\n" if (cell := BAD.get(k, str(k))) else "\n") for k in range(100))
-INSERTED = [
-    f"{T0},0,0",
-    f"{T0 + 1},1,0",
-    f"{T0 + 2},2,0",
-    f"{T0 + 3},12.4,,",
-    f"{T0 + 4},12.4,4,",
-    f"{T0 + 5},12.4,5,0",
-]
-CUT = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
-LEFT_OUT = {  # text, headings of the other rows, what is said
-    **{
-        f"a {name} time": (
-            f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6\n",
-            [2, 6],
-            [f'1 of 3 rows are left out: line 4: time_ns is "{cell[:60]}", not a whole number of nanoseconds'],
-        )
-        for name, cell in [("1e3", "1.5e3"), ("missing", ""), ("late", "9" * 20), ("endless", "9" * 5000), ("_", "1_0")]
-    },
-    "a column that was inserted, be the last cell blank or not": (
-        "\n".join(["time_ns,heading_deg,sd_deg", *INSERTED, ""]),
-        [0, 1, 2],
-        ["3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"],
-    ),
-    "bad cells here and there": (
-        f"time_ns,heading_deg\n{ONE_IN_TEN}",
-        [k for k in range(100) if k not in (7, 50, 90, 91, 92)],
-        [
-            '2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
-            "3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
-        ],
-    ),
-    "a last line without a line end": ("time_ns,heading_deg\n1,2\n2,3\n3,44", [2, 3], [CUT]),
-    "a missing quotation mark": (
-        'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n',
-        [1.5, 3.5],
-        ["2 of 4 rows are left out: line 2: a quotation mark is missing; so are lines 4"],
-    ),
-}
+@pytest.mark.parametrize(
+    ("cell", "shown"),
+    [("1.5e3", "1.5e3"), ("", ""), ("9" * 20, "9" * 20), ("9" * 5000, "9" * 60), ("1_0", "1_0")],
+    ids=["exponent", "empty", "late", "endless", "underscore"],
+)
+def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Path, cell: str, shown: str) -> None:
+    folder = write_csv(tmp_path / "dive", compass=f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6")
+
+    log = read_log(folder)
+
+    assert list(log.tables["compass"]["heading_deg"]) == [2, 6]
+    (finding,) = [finding for finding in log.findings if finding.lost_data]
+    said = f'line 4: time_ns is "{shown}", not a whole number of nanoseconds'
+    assert finding.text == f"compass.csv: 1 of 3 rows are left out: {said}"
+    assert finding.topic == "/compass"
 
 
-@pytest.mark.parametrize("case", LEFT_OUT)
-def test_a_row_that_cannot_be_read_is_left_out_alone_and_named_by_its_line(tmp_path: Path, case: str) -> None:
-    text, headings, said = LEFT_OUT[case]
+def test_rows_behind_a_column_that_was_inserted_are_left_out_also_if_their_last_cell_is_blank(tmp_path: Path) -> None:
+    before = [f"{T0 + k},{k},0" for k in range(3)]
+    after = [f"{T0 + 3},12.4,,", f"{T0 + 4},12.4,4,", f"{T0 + 5},12.4,5,0"]
 
-    log = read_text(tmp_path, text)
+    log = logged_csv(tmp_path, "", dvl="\n".join(["time_ns,forward_mps,starboard_mps", *before, *after]))
 
-    assert log.tables["compass"]["heading_deg"].tolist() == headings
-    assert lost(log) == [f"compass.csv: {one}" for one in said]
-    assert {one.code for one in log.findings if one.lost_data} == {"TRUNCATED" if said == [CUT] else "UNDECODED"}
-    assert "time_ns is" not in said[0] or [one.topic for one in log.findings if one.lost_data] == ["/compass"]
+    assert log.tables["dvl"]["forward_mps"].tolist() == [0, 1, 2]
+    assert lost(log) == [
+        "dvl.csv: 3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"
+    ]
+
+
+def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
+    rows = "".join(f"{T0 + k},{k}\n" for k in range(100))
+    bad = rows.replace(f"{T0 + 7},7", f"{T0 + 7},north").replace(f"{T0 + 50},50", f"{T0 + 50},5O")
+    bad = bad.replace(f"{T0 + 90},90", f"{T0 + 90}").replace(f"{T0 + 91},91", f"{T0 + 91},91,5")
+    bad = bad.replace(f"{T0 + 92},92", f'{T0 + 92},"92').replace(f"{T0 + 93},93", f"{T0 + 93},93,,")
+    log = read_log(write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n" + bad))
+
+    heading = log.tables["compass"]["heading_deg"].to_numpy()
+    texts = [finding.text for finding in log.findings if finding.code == "UNDECODED"]
+
+    np.testing.assert_array_equal(heading, [float(k) for k in range(100) if k not in (7, 50, 90, 91, 92)])
+    assert texts == [
+        'compass.csv: 2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
+        "compass.csv: 3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
+    ]
+
+
+def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
+    log = read_text(tmp_path, "time_ns,heading_deg\n1,2\n2,3\n3,44")
+
+    assert list(log.tables["compass"]["heading_deg"]) == [2, 3]
+    said = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
+    assert [only(log, "TRUNCATED")] == lost(log) == [f"compass.csv: {said}"]
+
+
+def test_a_missing_quotation_mark_costs_its_own_row_alone(tmp_path: Path) -> None:
+    log = read_text(tmp_path, 'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n')
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 3.5]
+    (text,) = lost(log)
+    assert "line 2: a quotation mark is missing; so are lines 4" in text
 
 
 @pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])

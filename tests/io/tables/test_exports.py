@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from commands import run
-from logs import refusal
+from logs import logged_csv, read_as, refusal
 from recordings import SECOND, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
@@ -159,9 +159,8 @@ def test_a_column_without_one_number_is_named_by_its_first_cell(tmp_path: Path) 
 def test_cells_may_state_the_unit_of_their_column(tmp_path: Path) -> None:
     toml = '[compass]\ncolumns = { time_unix_s = "t", heading = "Heading" }\n'
     toml += '[depth]\ncolumns = { time_unix_s = "t", depth_m = "Depth" }\n'
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="ascii")
 
-    log = read_log(write_csv(tmp_path, panel=f"t,Heading,Depth\n{T0_S},1.5 deg,2.5 m\n{T0_S + 1},2.5 deg,20 cm\n"))
+    log = logged_csv(tmp_path, toml, panel=f"t,Heading,Depth\n{T0_S},1.5 deg,2.5 m\n{T0_S + 1},2.5 deg,20 cm\n")
 
     assert log.tables["compass"]["heading_deg"].tolist() == [1.5]  # 20 cm is not one of metres, and its row is left out
     assert log.tables["depth"]["depth_m"].tolist() == [2.5]
@@ -232,10 +231,9 @@ def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_pa
 def test_whole_numbers_beyond_all_degrees_and_minutes_are_ten_millionths_of_degrees(tmp_path: Path) -> None:
     """As autopilots write them."""
     toml = '[gps]\ncolumns = { time_unix_s = "time", lat_deg = "lat", lon_deg = "lon" }\n'
-    (tmp_path / "usbldr.toml").write_text(toml, encoding="ascii")
     rows = "".join(f"{T0_S + k},{450_000_000 + 90 * k},{-70_000_000}\n" for k in range(5))
 
-    gps = read_log(write_csv(tmp_path, gps=f"time,lat,lon\n{rows}")).tables["gps"]
+    gps = logged_csv(tmp_path, toml, gps=f"time,lat,lon\n{rows}").tables["gps"]
 
     assert gps[["lat_deg", "lon_deg"]].iloc[-1].tolist() == pytest.approx([45.000036, -7.0])
 
@@ -249,10 +247,10 @@ def test_of_two_true_headings_the_sentence_chooses_one(tmp_path: Path, unit: str
 
     said = refusal(LogError, read_log, folder)
     line = said.partition("choose one under [compass]: ")[2]
-    (tmp_path / "usbldr.toml").write_text(f"[compass]\n{line}\n", encoding="ascii")
 
     assert f"(Compass True Heading{unit}, C True Heading{unit})" in said
-    assert read_log(folder).tables["compass"]["heading_deg"].tolist() == [20, 21, 22, 23, 24]
+    log = read_as(folder, f"[compass]\n{line}\n")
+    assert log.tables["compass"]["heading_deg"].tolist() == [20, 21, 22, 23, 24]
 
 
 @pytest.mark.parametrize("names", ["q[0],q[1],q[2],q[3]", "q_0,q_1,q_2,q_3", "qw,qx,qy,qz"])
@@ -287,12 +285,11 @@ def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: 
     rows = "".join(f"{T0_S + k},{('ROV', 'TMS')[k % 2]},{45 + k % 2},7\n" for k in range(10))
     write_csv(tmp_path, usbl=f"Time [s],{column},lat{units},lon{units}\n{rows}")
     named = f'columns = {{ time_unix_s = "Time", target = "{column}", lat_deg = "lat", lon_deg = "lon" }}\n'
-    (tmp_path / "usbldr.toml").write_text("" if units else f"[usbl]\n{named}", encoding="ascii")
 
-    said = refusal(UsageError, read_log, tmp_path)
+    said = refusal(UsageError, read_as, tmp_path, "" if units else f"[usbl]\n{named}")
     line = said.partition("choose one under [usbl]: ")[2]
-    (tmp_path / "usbldr.toml").write_text(f"[usbl]\n{line}\n{'' if units else named}", encoding="ascii")
+    log = read_as(tmp_path, f"[usbl]\n{line}\n{'' if units else named}")
 
     assert "2 targets: ROV (5 fixes), TMS (5 fixes)" in said
-    assert read_log(tmp_path).origin.lat_deg == 45
-    assert len(read_log(tmp_path).tables["usbl"]) == 5
+    assert log.origin.lat_deg == 45
+    assert len(log.tables["usbl"]) == 5

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from commands import run
-from logs import MAP, codes, columns, logged_csv, lost, only, places, refusal
+from logs import MAP, codes, columns, logged_csv, lost, only, places, read_as, refusal
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -639,6 +639,7 @@ def test_a_line_of_units_states_the_order_of_day_and_month(tmp_path: Path) -> No
 def test_names_in_windows_1252_are_named_in_the_configuration(tmp_path: Path, encoding: str, separator: str) -> None:
     (tmp_path / "a.csv").write_bytes(f"Zeit [s],Länge [°]\n{T},35\n".replace(",", separator).encode(encoding))
     columns = '{ time_unix_s = "Zeit", heading = "Länge [°]" }'
-    (tmp_path / "usbldr.toml").write_text(f"[compass]\ncolumns = {columns}\n", encoding="utf-8")
 
-    assert read_log(tmp_path / "a.csv").tables["compass"]["heading_deg"].tolist() == [35.0]
+    log = read_as(tmp_path / "a.csv", f"[compass]\ncolumns = {columns}\n")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [35.0]

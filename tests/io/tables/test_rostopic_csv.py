@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import refusal
+from logs import read_as, refusal
 from recordings import T0, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -160,9 +160,8 @@ def test_messages_of_ros_1_are_known_by_their_columns_and_read_as_such(tmp_path:
     text = f"{HEADER},{columns}\n{T0},1,{T0},f,{','.join(row.split())}"
     folder = write_csv(tmp_path / "dive", **{"ranger__positions__auv" if sensor == "usbl" else sensor: text})
     head = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0, heading_deg = 0.0 }\n"
-    (folder / "usbldr.toml").write_text(head, encoding="utf-8")
 
-    log = read_log(folder)
+    log = read_as(folder, head)
 
     assert log.provenance[sensor].type.endswith(f"/{kind}")
     assert log.tables[sensor][MADE[sensor]].to_numpy()[0] == pytest.approx(np.array(want), abs=1e-6)

@@ -14,6 +14,7 @@ import pytest
 import scipy.io
 from pyarrow import parquet
 
+from logs import read_as
 from recordings import SECOND, T0
 from table_recordings import COUNT, WRITERS, Tables, as_csv, dive
 from usbldr.filters.errors import LogError, UsageError
@@ -196,8 +197,7 @@ def test_units_of_netcdf_are_those_of_its_attributes(tmp_path: Path) -> None:
 
     assert [topic.name for topic in log.topics() if not topic.problem] == [f"/dive/{COUNT}_rows"]
     fields = '{ time_unix_s = "time [s]", x = "velocity.0 [mm/s]", y = "velocity.1 [mm/s]" }'
-    (tmp_path / "usbldr.toml").write_text(f"[dvl]\ncolumns = {fields}\n")
-    found = read_log(tmp_path / "dive.nc")
+    found = read_as(tmp_path / "dive.nc", f"[dvl]\ncolumns = {fields}\n")
     np.testing.assert_allclose(found.tables["dvl"][["forward_mps", "starboard_mps"]], [[1.5, -0.25]] * COUNT)
     np.testing.assert_allclose(found.tables["compass"]["heading_deg"], np.degrees(0.5))
 
@@ -225,11 +225,9 @@ def test_an_unknown_unit_of_an_attribute_is_an_error_unless_the_section_states_o
     assert "has a column vel_forward [furlong s-1] without a known unit" in topic.problem
 
     section = '[dvl]\ncolumns = { time_unix_s = "time", x = "vel_forward", y = "vel_starboard" }\n'
-    (tmp_path / "usbldr.toml").write_text(section)
     with pytest.raises(UsageError, match=r"x: the unit of vel_forward \[furlong s-1\] is not one of m/s"):
-        read_log(file)
-    (tmp_path / "usbldr.toml").write_text(f'{section}unit = "cm/s"\n')
-    np.testing.assert_allclose(read_log(file).tables["dvl"]["forward_mps"], 1.5)
+        read_as(file, section)
+    np.testing.assert_allclose(read_as(file, f'{section}unit = "cm/s"\n').tables["dvl"]["forward_mps"], 1.5)
 
 
 def test_packed_values_of_netcdf_are_unpacked(tmp_path: Path) -> None:
@@ -321,9 +319,8 @@ def test_a_time_may_stand_in_another_structure(tmp_path: Path, form: str) -> Non
     clock = {"Time": np.arange(COUNT) / 2}
     track = {"Vel": np.tile([0.25, 1.5, 0.1, 9.9], (COUNT, 1)), "Cells": np.zeros(COUNT)}
     columns = '{ time_s = "/system/Time", x = "Vel[0]", y = "Vel.1" }'
-    (tmp_path / "usbldr.toml").write_text(f'[dvl]\naxes = "SFU"\ntopic = "track"\ncolumns = {columns}\n')
     file = WRITERS[form](tmp_path, {"system": clock, "track": track, "setup": {"Pings": np.array([3])}})
-    log = read_log(file)
+    log = read_as(file, f'[dvl]\naxes = "SFU"\ntopic = "track"\ncolumns = {columns}\n')
 
     np.testing.assert_array_equal(log.tables["dvl"][["starboard_mps", "forward_mps"]], [[0.25, 1.5]] * COUNT)
     np.testing.assert_array_equal(log.tables["dvl"]["time_s"], np.arange(COUNT) / 2)
@@ -452,11 +449,9 @@ def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
 
     columns = {topic.name: [name for name, _ in topic.first_row] for topic in log.topics()}
     assert columns == {"/dvl": ["time", "vel.0", "vel.1", "note"], "/dvl/nav": ["hdg"]}
-    (tmp_path / "usbldr.toml").write_text(
-        '[dvl]\ntopic = "/dvl"\ncolumns = { time_unix_s = "time", x = "vel.0", y = "vel.1" }\n'
-        '[compass]\ncolumns = { time_unix_s = "/dvl/time", heading = "hdg" }\n'
-    )
-    found = read_log(tmp_path / "dive.mat")
+    toml = '[dvl]\ntopic = "/dvl"\ncolumns = { time_unix_s = "time", x = "vel.0", y = "vel.1" }\n'
+    toml += '[compass]\ncolumns = { time_unix_s = "/dvl/time", heading = "hdg" }\n'
+    found = read_as(tmp_path / "dive.mat", toml)
     assert found.tables["dvl"]["forward_mps"].tolist() == [1.5] * COUNT
     assert found.tables["compass"]["heading_deg"].tolist() == [10.0 + k for k in range(COUNT) if k != 3]
 
@@ -470,8 +465,7 @@ def test_arrays_of_structures_of_matlab_7_3_are_tables(tmp_path: Path) -> None:
         references[1, 0] = h5py.Reference()
         file["gyro/none"] = np.array([h5py.Reference()] * COUNT, dtype=h5py.ref_dtype)
         file["gyro/note"] = np.array([file["gyro"].ref] * COUNT, dtype=h5py.ref_dtype)
-    (tmp_path / "usbldr.toml").write_text('[compass]\ncolumns = { time_unix_s = "time", heading = "heading" }\n')
 
-    found = read_log(tmp_path / "dvl.h5")
+    found = read_as(tmp_path / "dvl.h5", '[compass]\ncolumns = { time_unix_s = "time", heading = "heading" }\n')
 
     assert found.tables["compass"]["heading_deg"].tolist() == [10.0 + k for k in range(COUNT) if k != 1]
