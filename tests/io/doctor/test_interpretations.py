@@ -31,25 +31,19 @@ def through_the_water(log: Log, from_s: float, to_s: float, east_mps: float, nor
     return replace(log, tables={**log.tables, "dvl": table.assign(**seen)})
 
 
-@pytest.mark.parametrize("east_mps", [-0.6, 0.6])
-@pytest.mark.parametrize("north_mps", [-0.6, 0.6])
-def test_an_unmodelled_current_is_no_wrong_axis(tmp_path: Path, east_mps: float, north_mps: float) -> None:
-    log = through_the_water(
-        read_log(written(tmp_path, curved_dive(gps=True)), Request("none")), 100.0, 200.0, east_mps, north_mps
-    )
+@pytest.mark.parametrize(
+    ("imu", "to_s", "current_mps", "named"),
+    [
+        *(("ENU", 200.0, (east, north), set[str]()) for east in (-0.6, 0.6) for north in (-0.6, 0.6)),
+        ("ENU", 130.0, (0.2, 0.1), set[str]()),
+        ("NED", 130.0, (0.2, 0.1), {"HEADING-CONVENTION"}),
+    ],
+)
+def test_an_unmodelled_current_is_no_wrong_axis_and_hides_no_wrong_heading(tmp_path, imu, to_s, current_mps, named):
+    log = read_log(written(tmp_path, curved_dive(imu=imu, gps=True)), Request("none"))
+    log = through_the_water(log, 100.0, to_s, *current_mps)
 
-    assert not {one.code for one in convention_warnings(log, timeline(log))} & FLIPPED
-
-
-@pytest.mark.parametrize("imu", ["ENU", "NED"])
-def test_a_wrong_heading_is_still_named_beside_a_current(tmp_path: Path, imu: str) -> None:
-    log = through_the_water(
-        read_log(written(tmp_path, curved_dive(imu=imu, gps=True)), Request("none")), 100.0, 130.0, 0.2, 0.1
-    )
-
-    codes = {one.code for one in convention_warnings(log, timeline(log))}
-
-    assert ("HEADING-CONVENTION" in codes) == (imu == "NED")
+    assert {one.code for one in convention_warnings(log, timeline(log))} & FLIPPED == named
 
 
 DEPTH_M = 12.0

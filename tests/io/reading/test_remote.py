@@ -66,24 +66,20 @@ def test_a_file_outside_of_the_logs_folder_is_not_copied(bucket: str) -> None:
         assert not (copy.parent.parent / "more").exists()
 
 
-@pytest.mark.parametrize("name", ["absent.mcap", ".."])
-def test_a_url_without_a_log_is_a_sentence_that_names_it(bucket: str, name: str) -> None:
-    url = f"{bucket}/{name}"
-    with pytest.raises(LogError, match=rf"^{url}: (no such file|is not the URL)"), local_log(url, DEFAULT_REQUEST):
-        pass
-
-
-def test_a_fault_names_the_url_and_not_the_copy(bucket: str) -> None:
-    url = f"{bucket}/dive.mcap"
-    with pytest.raises(LogError, match=rf"^{url}: no records$"), local_log(url, DEFAULT_REQUEST) as copy:
-        raise LogError("no records", path=copy)
-
-
-def test_a_storage_whose_library_is_not_installed_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("url", "fault", "said"),
+    [
+        ("memory://bucket/absent.mcap", LogError, "(no such file|is not the URL)"),
+        ("memory://bucket/..", LogError, "(no such file|is not the URL)"),
+        ("memory://bucket/dive.mcap", LogError, "no records$"),
+        ("s3://bucket/dive.mcap", UsageError, r".*install 'usbldr\[s3\]'"),
+    ],
+)
+def test_a_fault_names_the_url_and_not_the_copy(bucket, url, fault, said, monkeypatch):
     monkeypatch.setitem(sys.modules, "s3fs", None)
-    url = "s3://bucket/dive.mcap"
-    with pytest.raises(UsageError, match=rf"^{url}: .*install 'usbldr\[s3\]'"), local_log(url, DEFAULT_REQUEST):
-        pass
+
+    with pytest.raises(fault, match=rf"^{url}: {said}"), local_log(url, DEFAULT_REQUEST) as copy:
+        raise LogError("no records", path=copy)
 
 
 def test_runs_and_drills_take_a_url_and_give_the_numbers_of_the_file(tmp_path: Path) -> None:
