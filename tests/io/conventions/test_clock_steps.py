@@ -326,7 +326,7 @@ TWICE = np.concatenate([np.arange(30), np.arange(30)]) * SECOND
     ids=["a few far ahead", "targets one after the other", "one target", "targets in turn"],
 )
 def test_a_step_is_one_of_all_targets_that_stays(times: Times, targets: list[Times], rows: list[int]) -> None:
-    assert [step.row for step in examined(times, *([targets] if targets else [])).steps] == rows
+    assert [step.row for step in examined(times, targets or None).steps] == rows
 
 
 @settings(max_examples=20)
