@@ -238,16 +238,16 @@ NO_RECORDING = (
 
 
 @pytest.mark.parametrize(
-    ("statements", "sentence"),
+    ("opened", "statements", "sentence"),
     [
-        (["DROP TABLE messages"], NO_RECORDING),
-        (["ALTER TABLE topics RENAME TO sound", WITHOUT_NUMBERS], "is not a readable rosbag2 recording"),
+        ("dive.db3", ["DROP TABLE messages"], NO_RECORDING),
+        ("", ["ALTER TABLE topics RENAME TO sound", WITHOUT_NUMBERS], "is not a readable rosbag2 recording"),
     ],
 )
-def test_sqlite_that_is_no_recording_is_an_error(tmp_path: Path, statements: list[str], sentence: str) -> None:
+def test_sqlite_that_is_no_recording_is_an_error(tmp_path, opened, statements, sentence):
     file = five(tmp_path, *statements)
 
-    assert refusal(LogError, lambda: open_log(file).topics()).startswith(f"{file}: {sentence}")
+    assert refusal(LogError, lambda: open_log(file.parent / opened).topics()).startswith(f"{file}: {sentence}")
 
 
 @pytest.mark.parametrize(
