@@ -85,6 +85,13 @@ def output_of(*arguments: object) -> str:
     return done.stdout
 
 
+def spoil(file: Path, old: str, new: str) -> None:
+    """Put other words into a file that has the old ones, once."""
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
 def interrupt(*arguments: object, once: Callable[[], object] = lambda: True, after_s: float = 0.0) -> None:
     """Start a command in a process of its own, press Ctrl-C when it is at work, and check that it says just that."""
     command = [*USBLDR, *map(str, arguments)]

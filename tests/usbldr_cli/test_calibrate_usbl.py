@@ -18,9 +18,7 @@ MAP = f"schema = 1\n[map]\norigin_lat_deg = {LAT_DEG}\norigin_lon_deg = {LON_DEG
 HEAD = 'head = { topic = "ship_gps", heading_topic = "gyro", depth_m = 5.0 }\n'
 
 
-def write_dive(
-    folder: Path, seed: int, *, ship: bool = True, seconds: int = 900, vertical: bool = True, **head
-) -> Path:
+def write_dive(folder: Path, seed: int, *, ship: bool = True, seconds: int = 900, vertical: bool = True, **head):
     """Write a dive at 40 to 80 m with a fix every 3 s.
 
     ``head`` has heading_deg, pitch_deg, roll_deg and scale (true over measured).
@@ -39,23 +37,20 @@ def write_dive(
     ship_at = about + 80 * np.column_stack([np.sin(angle), np.cos(angle)])
     gyro = (np.degrees(angle) * 1.7 + 40) % 360 if ship else np.full(len(t), 40.0)
     north_east_down = np.column_stack([(place - ship_at)[:, ::-1], depth - 5.0])[seen]
-    mount = Rotation.from_euler(
-        "ZYX", [head.get(k, 0.0) for k in ("heading_deg", "pitch_deg", "roll_deg")], degrees=True
-    )
+    angles = [head.get(name, 0.0) for name in ("heading_deg", "pitch_deg", "roll_deg")]
+    mount = Rotation.from_euler("ZYX", angles, degrees=True)
     along = (Rotation.from_euler("Z", gyro[seen, None], degrees=True) * mount).inv().apply(north_east_down)
     slant = np.linalg.norm(along, axis=1) / head.get("scale", 1.0)
     bearing = np.degrees(np.arctan2(along[:, 1], along[:, 0])) + rng.normal(0, 0.3, len(seen))
     down = np.degrees(np.arcsin(along[:, 2] / np.linalg.norm(along, axis=1))) + rng.normal(0, 0.3, len(seen))
     time_ns = T0 + np.round(t * 1e9).astype(np.int64)
     noise = rng.normal(size=(5, len(t)))
+    lat_deg, lon_deg = LAT_DEG + ship_at[:, 1] / M_PER_DEG, LON_DEG + ship_at[:, 0] / (M_PER_DEG * 0.70891)
     files = {
         "dvl": {"forward_mps": mps[:, 1] + 0.02 * noise[0], "starboard_mps": mps[:, 0] + 0.02 * noise[1]},
         "compass": {"heading_deg": (heading + 0.3 * noise[2]) % 360},
         "depth": {"depth_m": depth + 0.05 * noise[3]},
-        "ship_gps": {
-            "lat_deg": LAT_DEG + ship_at[:, 1] / M_PER_DEG,
-            "lon_deg": LON_DEG + ship_at[:, 0] / (M_PER_DEG * 0.70891),
-        },
+        "ship_gps": {"lat_deg": lat_deg, "lon_deg": lon_deg},
         "gyro": {"heading_deg": gyro},
     }
     folder.mkdir()
@@ -100,10 +95,8 @@ def test_a_circle_is_open_and_leaves_its_keys_as_stated(tmp_path):
 
 
 def test_a_configuration_with_an_inline_table_is_completed(survey, tmp_path):
-    usbl = '{ frame = "body", head = { topic = "gps", heading_topic = "compass" } }'
-    (tmp_path / "inline.toml").write_text(
-        f"schema = 1\nusbl = {usbl}\n[map]\norigin_lat_deg = 45.0\norigin_lon_deg = -30.0\n"
-    )
+    usbl = 'usbl = { frame = "body", head = { topic = "gps", heading_topic = "compass" } }\n'
+    (tmp_path / "inline.toml").write_text(MAP.replace("[map]", f"{usbl}[map]"))
     output_of("calibrate-usbl", survey, "--config", tmp_path / "inline.toml", "--write", tmp_path / "found.toml")
     assert "mount_deg" in (tmp_path / "found.toml").read_text()
 

@@ -17,9 +17,7 @@ from usbldr_cli.runs.jobs import relevant_choices
 from usbldr_cli.runs.run_jobs import run_jobs
 from usbldr_cli.runs.workers import Job
 
-CHOICES = RunChoices(
-    particles=10, gate=None, seed=0, start=None, end=None, align="none", dr_from="start", fast_hz=5.0, slow_hz=1.0
-)
+CHOICES = RunChoices(10, None, 0, None, None, "none", "start", 5.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -96,17 +94,14 @@ def test_what_is_wrong_with_a_stated_key_is_said(dive: Path, tmp_path: Path, sta
 
 
 def test_samplers_run_once_a_seed_the_others_once_a_file_and_the_folder_holds_nothing_else(compared: Path) -> None:
-    reported = content(compared)
+    rows = content(compared)["rows"]
 
-    assert [(row["filter"], row["seeds"]) for row in reported["rows"]] == [("ckf", 1), ("pf", 3), ("usbl", 1)]
-    assert reported["rows"][1]["mean_horizontal_m_se"] > 0
-    assert "mean_horizontal_m_se" not in reported["rows"][0]
+    assert [(row["filter"], row["seeds"]) for row in rows] == [("ckf", 1), ("pf", 3), ("usbl", 1)]
+    assert rows[1]["mean_horizontal_m_se"] > 0
+    assert "mean_horizontal_m_se" not in rows[0]
     assert len(list((compared / "units").glob("*.json"))) == 5
-    assert sorted(path.name for path in compared.iterdir()) == [
-        *("by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png"),
-        *("report.html", "track.png"),
-        "units",
-    ]
+    names = ["by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png"]
+    assert sorted(path.name for path in compared.iterdir()) == [*names, "report.html", "track.png", "units"]
     assert all(path.suffix in (".json", ".npz") for path in (compared / "units").iterdir())
 
 
@@ -196,9 +191,7 @@ def test_another_comparison_is_replaced_only_by_force_and_a_foreign_folder_never
     assert [path.name for path in foreign.iterdir()] == ["thesis.tex"]
 
 
-def test_finished_runs_are_compared_as_they_are_but_not_beside_a_log_or_without_their_report(
-    dive: Path, tmp_path: Path
-) -> None:
+def test_finished_runs_are_compared_as_they_are_but_not_beside_a_log_or_without_their_report(dive, tmp_path):
     for name in ("ckf", "usbl"):
         output_of("replay", dive, "--filter", name, "-o", tmp_path / name)
 

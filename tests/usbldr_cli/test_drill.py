@@ -106,13 +106,9 @@ def test_the_same_drills_again_use_the_finished_runs_and_others_are_refused(dive
 def test_the_faults_of_the_options_are_one_drill_and_nothing_is_written_to_the_log(dive: Path) -> None:
     before = {file: file.read_bytes() for file in dive.iterdir()}
 
-    reported = json.loads(
-        output_of(
-            *("drill", dive, "--drop", "usbl@30:60", "--spike", "dvl:3m/s@0.02", "--sd", "usbl:2"),
-            *("--filters", "ekf", "--seeds", 1, "-j", 1, "--json"),
-        )
-    )
+    faults = ("--drop", "usbl@30:60", "--spike", "dvl:3m/s@0.02", "--sd", "usbl:2")
+    said = output_of("drill", dive, *faults, "--filters", "ekf", "--seeds", 1, "-j", 1, "--json")
 
-    (one,) = reported["rows"]
+    (one,) = json.loads(said)["rows"]
     assert set(one["faults"]) == {"drop usbl@30:60", "spike dvl:3m/s@0.02", "sd usbl:2"}
     assert {file: file.read_bytes() for file in dive.iterdir()} == before

@@ -17,22 +17,13 @@ from usbldr.io.writers.export import cut_log, export
 
 NAMES = ["out.mcap", "out.bag", "out.db3", "out_db3", "out"]
 CONFIGURATION = """
-[map]
-origin_lat_deg = 45.5
-origin_lon_deg = 7.25
-[dvl]
-mount_deg = 10.0
-latency_s = 0.125
-noise = { kind = "student-t", dof = 3.0, per = "record" }
-[compass]
-bias_deg = 2.5
-latency_s = -0.0625
-[usbl]
-lever_arm_m = [0.5, -1.0, 0.25]
-noise = { kind = "mixture", share = 0.2, variance_ratio = 20.0 }
-[gps]
-lever_arm_m = [0.25, 1.5, 2.0]
-noise = { kind = "gaussian" }
+map = { origin_lat_deg = 45.5, origin_lon_deg = 7.25 }
+process = { heading_deg = 0.3 }
+start = { east_m = 1.0, north_m = 2.0, sd_m = 3.0 }
+gps = { lever_arm_m = [0.25, 1.5, 2.0], noise = { kind = "gaussian" } }
+dvl = { mount_deg = 10.0, latency_s = 0.125, noise = { kind = "student-t", dof = 3.0, per = "record" } }
+compass = { bias_deg = 2.5, latency_s = -0.0625 }
+usbl = { lever_arm_m = [0.5, -1.0, 0.25], noise = { kind = "mixture", share = 0.2, variance_ratio = 20.0 } }
 [truth]
 file = "slam.csv"
 kind = "slam"
@@ -40,8 +31,6 @@ max_gap_s = 4.5
 lever_arm_m = [0.25, -0.5, 1.0]
 columns = { time_ns = "t", x = "x", y = "y", sd_m = "sd" }
 frame = "NED"
-[process]
-heading_deg = 0.3
 [calibrate]
 states = ["scale", "misalignment"]
 scale_sd = 0.02
@@ -52,10 +41,6 @@ deviation_sd_deg = 0.7
 latency_sd_s = 0.1
 usbl_bias_sd_m = 2.0
 usbl_bias_time_s = 300.0
-[start]
-east_m = 1.0
-north_m = 2.0
-sd_m = 3.0
 """
 
 
@@ -104,23 +89,15 @@ def assert_same(back: Log, log: Log) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_value_and_stamp_comes_back(tmp_path: Path, name: str) -> None:
+def test_every_value_and_stamp_comes_back_and_the_same_log_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
     log = read_log(every_kind_of_record(tmp_path))
 
-    _, configuration = export(log, tmp_path / "new" / name)
-    back = read_log(tmp_path / "new" / name)
+    (_, configuration), _ = (export(log, tmp_path / folder / name) for folder in ("a", "b"))
+    back = read_log(tmp_path / "a" / name)
 
     assert back.configuration == configuration
     assert_same(back, log)
     assert [finding.code for finding in back.findings if finding.lost_data] == []
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_same_log_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
-    log = read_log(every_kind_of_record(tmp_path))
-    for folder in ("a", "b"):
-        export(log, tmp_path / folder / name)
-
     a, b = (
         {str(f.relative_to(tmp_path / top)): f.read_bytes() for f in (tmp_path / top).rglob("*") if f.is_file()}
         for top in ("a", "b")
@@ -162,11 +139,10 @@ def test_gps_rows_that_are_no_truth_are_none_in_the_export(tmp_path, start_s, sk
         np.testing.assert_array_equal(back.truth.position_m, log.truth.position_m)
 
 
-def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
-    log = read_log(write_mcap(tmp_path / "dive.mcap", short_dive()))
+def test_a_stretch_holds_what_was_valid_in_it_and_no_start_where_the_beginning_is_cut_off(tmp_path: Path) -> None:
+    log, started = read_log(write_mcap(tmp_path / "dive.mcap", short_dive())), read_log(every_kind_of_record(tmp_path))
 
-    stretch = cut_log(log, 3.0, 6.0)
-    export(stretch, tmp_path / "stretch.bag")
+    export(cut_log(log, 3.0, 6.0), tmp_path / "stretch.bag")
     back = read_log(tmp_path / "stretch.bag")
 
     assert {sensor: len(table) for sensor, table in back.tables.items()} == {"dvl": 4, "compass": 4, "usbl": 4}
@@ -174,13 +150,8 @@ def test_a_stretch_holds_what_was_valid_in_it(tmp_path: Path) -> None:
     assert list(back.tables["usbl"]["east_m"]) == [3, 4, 5, 6]
     with pytest.raises(LogError, match=r"no record is from --start 50 to --end 60 s"):
         cut_log(log, 50.0, 60.0)
-
-
-def test_a_known_start_is_forgotten_where_the_beginning_is_cut_off(tmp_path: Path) -> None:
-    log = read_log(every_kind_of_record(tmp_path))
-
-    assert cut_log(log, -1.0, 9.0).parameters.start == log.parameters.start
-    assert cut_log(log, 0.1, 9.0).parameters.start is None
+    assert cut_log(started, -1.0, 9.0).parameters.start == started.parameters.start
+    assert cut_log(started, 0.1, 9.0).parameters.start is None
 
 
 @pytest.mark.parametrize("out", ["dive.mcap", "dive.bag"])

@@ -24,13 +24,8 @@ from usbldr.io.scenarios.survey_scenarios import find_survey
 UNKNOWN = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0])
 
 MOUNT_DEG = {"mount_heading_deg": 1.5, "mount_pitch_deg": -0.6, "mount_roll_deg": 0.8}
-TRUE = MOUNT_DEG | {
-    "scale": 0.99,
-    "arm_starboard_m": 1.2,
-    "arm_forward_m": -8.0,
-    "attitude_latency_s": 0.1,
-    "position_latency_s": 0.3,
-}
+LATE_S = {"attitude_latency_s": 0.1, "position_latency_s": 0.3}
+TRUE = MOUNT_DEG | {"scale": 0.99, "arm_starboard_m": 1.2, "arm_forward_m": -8.0} | LATE_S
 ARM_FRD_M = [-8.0, 1.2, 0.0]
 ORIGIN = (-33.9, 151.4, 0.0)
 BEACON_NED_M = np.array([-5.0, 10.0, 100.0])
@@ -46,9 +41,8 @@ def box_in(seed):
     seconds, speed, rate = np.array(legs, dtype=float).T
     steps = np.round(seconds / PERIOD_S).astype(int)
     yaw_deg = np.cumsum(np.repeat(rate, steps)) * PERIOD_S
-    along = np.repeat(speed, steps)[:, None] * np.column_stack(
-        [np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))]
-    )
+    yaw = np.radians(yaw_deg)
+    along = np.repeat(speed, steps)[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
     north_east = np.cumsum(along, axis=0) * PERIOD_S - 100.0
     t = np.arange(len(yaw_deg)) * PERIOD_S
     swing = [1.5 * np.sin(t * 2 * np.pi / 7.0), 4.0 * np.sin(t * 2 * np.pi / 9.0)]
@@ -56,9 +50,8 @@ def box_in(seed):
     mount = Rotation.from_euler("ZYX", list(MOUNT_DEG.values()), degrees=True)
     pinged = np.arange(40, len(t) - 40, 40)
     antenna = np.column_stack([north_east, np.zeros(len(t))])
-    seen = mount.inv().apply(
-        Rotation.from_quat(ship.as_quat()[pinged]).inv().apply(BEACON_NED_M - antenna[pinged]) - ARM_FRD_M
-    )
+    in_ship = Rotation.from_quat(ship.as_quat()[pinged]).inv().apply(BEACON_NED_M - antenna[pinged])
+    seen = mount.inv().apply(in_ship - ARM_FRD_M)
     reach = np.linalg.norm(seen, axis=1)
     sd_deg = np.where(rng.random(len(reach)) < 0.03, 10.0, 0.25)[:, None]
     # small rotations of the head's own axes, heavy-tailed
@@ -135,9 +128,10 @@ def save(file: Path, columns) -> None:
 
 @pytest.fixture(scope="module")
 def exports(tmp_path_factory):
-    folders = [tmp_path_factory.mktemp(write.__name__) for write in (write_quaternions, write_angles)]
-    write_quaternions(folders[0], 1)
-    write_angles(folders[1], 1)
+    folders = []
+    for write in (write_quaternions, write_angles):
+        folders.append(tmp_path_factory.mktemp(write.__name__))
+        write(folders[-1], 1)
     return folders
 
 

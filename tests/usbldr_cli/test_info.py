@@ -61,25 +61,22 @@ def run(*arguments: object) -> tuple[int, str]:
     return (done.return_value or 0), done.stdout
 
 
-def test_the_page_lists_topics_roles_and_every_convention(tmp_path: Path) -> None:
-    write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
-    (tmp_path / "usbldr.toml").write_text('[dvl]\ntopic = "/dvl"\naxes = "FRD"', encoding="utf-8")
-
-    code, page = run(tmp_path / "dive.mcap")
-
-    assert page == PAGE.format(folder=tmp_path)
-    assert code == 0
+@pytest.fixture
+def dive(tmp_path: Path) -> Path:
+    return write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
 
 
-def test_json_says_the_same(tmp_path: Path) -> None:
-    write_mcap(tmp_path / "dive.mcap", [*short_dive(), fix(T0, 45.0, 7.0)])
+def test_the_page_lists_topics_roles_and_every_convention(dive: Path) -> None:
+    dive.with_name("usbldr.toml").write_text('[dvl]\ntopic = "/dvl"\naxes = "FRD"', encoding="utf-8")
 
-    code, text = run(tmp_path / "dive.mcap", "--json")
+    assert run(dive) == (0, PAGE.format(folder=dive.parent))
+
+
+def test_json_says_the_same(dive: Path) -> None:
+    code, text = run(dive, "--json")
     (log,) = json.loads(text)["logs"]
 
-    assert code == 0
-    assert log["complete"] is True
-    assert log["start_ns"] == T0
+    assert (code, log["complete"], log["start_ns"]) == (0, True, T0)
     assert {t["topic"]: (t["type"], t["messages"], t["roles"]) for t in log["topics"]}["/gps/fix"] == (FIX, 1, ["gps"])
     assert log["sensors"]["compass"]["conventions"][0]["text"] == "convention ENU (by type)"
     assert log["truth"] == {"source": "/gps/fix", "kind": "gps", "rows": 1}
@@ -100,19 +97,13 @@ def test_a_log_with_unclear_roles_is_still_listed_with_the_sensors_that_are_deci
     assert "\nusbl: " not in page
 
 
-def test_a_log_without_sensors_says_so(tmp_path: Path) -> None:
+def test_a_log_without_sensors_says_so_and_files_that_are_no_sensor_are_listed(tmp_path: Path) -> None:
     code, page = run(write_mcap(tmp_path / "dive.mcap", [twist(T0, 1, 2, topic="/cmd_vel")]))
+    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2", events="when,what\nnow,start")
 
     assert code == 0
     assert page.endswith("\n\nno topic is a sensor that usbldr knows\n")
-
-
-def test_files_that_are_no_sensor_are_listed(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n1,2", events="when,what\nnow,start")
-
-    page = run(folder)[1]
-
-    assert "cannot be read: /events: its columns match no sensor" in page
+    assert "cannot be read: /events: its columns match no sensor" in run(folder)[1]
 
 
 def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> None:
@@ -123,18 +114,13 @@ def test_many_topics_are_cut_short_unless_all_are_asked_for(tmp_path: Path) -> N
     assert "/vehicle/049" in run(file, "--all")[1]
 
 
-def test_the_current_folder_is_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_current_folder_is_a_log_and_a_scenario_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_csv(tmp_path, dvl=f"time_ns,starboard_mps,forward_mps\n{T0},0,1\n{T0 + 1},0,2\n{T0 + 2},0,3")
-    monkeypatch.chdir(tmp_path)
-
-    assert "dvl: /dvl (type and name), 3 of 3 records used" in run(Path())[1]
-
-
-def test_a_scenario_is_a_log_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
     code, page = run("paper")
 
+    assert "dvl: /dvl (type and name), 3 of 3 records used" in run(Path())[1]
     assert code == 0
     assert page.startswith("paper: simulated, 12004 messages, 2026-01-01T00:00:00.000Z to 2026-01-01T00:16:40.000Z")
     assert "dvl: paper/dvl (scenario), 5001 of 5001 records used" in page
@@ -145,10 +131,9 @@ def test_the_fields_of_a_topic_are_listed_as_columns_can_name_them(tmp_path: Pat
     fields = ["header.stamp", "header.frame_id", "status.status", "status.service", "latitude", "longitude",
               "altitude", "position_covariance[0]", "position_covariance_type"]  # fmt: skip
 
-    assert (
-        "\n".join(["fields of /gps/fix (sensor_msgs/msg/NavSatFix):", *(f"  {f}" for f in fields)])
-        in run(file, "--fields", "gps/fix")[1]
-    )
+    page = "\n".join(["fields of /gps/fix (sensor_msgs/msg/NavSatFix):", *(f"  {f}" for f in fields)])
+
+    assert page in run(file, "--fields", "gps/fix")[1]
     assert json.loads(run(file, "--json", "--fields", "/gps/fix")[1])["logs"][0]["topics"][0]["fields"] == fields
     assert "fields" not in json.loads(run(file, "--json")[1])["logs"][0]["topics"][0]
     with pytest.raises(LogError, match=r"no topic /gps/fixx; did you mean /gps/fix\? \(topics in this log: /gps/fix\)"):
@@ -156,11 +141,9 @@ def test_the_fields_of_a_topic_are_listed_as_columns_can_name_them(tmp_path: Pat
 
 
 def test_a_sensor_that_cannot_be_read_is_exit_code_3(tmp_path: Path) -> None:
-    schema = ("foxglove.LocationFix", "flatbuffer", b"{}")
-    file = write_payloads(tmp_path / "a.mcap", "/gps/fix", "flatbuffer", schema, [b"{}"])
-    other = write_payloads(
-        tmp_path / "b.mcap", "/camera", "flatbuffer", ("foxglove.RawImage", "flatbuffer", b"{}"), [b""]
-    )
+    gps, camera = ((f"foxglove.{kind}", "flatbuffer", b"{}") for kind in ("LocationFix", "RawImage"))
+    file = write_payloads(tmp_path / "a.mcap", "/gps/fix", "flatbuffer", gps, [b"{}"])
+    other = write_payloads(tmp_path / "b.mcap", "/camera", "flatbuffer", camera, [b""])
 
     code, page = run(file)
 

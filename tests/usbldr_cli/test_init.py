@@ -47,6 +47,7 @@ def asked_in(log: Path, file: Path) -> tuple[str, str]:
 
 DVL_COLUMNS = {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
 COMPASS_COLUMNS = {"time_unix_ms": "stamp", "heading": "heading"}
+PROPOSED = "# CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
 def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log: Path, tmp_path: Path) -> None:
@@ -57,11 +58,9 @@ def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log:
     assert done.output.startswith(f"{target}: written; check the 2 lines marked CHECK\n")
     text = target.read_text(encoding="utf-8")
     found = tomllib.loads(text)
-    assert found["dvl"]["topic"] == "/dvl"
-    assert found["dvl"]["axes"] == "FRD"
+    assert found["dvl"].items() >= {"topic": "/dvl", "axes": "FRD"}.items()
     assert found["dvl"]["mount_deg"] == pytest.approx(-50.0, abs=1.0)
-    assert found["compass"]["convention"] == "NED"
-    assert found["usbl"]["frame"] == "NED"
+    assert (found["compass"]["convention"], found["usbl"]["frame"]) == ("NED", "NED")
     assert found["depth"]["topic"] == "none"
     keys = [line for line in text.splitlines() if " = " in line and not line.startswith(("#", "schema"))]
     assert len(keys) > 15
@@ -185,13 +184,9 @@ def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp
 
     text = target.read_text(encoding="utf-8")
     found = tomllib.loads(text)
-    assert (found["dvl"]["axes"], found["dvl"]["lever_arm_m"], found["compass"]["sd_deg"]) == (
-        "FLU",
-        [0.1, 0.2, 0.0],
-        2,
-    )
+    assert found["dvl"].items() >= {"axes": "FLU", "lever_arm_m": [0.1, 0.2, 0.0]}.items()
+    assert found["compass"].items() >= {"sd_deg": 2, "convention": "NED"}.items()
     assert (found["process"], found["usbl"]["noise"]) == ({"position_m": 0.05}, {"kind": "gaussian"})
-    assert found["compass"]["convention"] == "NED"
     assert found["file"] == [{"path": "dive.mcap", "clock_offset_s": 0.0}]
     assert re.search(r'^axes = "FLU" +# stated in stated.toml; found: axes = "FRD"', text, re.MULTILINE)
     accepted(log, target)
@@ -254,7 +249,7 @@ def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_pa
     }
     assert found["compass"]["columns"] == {"heading": "heading_rad"}
     assert found["dvl"]["axes"] == "FRD"
-    assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
+    assert text.count(PROPOSED) == 2
     accepted(log, tmp_path / "found.toml")
 
 
@@ -308,16 +303,18 @@ def without_units(folder: Path) -> Path:
     )
 
 
-def test_columns_of_csv_files_without_units_are_proposed(tmp_path: Path) -> None:
-    log = without_units(tmp_path / "dive")
+@pytest.fixture
+def csv(tmp_path: Path) -> Path:
+    return without_units(tmp_path / "dive")
 
-    text, found = initialised(log, tmp_path / "found.toml")
+
+def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Path) -> None:
+    text, found = initialised(csv, tmp_path / "found.toml")
 
     assert (found["dvl"]["columns"], found["compass"]["columns"]) == (DVL_COLUMNS, COMPASS_COLUMNS)
     assert (found["dvl"]["axes"], found["compass"]["unit"]) == ("FRD", "deg")
-    assert text.count("# by the names of its columns") == 2
-    assert text.count("# CHECK: proposed from the names of its fields; confirm quantities, units and axes") == 2
-    accepted(log, tmp_path / "found.toml")
+    assert text.count("# by the names of its columns") == text.count(PROPOSED) == 2
+    accepted(csv, tmp_path / "found.toml")
 
 
 def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
@@ -332,24 +329,20 @@ def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
         ("cm/s", 100, "estimated from the distances between fixes"),
     ],
 )
-def test_velocities_that_are_impossible_in_metres_are_proposed_in_another_unit(
-    tmp_path: Path, unit: str, factor: int, why: str
-) -> None:
-    log = without_units(tmp_path / "dive")
-    dvl = pd.read_csv(log / "dvl.csv")
+def test_velocities_that_are_impossible_in_metres_are_proposed_in_another_unit(csv, tmp_path, unit, factor, why):
+    dvl = pd.read_csv(csv / "dvl.csv")
     dvl[["vx", "vy"]] *= factor
-    dvl.to_csv(log / "dvl.csv", index=False)
+    dvl.to_csv(csv / "dvl.csv", index=False)
 
-    text, found = initialised(log, tmp_path / "found.toml")
+    text, found = initialised(csv, tmp_path / "found.toml")
 
     assert (found["dvl"]["unit"], found["dvl"]["axes"]) == (unit, "FRD")
     assert f"# CHECK: {why}" in text
-    accepted(log, tmp_path / "found.toml")
+    accepted(csv, tmp_path / "found.toml")
 
 
 @pytest.mark.parametrize("form", ["Parquet", "HDF5", "MATLAB"])
-def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_files(tmp_path: Path, form: str) -> None:
-    csv = without_units(tmp_path / "csv")
+def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_files(csv, tmp_path, form):
     log = WRITERS[form](tmp_path, tables_of(csv))
 
     (_, of_csv), (_, of_log) = (initialised(path, tmp_path / "found.toml") for path in (csv, log))
@@ -358,8 +351,8 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
 
 
 @pytest.mark.parametrize("name", ["time", "datenum"])
-def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path, name: str) -> None:
-    tables = tables_of(without_units(tmp_path / "csv"))
+def test_day_numbers_of_matlab_are_proposed_as_such(csv: Path, tmp_path: Path, name: str) -> None:
+    tables = tables_of(csv)
     time = tables["dvl"].pop("time") / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
     time[0] = np.round(time[0], 0 if name == "datenum" else 9)  # of whole days only the name tells
     tables["dvl"][name] = time
@@ -370,12 +363,11 @@ def test_day_numbers_of_matlab_are_proposed_as_such(tmp_path: Path, name: str) -
     assert found["compass"]["columns"] == COMPASS_COLUMNS
 
 
-def test_of_two_kinds_of_position_one_is_proposed(tmp_path: Path) -> None:
-    log = without_units(tmp_path / "dive")
-    (log / "gps.csv").write_text(f"t,east,north,lat,lon\n{T0 // SECOND},1,2,45,7\n")
-    (log / "usbl.csv").write_text(f"t,range,bearing,elevation,east,north\n{T0 // SECOND},9,90,45,1,2\n")
+def test_of_two_kinds_of_position_one_is_proposed(csv: Path, tmp_path: Path) -> None:
+    (csv / "gps.csv").write_text(f"t,east,north,lat,lon\n{T0 // SECOND},1,2,45,7\n")
+    (csv / "usbl.csv").write_text(f"t,range,bearing,elevation,east,north\n{T0 // SECOND},9,90,45,1,2\n")
 
-    _, found = initialised(log, tmp_path / "found.toml")
+    _, found = initialised(csv, tmp_path / "found.toml")
 
     assert found["usbl"]["columns"] == {"time_unix_s": "t", "x": "east", "y": "north"}
     assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat", "lon_deg": "lon"}
@@ -396,35 +388,25 @@ def test_columns_beside_those_that_names_tell_are_proposed(tmp_path: Path) -> No
     accepted(tmp_path / "nav.csv", tmp_path / "found.toml")
 
 
-def test_of_two_columns_of_one_quantity_none_is_proposed(tmp_path: Path) -> None:
-    log = without_units(tmp_path / "dive")
-    sheet = (log / "ahrs.csv").read_text(encoding="utf-8").splitlines()
-    again = [f"{line},{line.split(',')[1]}" for line in sheet]
-    (log / "ahrs.csv").write_text("\n".join(["stamp,heading,imu_heading", *again[1:], ""]), encoding="utf-8")
+def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_quantity(csv, tmp_path):
+    sheet = pd.read_csv(csv / "ahrs.csv")
+    sheet.assign(imu_heading=sheet["heading"]).to_csv(csv / "ahrs.csv", index=False)
+    nameless = {"heading_rate": 1.0, "heading_rad": 2.0}
+    odd = [(row[0], "/dvl_heading", GYRO, nameless) if row[1] == "/dvl" else row for row in short_dive()]
 
-    said, text = asked_in(log, tmp_path / "found.toml")
-
-    assert "no topic is known to be compass; without it, only --filter usbl works" in said
-    assert "compass" not in tomllib.loads(text)
-
-
-def test_nothing_is_proposed_if_names_do_not_suffice(tmp_path: Path) -> None:
-    odd = [(ns, "/dvl_heading", GYRO, {"heading_rate": 1.0, "heading_rad": 2.0}) if topic == "/dvl" else
-           (ns, topic, kind, values) for ns, topic, kind, values in short_dive()]  # fmt: skip
-
-    said, text = asked_in(write_mcap(tmp_path / "dive.mcap", odd), tmp_path / "found.toml")
-
-    assert "no topic is known to be dvl; without it, only --filter usbl works" in said
-    assert "dvl" not in tomllib.loads(text)
+    for sensor, log in (("compass", csv), ("dvl", write_mcap(tmp_path / "dive.mcap", odd))):
+        said, text = asked_in(log, tmp_path / f"{sensor}.toml")
+        assert f"no topic is known to be {sensor}; without it, only --filter usbl works" in said
+        assert sensor not in tomllib.loads(text)
 
 
-def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path: Path) -> None:
-    log, file = without_units(tmp_path / "dive"), tmp_path / "found.toml"
-    sheet = (log / "ahrs.csv").read_text(encoding="utf-8")
-    (log / "compass.csv").write_text(sheet.replace("stamp,heading", "stamp,psi"), encoding="utf-8")
-    (log / "ahrs.csv").unlink()
+def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(csv: Path, tmp_path: Path) -> None:
+    file = tmp_path / "found.toml"
+    sheet = (csv / "ahrs.csv").read_text(encoding="utf-8")
+    (csv / "compass.csv").write_text(sheet.replace("stamp,heading", "stamp,psi"), encoding="utf-8")
+    (csv / "ahrs.csv").unlink()
 
-    said, text = asked_in(log, file)
+    said, text = asked_in(csv, file)
 
     assert said.endswith(f"{file} is written: complete the lines marked CHECK")
     assert "usbldr init" not in said
@@ -433,14 +415,13 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(tmp_path
     asked = '# [compass]\n# columns = { time_unix_s = "?", heading = "?" }'
     completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
     file.write_text(completed, encoding="utf-8")
-    accepted(log, file)
+    accepted(csv, file)
 
 
-def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(tmp_path: Path) -> None:
-    log = without_units(tmp_path / "dive")
-    (log / "gps.csv").write_text(f"t,place\n{T0 // SECOND},here\n", encoding="utf-8")
+def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(csv: Path, tmp_path: Path) -> None:
+    (csv / "gps.csv").write_text(f"t,place\n{T0 // SECOND},here\n", encoding="utf-8")
 
-    _, text = asked_in(log, tmp_path / "found.toml")
+    _, text = asked_in(csv, tmp_path / "found.toml")
 
     found = tomllib.loads(text)
     assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
@@ -469,13 +450,12 @@ def test_positions_without_direction_and_time_in_other_units_are_proposed(tmp_pa
     accepted(log, tmp_path / "found.toml")
 
 
-def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_stated(tmp_path: Path) -> None:
-    log = without_units(tmp_path / "dive")
+def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_stated(csv: Path) -> None:
     rows = [f"{(T0 + k * SECOND) // 10**6},{45 + k * 1e-6},7" for k in range(30)]
-    (log / "truth.csv").write_text("\n".join(["clock,phi,lambda", *rows, ""]), encoding="utf-8")
-    file = log / "usbldr.toml"
+    (csv / "truth.csv").write_text("\n".join(["clock,phi,lambda", *rows, ""]), encoding="utf-8")
+    file = csv / "usbldr.toml"
 
-    _, text = asked_in(log, file)
+    _, text = asked_in(csv, file)
 
     assert tomllib.loads(text)["dvl"]["axes"] == "FRD"
     asked = '# [truth]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }'
@@ -483,4 +463,4 @@ def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_st
     stated = f'{MAP}[truth]\nfile = "truth.csv"\n'
     stated += 'columns = { time_unix_ms = "clock", lat_deg = "phi", lon_deg = "lambda" }'
     file.write_text(text.replace(asked, stated), encoding="utf-8")
-    accepted(log, file)
+    accepted(csv, file)

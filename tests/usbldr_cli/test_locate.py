@@ -20,24 +20,13 @@ def circling(step_s=1.0, radius_m=20.0, speed_mps=2.0):
     """A track on a circle, clockwise from its westernmost point, with a roll of 10 and a pitch of -5 degrees."""
     time_s = np.arange(0, 61, step_s)
     angle = speed_mps / radius_m * time_s
-    table = {
-        "time_s": time_s,
-        "east_m": radius_m * (1 - np.cos(angle)),
-        "north_m": radius_m * np.sin(angle),
-        "heading_deg": np.degrees(angle) % 360,
-        "starboard_mps": 0.0,
-        "forward_mps": speed_mps,
-        "sd_east_m": 0.3,
-        "sd_north_m": 0.4,
-        "cov_en_m2": 0.05,
-        "depth_m": 30.0,
-        "roll_deg": 10.0,
-        "pitch_deg": -5.0,
-        "sd_heading_deg": 2.0,
-        "cov_east_heading_mdeg": 0.1,
-        "cov_north_heading_mdeg": -0.2,
-    }
-    return SmoothedRun(Path("run"), 10**18, None, pd.DataFrame(table), 5.0, (("dvl", 20.0, 30.0),), Path("log"))
+    place = {"east_m": radius_m * (1 - np.cos(angle)), "north_m": radius_m * np.sin(angle), "depth_m": 30.0}
+    velocity = {"starboard_mps": 0.0, "forward_mps": speed_mps}
+    attitude = {"heading_deg": np.degrees(angle) % 360, "roll_deg": 10.0, "pitch_deg": -5.0}
+    sigmas = {"sd_east_m": 0.3, "sd_north_m": 0.4, "cov_en_m2": 0.05, "sd_heading_deg": 2.0}
+    sigmas |= {"cov_east_heading_mdeg": 0.1, "cov_north_heading_mdeg": -0.2}
+    table = pd.DataFrame({"time_s": time_s, **place, **velocity, **attitude, **sigmas})
+    return SmoothedRun(Path("run"), 10**18, None, table, 5.0, (("dvl", 20.0, 30.0),), Path("log"))
 
 
 def at(time_s):

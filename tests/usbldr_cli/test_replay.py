@@ -44,9 +44,7 @@ def fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     return run_as_the_shell
 
 
-def test_lost_data_is_said_on_stderr_and_ends_in_exit_3_and_without_a_run_if_it_is_strict(
-    dive: Path, fault: Fault
-) -> None:
+def test_lost_data_is_said_on_stderr_and_ends_in_exit_3_and_without_a_run_if_it_is_strict(dive, fault):
     dive.write_bytes(dive.read_bytes()[:200_000])
 
     strict, fault_said = fault("replay", dive, "--strict", "-o", dive.parent / "run")
@@ -101,10 +99,8 @@ def test_a_run_by_arrival_says_if_it_was_identified_from_the_whole_log(dive, cal
 def test_without_plots_nothing_is_drawn_and_matplotlib_is_not_imported(dive: Path) -> None:
     out = dive.parent / "run"
     words = ["replay", str(dive), "-f", "dr", "-o", str(out), "--plots", "none", "-q"]
-    code = (
-        f"import sys; from usbldr_cli.main import cli; cli.main({words!r}, standalone_mode=False); "
-        "sys.exit('matplotlib' in sys.modules)"
-    )
+    replayed = f"from usbldr_cli.main import cli; cli.main({words!r}, standalone_mode=False)"
+    code = f"import sys; {replayed}; sys.exit('matplotlib' in sys.modules)"
 
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     assert not list(out.glob("*.png"))
@@ -112,25 +108,20 @@ def test_without_plots_nothing_is_drawn_and_matplotlib_is_not_imported(dive: Pat
 
 
 def test_a_report_says_how_it_was_made(dive: Path) -> None:
-    truth = dive.parent / "truth.csv"
+    truth, out = dive.parent / "truth.csv", dive.parent / "run"
     truth.write_text("time_ns,east_m,north_m\n1767225600000000000,0,0\n1767225601000000000,1,1\n", encoding="utf-8")
-    out = dive.parent / "run"
+    inputs = {"log": dive, "configuration": dive.parent / "paper.usbldr.toml", "truth": truth}
     words = tuple(map(str, ("replay", dive, "-f", "usbl", "--truth", truth, "--plots", "none", "-o", out)))
     assert run(*words).exit_code == 0
 
-    report = report_of(dive.parent / "run")
+    report = report_of(out)
 
     made = report["provenance"]
     assert made["command"] == ["usbldr", *words]
-    digests = {role: hashlib.sha256(file.read_bytes()).hexdigest() for role, file in _inputs(dive, truth).items()}
     assert {one["role"]: (one["file"], one["sha256"]) for one in made["inputs"]} == {
-        role: (file.name, digests[role]) for role, file in _inputs(dive, truth).items()
+        role: (file.name, hashlib.sha256(file.read_bytes()).hexdigest()) for role, file in inputs.items()
     }
     assert made["python"] == ".".join(map(str, sys.version_info[:3]))
     assert made["libraries"]["numpy"] == np.__version__
     assert made["kernel"] in ("numpy", "portable", "avx2", "avx512")
     assert (report["request"]["filter"], report["request"]["selection"]["truth"]) == ("usbl", str(truth))
-
-
-def _inputs(dive: Path, truth: Path) -> dict[str, Path]:
-    return {"log": dive, "configuration": dive.parent / "paper.usbldr.toml", "truth": truth}

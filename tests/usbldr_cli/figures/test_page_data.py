@@ -64,13 +64,16 @@ def test_the_words_of_a_figure_name_its_panels_and_what_is_drawn() -> None:
     assert text_of(figure) == "upper. time [s]. Drawn: line, mark (at the edge), band, outage."
 
 
-def test_a_shade_across_the_axes_is_one_of_the_vertical_axis() -> None:
+def test_a_shade_across_the_axes_is_one_of_the_vertical_axis_and_a_box_plot_has_no_name() -> None:
     figure = titled_figure("title", "detail", 8, 6)
-    figure.subplots().axhspan(-1, 2)
+    shaded, boxes = figure.subplots(1, 2)
+    shaded.axhspan(-1, 2)
+    boxes.boxplot([[1.0, 2.0, 3.0]], showfliers=False)
 
-    (shade,) = page_data(figure)["columns"][0]["panels"][0]["marks"]
+    (shade,), drawn = (column["panels"][0]["marks"] for column in page_data(figure)["columns"])
 
     assert (shade["axis"], shade["from"], shade["to"]) == ("y", -1, 2)
+    assert {mark["key"] for mark in drawn} == {""}
 
 
 def test_panels_beside_each_other_share_the_label_of_their_row_and_an_axis_may_have_no_ticks() -> None:
@@ -97,15 +100,6 @@ def test_what_is_drawn_at_the_edge_has_its_true_height_on_the_page(line: str) ->
     (mark,) = data["columns"][0]["panels"][0]["marks"]
     assert axes.lines[0].get_ydata()[1] == 2
     assert (numbers(data, mark["y"])[:2], mark["beyond"]) == ([1, 50], ["y"])
-
-
-def test_a_box_plot_has_no_name_on_the_page() -> None:
-    figure = titled_figure("title", "detail", 8, 6)
-    figure.subplots().boxplot([[1.0, 2.0, 3.0]], showfliers=False)
-
-    (panel,) = page_data(figure)["columns"][0]["panels"]
-
-    assert {mark["key"] for mark in panel["marks"]} == {""}
 
 
 def test_a_few_known_values_among_many_unknown_ones_are_drawn() -> None:

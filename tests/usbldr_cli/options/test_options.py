@@ -145,8 +145,6 @@ def test_compare_says_it_too_and_refuses_to_set_it_beside_a_run_without(tmp_path
 
 
 GROUPED = [replay, compare, drill, evaluate, baseline, check]
-every = pytest.mark.parametrize("command", GROUPED, ids=[str(command.name) for command in GROUPED])
-both = pytest.mark.parametrize("command", [replay, compare], ids=["replay", "compare"])
 
 
 def help_text(command: click.Command, option: str) -> str:
@@ -156,7 +154,7 @@ def help_text(command: click.Command, option: str) -> str:
     return done.output
 
 
-@both
+@pytest.mark.parametrize("command", [replay, compare], ids=["replay", "compare"])
 def test_the_common_options_and_the_filters_fit_one_screen_in_titled_groups(command: click.Command) -> None:
     lines = help_text(command, "--help").splitlines()
 
@@ -166,20 +164,13 @@ def test_the_common_options_and_the_filters_fit_one_screen_in_titled_groups(comm
     assert f"{command.name} --help-all lists every option." in lines
 
 
-@every
-def test_help_all_lists_every_option(command: click.Command) -> None:
+@pytest.mark.parametrize("command", GROUPED, ids=[str(command.name) for command in GROUPED])
+def test_every_option_is_in_a_group_and_help_all_lists_it(command: click.Command) -> None:
     reported = help_text(command, "--help-all")
 
-    for option in command.params:
-        if isinstance(option, click.Option) and option.name not in ("help", "help_all"):
+    options = [param for param in command.params if isinstance(param, click.Option)]
+    assert [option.name for option in options if not isinstance(option, Option)] == ["help_all"]
+    for option in options:
+        if option.name not in ("help", "help_all"):
             assert f"{option.opts[0]} " in reported or f"{option.opts[0]}\n" in reported, option.name
     assert "--help-all lists" not in reported
-
-
-@every
-def test_every_option_is_in_a_group(command: click.Command) -> None:
-    plain = [
-        param.name for param in command.params if isinstance(param, click.Option) and not isinstance(param, Option)
-    ]
-
-    assert plain == ["help_all"]

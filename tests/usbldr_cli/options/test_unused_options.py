@@ -22,7 +22,7 @@ from usbldr_cli.options.option import Option
 from usbldr_cli.options.unused_options import unused_options
 
 SHORT = dataclasses.replace(find_scenario("paper"), duration_s=20.0)
-OTHER: dict[str, Any] = {
+OTHER: dict[str, Any] = {  # by option: another value than the default
     "particles": 30,
     "seed": 5,
     "calibrate": ("scale",),
@@ -30,7 +30,6 @@ OTHER: dict[str, Any] = {
     "order": "arrival",
     "guard": True,
 }
-"""By option: another value than the default."""
 OPTIONS = {str(param.name): param for param in compare.params if isinstance(param, Option)}
 
 
@@ -71,9 +70,8 @@ def test_the_sentence_names_the_methods_that_use_the_option() -> None:
         "particles has no effect on ekf, dr (it is for cpf, upf, pf, pf-wekf)"
     ]
     assert unused_options([OPTIONS["particles"], OPTIONS["seed"]], ["ekf", "cpf"], drawn=False) == []
-    assert (
-        unused_options([OPTIONS["seed"], OPTIONS["seeds"]], ["ekf"], drawn=True) == []
-    )  # each seed is a dive of its own
+    each_seed_a_dive = unused_options([OPTIONS["seed"], OPTIONS["seeds"]], ["ekf"], drawn=True)
+    assert each_seed_a_dive == []
 
 
 @pytest.mark.long
@@ -85,7 +83,7 @@ def test_replay_compare_drill_and_check_say_it_in_one_line_and_go_on(tmp_path: P
         "[row.metrics]\nmean_horizontal_m = { rel = 1 }\n",
         encoding="utf-8",
     )
-    said = "--particles has no effect on dr (it is for cpf, upf, pf, pf-wekf)"
+    said = "particles has no effect on dr (it is for cpf, upf, pf, pf-wekf)"
     one = ("--jobs", 1, "--quiet")
 
     replayed = run("replay", file, "-f", "dr", "-N", 20, "-o", tmp_path / "run", "--plots", "none", "-q")
@@ -94,9 +92,7 @@ def test_replay_compare_drill_and_check_say_it_in_one_line_and_go_on(tmp_path: P
     checked = run("check", tmp_path / "gate.toml", "-o", "none", *one)
 
     for done in (replayed, compared, drilled):
-        assert done.stderr.splitlines()[0] == f"usbldr: {said}"
+        assert done.stderr.splitlines()[0] == f"usbldr: --{said}"
         assert done.return_value == 0
-    assert checked.stderr.splitlines()[0] == (
-        f"usbldr: {tmp_path / 'gate.toml'}: row 'r': particles has no effect on dr (it is for cpf, upf, pf, pf-wekf)"
-    )
+    assert checked.stderr.splitlines()[0] == f"usbldr: {tmp_path / 'gate.toml'}: row 'r': {said}"
     assert "no effect" not in run("compare", file, "-f", "dr,cpf", "--particles", 20, *one).stderr

@@ -19,8 +19,6 @@ PAPER = find_scenario("paper")
 LOG = dive_without_calibration(dataclasses.replace(PAPER, duration_s=60.0), seed=1)
 TIMELINE = timeline(LOG)
 CPF = run_filter("cpf", TIMELINE, LOG.parameters)
-
-
 a_run = partial(run_of, LOG, TIMELINE)
 
 
