@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -53,9 +54,8 @@ def retyped(topic: str, kind: str, fields: dict[str, str], **more: object) -> li
     rows: list[Row] = []
     for row in BASE:
         values = {new: row[3][old] for new, old in fields.items()} if row[1] == topic else {}
-        rows.append(
-            (row[0], topic, kind, values | {k.replace("__", "."): v for k, v in more.items()}) if values else row
-        )
+        of_all = {name.replace("__", "."): value for name, value in more.items()}
+        rows.append((row[0], topic, kind, values | of_all) if values else row)
     return rows
 
 
@@ -75,10 +75,9 @@ def with_covariance(value: float) -> dict[str, list[Row]]:
 
 def few(topic: str, count: int) -> list[Row]:
     """Return the dive with some messages of a topic, or of each, only."""
-    seen: dict[str, int] = {}
-    rows: list[Row] = []
+    seen, rows = Counter[str](), list[Row]()
     for row in BASE:
-        seen[row[1]] = seen.get(row[1], 0) + 1
+        seen[row[1]] += 1
         if seen[row[1]] <= count or topic not in (row[1], "each"):
             rows.append(row)
     return rows

@@ -31,23 +31,22 @@ ALL_STATES = "states = ['scale', 'misalignment', 'heading', 'deviation', 'latenc
 STATES_OF = {"pf": ALL_STATES.replace(" 'heading', 'deviation',", "")}  # it samples the yaw
 START = "east_m = 0\nnorth_m = 0\nsd_m = 1"
 UNITS = {"dvl": "mps", "compass": "deg", "usbl": "m", "gps": "m"}
-NOISES = {
-    "share": "'contamination', sd_U = 1.0",
-    "variance_ratio": "'mixture'",
-    "dof": "'student-t'",
-    "sd_U": "'contamination'",
-}
+NOISES = {"share": "'contamination', sd_U = 1.0", "variance_ratio": "'mixture'"}
+NOISES |= {"dof": "'student-t'", "sd_U": "'contamination'"}
 PLACE = {"lat_deg": "lon_deg = 7.0", "lon_deg": "lat_deg = 45.0", "east_m": "north_m = 0", "north_m": "east_m = 0"}
-KEYS = {  # key -> lines that let it act; V is its value, for a key inside a table or an array
-    "map.origin_lat_deg": "origin_lon_deg = 7.0",
-    "map.origin_lon_deg": "origin_lat_deg = 45.0",
-    **dict.fromkeys(
-        ("dvl.mount_deg", "dvl.scale_error", "dvl.sd_mps", "dvl.sd_scale", "dvl.latency_s", "dvl.clock_step_s"), ""
-    ),
-    "dvl.min_good_beams": "",
-    "dvl.sound_speed_mps": "",
-    "dvl.assumed_sound_speed_mps": "sound_speed_mps = 1480.0",
-    "dvl.lever_arm_m": "lever_arm_m = [V, 0, 1]",
+
+
+def keys(section: str, names: str, lines: str = "") -> dict[str, str]:
+    """Return keys with the lines that let them act; V is the value, and KEY the key, inside a table or an array."""
+    return {f"{section}.{name}": lines.replace("KEY", name) for name in names.split()}
+
+
+KEYS = {
+    **keys("map", "origin_lat_deg", "origin_lon_deg = 7.0"),
+    **keys("map", "origin_lon_deg", "origin_lat_deg = 45.0"),
+    **keys("dvl", "mount_deg scale_error sd_mps sd_scale latency_s clock_step_s min_good_beams sound_speed_mps"),
+    **keys("dvl", "assumed_sound_speed_mps", "sound_speed_mps = 1480.0"),
+    **keys("dvl", "lever_arm_m", "lever_arm_m = [V, 0, 1]"),
     **{
         f"{sensor}.noise.{key}".replace("U", unit): f"noise = {{ kind = {kind}, {key} = V }}".replace("U", unit)
         for sensor, unit in UNITS.items()
@@ -58,51 +57,36 @@ KEYS = {  # key -> lines that let it act; V is its value, for a key inside a tab
         for what in ("head", "beacon")
         for key, other in (PLACE | {"depth_m": "east_m = 0, north_m = 0"}).items()
     },
-    **dict.fromkeys(("compass.bias_deg", "compass.deviation_sin_deg", "compass.deviation_cos_deg"), ""),
-    **dict.fromkeys(
-        ("compass.declination_deg", "compass.sd_deg", "compass.sd_scale", "compass.latency_s", "compass.clock_step_s"),
-        "",
-    ),
-    **dict.fromkeys(("usbl.sd_m", "usbl.sd_scale", "usbl.latency_s", "usbl.clock_step_s"), ""),
-    "usbl.mount_deg": f"frame = 'body'\n{FIXED}",
-    **dict.fromkeys(("usbl.mount_roll_deg", "usbl.mount_pitch_deg"), f"frame = 'body'\n{FIXED}"),
-    "usbl.head.latency_s": f"head = {{ {SHIP}, latency_s = V }}",
-    "usbl.head.heading_latency_s": f"head = {{ {SHIP}, heading_latency_s = V }}",
-    "usbl.sound_speed_scale": FIXED,
-    **dict.fromkeys(("usbl.sound_speed_mps", "usbl.turnaround_s"), f"stamped_at = 'reply'\n{FIXED}"),
-    "usbl.target": "",
-    "usbl.range_sd_m": f"bearing_sd_deg = 1.0\n{FIXED}",
-    "usbl.range_sd_rel": f"bearing_sd_deg = 1.0\n{FIXED}",
-    "usbl.bearing_sd_deg": f"range_sd_m = 1.0\n{FIXED}",
-    "usbl.heading_sd_deg": f"frame = 'body'\n{FIXED}",
-    "usbl.lever_arm_m": "lever_arm_m = [0, V, 1]",
-    "usbl.head.sd_m": f"head = {{ {SHIP}, sd_m = V }}",
-    "usbl.head.heading_deg": "frame = 'body'\nhead = { east_m = 0, north_m = 0, heading_deg = V }",
-    "usbl.head.heading_bias_deg": f"frame = 'body'\nhead = {{ {SHIP}, heading_bias_deg = V }}",
-    "usbl.head.heading_declination_deg": f"frame = 'body'\nhead = {{ {SHIP}, heading_declination_deg = V }}",
-    "usbl.head.lever_arm_m": f"head = {{ {SHIP}, lever_arm_m = [V, 1, 1] }}",
-    "usbl.head.max_gap_s": f"head = {{ {SHIP}, max_gap_s = V }}",
-    "usbl.beacon.sd_m": "beacon = { east_m = 0, north_m = 0, sd_m = V }",
-    "usbl.beacon.max_gap_s": "frame = 'body'\nbeacon = { east_m = 0, north_m = 0, max_gap_s = V }",
-    **dict.fromkeys(("gps.sd_m", "gps.latency_s"), ""),
-    "gps.lever_arm_m": "lever_arm_m = [V, 0, 0]",
-    **dict.fromkeys(("depth.surface_pa", "depth.latency_s", "truth.max_gap_s", "truth.latency_s"), ""),
-    **dict.fromkeys(("truth.sd_m", "truth.heading_sd_deg", "truth.scale_sd"), ""),
-    "truth.skip_rows": "file = 'truth.csv'",
-    "truth.lever_arm_m": "lever_arm_m = [0, V, 0]",
-    **dict.fromkeys(("process.position_m", "process.heading_deg", "process.velocity_mps"), ""),
-    **dict.fromkeys(("process.turn_rate_dps", "process.uncalibrated_m"), ""),
-    **dict.fromkeys(("calibrate.scale_sd", "calibrate.mount_sd_deg", "calibrate.heading_sd_deg"), ALL_STATES),
-    **dict.fromkeys(("calibrate.heading_walk_deg", "calibrate.deviation_sd_deg"), ALL_STATES),
-    **dict.fromkeys(("calibrate.latency_sd_s", "calibrate.usbl_bias_sd_m", "calibrate.usbl_bias_time_s"), ALL_STATES),
-    **dict.fromkeys(("calibrate.current_sd_mps", "calibrate.current_walk_mps"), ALL_STATES),
-    **dict.fromkeys(("calibrate.dvl_lever_sd_m", "calibrate.dvl_clock_sd_s", "calibrate.compass_clock_sd_s"), ""),
-    **dict.fromkeys(("calibrate.usbl_heading_sd_deg", "calibrate.usbl_range_sd"), ""),
-    "start.east_m": "north_m = 0\nsd_m = 1",
-    "start.north_m": "east_m = 0\nsd_m = 1",
-    "start.sd_m": "east_m = 0\nnorth_m = 0",
-    **dict.fromkeys(("start.heading_sd_deg", "start.velocity_sd_mps", "start.turn_rate_sd_dps"), START),
-    **dict.fromkeys(("file.clock_offset_s", "file.date"), "path = 'dive.mcap'"),
+    **keys("compass", "bias_deg deviation_sin_deg deviation_cos_deg declination_deg"),
+    **keys("compass", "sd_deg sd_scale latency_s clock_step_s"),
+    **keys("usbl", "sd_m sd_scale latency_s clock_step_s target"),
+    **keys("usbl", "mount_deg mount_roll_deg mount_pitch_deg heading_sd_deg", f"frame = 'body'\n{FIXED}"),
+    **keys("usbl", "sound_speed_scale", FIXED),
+    **keys("usbl", "sound_speed_mps turnaround_s", f"stamped_at = 'reply'\n{FIXED}"),
+    **keys("usbl", "range_sd_m range_sd_rel", f"bearing_sd_deg = 1.0\n{FIXED}"),
+    **keys("usbl", "bearing_sd_deg", f"range_sd_m = 1.0\n{FIXED}"),
+    **keys("usbl", "lever_arm_m", "lever_arm_m = [0, V, 1]"),
+    **keys("usbl.head", "latency_s heading_latency_s sd_m max_gap_s", f"head = {{ {SHIP}, KEY = V }}"),
+    **keys("usbl.head", "heading_deg", "frame = 'body'\nhead = { east_m = 0, north_m = 0, heading_deg = V }"),
+    **keys("usbl.head", "heading_bias_deg heading_declination_deg", f"frame = 'body'\nhead = {{ {SHIP}, KEY = V }}"),
+    **keys("usbl.head", "lever_arm_m", f"head = {{ {SHIP}, lever_arm_m = [V, 1, 1] }}"),
+    **keys("usbl.beacon", "sd_m", "beacon = { east_m = 0, north_m = 0, sd_m = V }"),
+    **keys("usbl.beacon", "max_gap_s", "frame = 'body'\nbeacon = { east_m = 0, north_m = 0, max_gap_s = V }"),
+    **keys("gps", "sd_m latency_s"),
+    **keys("gps", "lever_arm_m", "lever_arm_m = [V, 0, 0]"),
+    **keys("depth", "surface_pa latency_s"),
+    **keys("truth", "max_gap_s latency_s sd_m heading_sd_deg scale_sd"),
+    **keys("truth", "skip_rows", "file = 'truth.csv'"),
+    **keys("truth", "lever_arm_m", "lever_arm_m = [0, V, 0]"),
+    **keys("process", "position_m heading_deg velocity_mps turn_rate_dps uncalibrated_m"),
+    **keys("calibrate", "scale_sd mount_sd_deg heading_sd_deg heading_walk_deg deviation_sd_deg", ALL_STATES),
+    **keys("calibrate", "latency_sd_s usbl_bias_sd_m usbl_bias_time_s current_sd_mps current_walk_mps", ALL_STATES),
+    **keys("calibrate", "dvl_lever_sd_m dvl_clock_sd_s compass_clock_sd_s usbl_heading_sd_deg usbl_range_sd"),
+    **keys("start", "east_m", "north_m = 0\nsd_m = 1"),
+    **keys("start", "north_m", "east_m = 0\nsd_m = 1"),
+    **keys("start", "sd_m", "east_m = 0\nnorth_m = 0"),
+    **keys("start", "heading_sd_deg velocity_sd_mps turn_rate_sd_dps", START),
+    **keys("file", "clock_offset_s date", "path = 'dive.mcap'"),
 }
 NEEDED = {"compass": "topic = '/imu'", "gps": "topic = '/gps/fix'"}  # the ship has such topics, too
 
@@ -199,23 +183,14 @@ def test_several_odd_values_at_once_are_a_run_or_a_sentence(log: Path) -> None:
         replay_with(log, dict(values.values()), "--filter", rng.choice(["ekf", "adf"]), *rng.choice(choices))
 
 
-NUMBERED = {
-    "--gate": "ekf --gate V",
-    "--seed": "cpf --seed V",
-    "--start": "ekf --start V",
-    "--end": "ekf --end V",
-    "--dr-from latitude": "dr --dr-from V,7",
-    "--dr-from longitude": "dr --dr-from 45,V",
-    "--fast-hz": "ekf --fast-hz V",
-    "--slow-hz": "ekf --slow-hz V",
-    "both rates": "ekf --slow-hz V --fast-hz V",
-    "--aid from": "ekf --aid gps@V:60",
-    "--aid to": "ekf --aid gps@0:V",
-    **{
-        f"--noise {sensor}={kind}": f"adf --noise {sensor}={kind}:V"
-        for sensor in ("dvl", "compass", "usbl", "gps")
-        for kind in ("mixture", "mixture:0.3", "student-t", "contamination", "contamination:0.1")
-    },
+NUMBERED = {f"--{name}": f"ekf --{name} V" for name in ("gate", "start", "end", "fast-hz", "slow-hz")}
+NUMBERED |= {"--seed": "cpf --seed V", "both rates": "ekf --slow-hz V --fast-hz V"}
+NUMBERED |= {"--dr-from latitude": "dr --dr-from V,7", "--dr-from longitude": "dr --dr-from 45,V"}
+NUMBERED |= {"--aid from": "ekf --aid gps@V:60", "--aid to": "ekf --aid gps@0:V"}
+NUMBERED |= {
+    f"--noise {sensor}={kind}": f"adf --noise {sensor}={kind}:V"
+    for sensor in ("dvl", "compass", "usbl", "gps")
+    for kind in ("mixture", "mixture:0.3", "student-t", "contamination", "contamination:0.1")
 }
 MOMENTS = ["", "x", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59Z", "2020-09-13T12:27:00Z"]
 

@@ -35,9 +35,12 @@ def river(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, pd.DataFr
     folder = tmp_path_factory.mktemp("river") / "river"
     run("export", RIVER / "riverpro.mcap", "--config", RIVER / "corrected.toml", "-o", folder)
     configuration = (folder / "usbldr.toml").read_text(encoding="utf-8")
-    return {name: pd.read_csv(folder / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")}, re.sub(
-        r"\[truth\]\n(.+\n)*", "", configuration
-    )
+    tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")}
+    return tables, re.sub(r"\[truth\]\n(.+\n)*", "", configuration)
+
+
+def seconds(table: pd.DataFrame) -> pd.Series:
+    return (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
 
 
 @pytest.fixture
@@ -97,9 +100,8 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
         return pd.DataFrame({"time_ns": table["time_ns"], "vx": 1.0, "vy": 0.0})
 
     def north(table: pd.DataFrame) -> pd.DataFrame:
-        t = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
         noise = np.random.default_rng(2).normal(size=(len(table), 2))
-        return table.assign(east_m=noise[:, 0], north_m=t + noise[:, 1])
+        return table.assign(east_m=noise[:, 0], north_m=seconds(table) + noise[:, 1])
 
     log = edited(columns + LIMITS.partition("\n")[2].partition("\n")[2], dvl=unnamed, usbl=north,
                  compass=lambda table: table.assign(heading_deg=0.0))  # fmt: skip
@@ -115,11 +117,7 @@ def test_dead_reckoning_and_a_run_directory_are_called_what_they_are(edited: Cal
 
 @pytest.mark.long
 def test_excluded_fixes_are_those_that_the_log_never_had(edited: Callable[..., Path]) -> None:
-    def shortened(table: pd.DataFrame) -> pd.DataFrame:
-        time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
-        return table[(time_s < 300) | (time_s > 360)]
-
-    without = replayed(edited(usbl=shortened))
+    without = replayed(edited(usbl=lambda table: table[(seconds(table) < 300) | (seconds(table) > 360)]))
     log = edited()
 
     code, said = replayed(log, "--exclude", "usbl@300:360")
@@ -135,13 +133,11 @@ def times(factor: float) -> Edit:
 
 
 def at_the_ends(table: pd.DataFrame) -> pd.DataFrame:
-    time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
-    return table[(time_s < 15) | (time_s > time_s.iloc[-1] - 15)]
+    return table[(seconds(table) < 15) | (seconds(table) > seconds(table).iloc[-1] - 15)]
 
 
 def at_anchor(table: pd.DataFrame) -> pd.DataFrame:
-    time_s = (table["time_ns"] - table["time_ns"].iloc[0]) / 1e9
-    near = {"lat_deg": 5e-5 * np.cos(time_s / 60), "lon_deg": 1e-4 * np.sin(time_s / 40)}
+    near = {"lat_deg": 5e-5 * np.cos(seconds(table) / 60), "lon_deg": 1e-4 * np.sin(seconds(table) / 40)}
     places = {name: table[name].mean() + value for name, value in near.items()}
     return table.drop(columns=["east_m", "north_m"]).assign(**places)
 
@@ -152,17 +148,21 @@ def of_the_ship(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def around(table: pd.DataFrame) -> pd.DataFrame:  # 28 m from the vehicle, and with it
-    angle = (table["time_ns"] - table["time_ns"].iloc[0]) / 60e9
+    angle = seconds(table) / 60
     lon_deg = table["lon_deg"] + np.degrees(28 * np.sin(angle) / 6.371e6) / np.cos(np.radians(table["lat_deg"]))
     lat_deg = table["lat_deg"] + np.degrees(28 * np.cos(angle) / 6.371e6)
     return table.drop(columns=["east_m", "north_m"]).assign(lat_deg=lat_deg, lon_deg=lon_deg)
 
 
 def scattered(table: pd.DataFrame) -> pd.DataFrame:
-    more_m = (
-        7.0 * np.random.default_rng(1).normal(size=(len(table), 2)) * (np.arange(len(table))[:, None] > len(table) / 2)
-    )
+    in_second_half = np.arange(len(table))[:, None] > len(table) / 2
+    more_m = 7.0 * np.random.default_rng(1).normal(size=(len(table), 2)) * in_second_half
     return table.assign(east_m=table["east_m"] + more_m[:, 0], north_m=table["north_m"] + more_m[:, 1])
+
+
+def noisy(table: pd.DataFrame) -> pd.DataFrame:
+    noise_deg = np.random.default_rng(1).normal(0.0, 12.0, len(table))
+    return table.assign(heading_deg=table["heading_deg"] + noise_deg)
 
 
 def in_degrees(table: pd.DataFrame, lon_deg: int = 1) -> pd.DataFrame:
@@ -205,11 +205,7 @@ CAUSES = {
         r"from ([789]|3[3-7])\d s on the USBL fixes scatter [1-4]\.\d times as much as before",
     ),
     "a noisy compass": (
-        {
-            "compass": lambda table: table.assign(
-                heading_deg=table["heading_deg"] + np.random.default_rng(1).normal(0.0, 12.0, len(table))
-            )
-        },
+        {"compass": noisy},
         r"scatter by up to 1\d deg, not by the [\d.]+ deg of their sigma: .* \[NOISE-LARGER\]",
     ),
     "the GPS of another vessel": ({"gps": at_anchor}, "track and truth move differently"),
@@ -222,9 +218,7 @@ CAUSES = {
 @pytest.mark.parametrize("name", CAUSES)
 @pytest.mark.parametrize("kind", ["made", "real"])
 @pytest.mark.long
-def test_each_cause_is_said_of_a_made_and_of_a_real_log(
-    kind: str, name: str, request: pytest.FixtureRequest, edited: Callable[..., Path]
-) -> None:
+def test_each_cause_is_said_of_a_made_and_of_a_real_log(kind: str, name: str, request, edited) -> None:
     """The ship's GPS is named, too: by --gps it is as wrong."""
     tables, configuration = request.getfixturevalue("river") if kind == "real" else (None, LIMITS)
     edits, sentence, *options = CAUSES[name]
@@ -241,9 +235,7 @@ def test_each_cause_is_said_of_a_made_and_of_a_real_log(
         (lambda table: in_degrees(table).rename(columns=EXCHANGED), "latitude and longitude are exchanged"),
     ],
 )
-def test_wrong_latitudes_of_fixes_are_no_wrong_axes(
-    edited: Callable[..., Path], edit: Callable[[pd.DataFrame], pd.DataFrame], what: str
-) -> None:
+def test_wrong_latitudes_of_fixes_are_no_wrong_axes(edited: Callable[..., Path], edit: Edit, what: str) -> None:
     alone, far_from_map = (read_log(edited(toml, usbl=edit)) for toml in ("", LIMITS))
 
     (found,) = convention_warnings(alone, timeline(alone))
@@ -253,9 +245,7 @@ def test_wrong_latitudes_of_fixes_are_no_wrong_axes(
 
 
 @pytest.mark.long
-def test_of_two_topics_the_one_that_moves_with_the_others_is_chosen(
-    edited: Callable[..., Path], dive, tmp_path
-) -> None:
+def test_of_two_topics_the_one_that_moves_with_the_others_is_chosen(edited, dive, tmp_path):
     """The ship's come first in the log, and have as many messages."""
     log = edited(LIMITS)
     for name, edit in {"usbl": of_the_ship, "gps": at_anchor}.items():

@@ -19,7 +19,7 @@ from ruamel.yaml import YAML
 import usbldr
 from checkout import ROOT
 from commands import command, options_of
-from recordings import T0, define, write_mcap
+from recordings import HEADER, T0, define, write_mcap
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.messages import registry
 from usbldr.io.messages.layouts import MessageLayout
@@ -59,9 +59,12 @@ def test_the_readme_names_targets_that_the_makefile_has() -> None:
     assert {"demo", "test"} <= named <= targets
 
 
-def test_every_file_that_the_readme_links_to_is_there() -> None:
-    for target in re.findall(r"\]\(([^)#:]+)\)", README):
-        assert (ROOT / target).is_file(), target
+DOC = (ROOT / "docs" / "types.md").read_text(encoding="utf-8")
+
+
+def test_every_file_that_the_readme_links_to_and_that_the_page_of_types_names_is_there() -> None:
+    for name in (*re.findall(r"\]\(([^)#:]+)\)", README), *re.findall(r"`((?:io|tests)/[a-z_/]+\.py)`", DOC)):
+        assert (ROOT / name).is_file(), name
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
@@ -96,9 +99,10 @@ def test_every_command_among_the_features_has_its_options(line: str) -> None:
     assert {word for word in words if re.fullmatch(r"--?[a-z][a-z-]*", word)} <= options_of(name)
 
 
-@pytest.mark.parametrize("option", found(r"`(--[a-z-]+)", "features"))
-def test_every_option_among_the_features_is_one_of_a_command(option: str) -> None:
-    assert any(option in options_of(name) for name in COMMANDS)
+@pytest.mark.parametrize(("page", "where"), [("features", COMMANDS), ("troubleshooting", ["replay"])])
+def test_every_option_of_the_features_is_one_of_a_command_and_of_the_symptoms_one_of_replay(page, where):
+    known = set[str]().union(*map(options_of, where))
+    assert [option for option in found(r"`(--[a-z-]+)", page) if option not in known] == []
 
 
 def test_every_filter_is_among_the_features() -> None:
@@ -112,11 +116,6 @@ def test_every_code_of_the_symptoms_is_one_of_a_finding() -> None:
     codes = set(found(r"`([A-Z]+(?:-[A-Z]+)+|[A-Z]{5,})`", "troubleshooting"))
     assert len(codes) > 15
     assert codes <= set(found(r"`([A-Z-]+)`", "findings"))
-
-
-@pytest.mark.parametrize("option", found(r"`(--[a-z-]+)", "troubleshooting"))
-def test_every_option_of_the_symptoms_is_one_of_replay(option: str) -> None:
-    assert option in options_of("replay")
 
 
 FILTERS = {"adf", "cpf"}
@@ -148,14 +147,8 @@ def test_the_checks_of_a_terminal_and_of_both_services_take_their_options() -> N
         assert command(name).make_context(name, shlex.split(words)).params
 
 
-DOC = (ROOT / "docs" / "types.md").read_text(encoding="utf-8")
-SPEED = "float64 forward\nfloat64 port\nfloat64 up\n"
-define(
-    {
-        "acme_msgs/msg/Speed": SPEED,
-        "acme_msgs/msg/BottomLock": "std_msgs/Header header\nacme_msgs/Speed speed\nint32 status\nfloat64 sigma\n",
-    }
-)
+define({"acme_msgs/msg/Speed": "float64 forward\nfloat64 port\nfloat64 up\n"})
+define({"acme_msgs/msg/BottomLock": f"{HEADER}acme_msgs/Speed speed\nint32 status\nfloat64 sigma\n"})
 
 
 def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -219,11 +212,6 @@ def test_every_refusal_stands_on_the_page_and_no_other() -> None:
         assert layout.type in names(types[sentences.index(layout.unsupported)]), layout.type
 
 
-def test_every_file_that_the_page_names_is_there() -> None:
-    for name in re.findall(r"`((?:io|tests)/[a-z_/]+\.py)`", DOC):
-        assert (ROOT / name).is_file(), name
-
-
 PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
@@ -263,19 +251,16 @@ def test_every_block_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: p
     assert "adf: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file: file.stem)
+@pytest.mark.parametrize("notebook", ["first_log", "own_filter"])
 def test_every_cell_of_a_notebook_runs_and_none_keeps_its_output(notebook, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
-    cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    text = (ROOT / "docs" / "notebooks" / f"{notebook}.ipynb").read_text(encoding="utf-8")
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
     names: dict[str, object] = {}
     for cell in cells:
         assert cell["outputs"] == []
         exec("".join(cell["source"]), names)
     assert "mean" in capsys.readouterr().out
-
-
-def test_there_are_notebooks() -> None:
-    assert [file.stem for file in NOTEBOOKS] == ["first_log", "own_filter"]
 
 
 CONSTANTS = (ROOT / "docs" / "constants.md").read_text(encoding="utf-8")

@@ -19,12 +19,9 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
 
 PAPER = find_scenario("paper")
-FAULTY = dataclasses.replace(
-    SCENARIO,
-    compass=dataclasses.replace(SCENARIO.compass, timing=SCENARIO.dvl.timing),
-    usbl=dataclasses.replace(SCENARIO.usbl, timing=SCENARIO.dvl.timing),
-    gps=dataclasses.replace(SCENARIO.gps, timing=Timing(clock_offset_s=0.25)),
-)
+TIMINGS = {"compass": SCENARIO.dvl.timing, "usbl": SCENARIO.dvl.timing, "gps": Timing(clock_offset_s=0.25)}
+LATE = {name: dataclasses.replace(getattr(SCENARIO, name), timing=timing) for name, timing in TIMINGS.items()}
+FAULTY = dataclasses.replace(SCENARIO, **LATE)
 HONEST = dataclasses.replace(
     FAULTY,
     current_mps=(0.0, 0.0),

@@ -7,7 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,21 +26,8 @@ import usbldr
 
 ONLY = usbldr.Method("only", "as adf", build=usbldr.METHODS["adf"].build, estimates=frozenset())
 """
-BASELINE = """\
-schema = 1
-[[row]]
-name = "a"
-log = "log"
-filter = "ekf"
-[row.metrics]
-matched = { value = 121, abs = 200 }
-[[row]]
-name = "b"
-log = "log"
-filter = "adf"
-[row.metrics]
-matched = { value = 121, abs = 200 }
-"""
+ROW = '[[row]]\nname = "{0}"\nlog = "log"\nfilter = "{0}"\n[row.metrics]\nmatched = {{ value = 121, abs = 200 }}\n'
+BASELINE = f"schema = 1\n{ROW.format('ekf')}{ROW.format('adf')}"
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +65,12 @@ COMMAND_LINES = [
 ]
 
 
-def executed(folder: Path) -> str:
+def run(command: Sequence[str | Path], folder: Path, **asked: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in the folder, which executes none of its modules."""
+    done = subprocess.run(command, cwd=folder, env=os.environ | asked, capture_output=True, text=True, check=False)
     mark = folder / "executed"
-    return mark.read_text() if mark.exists() else ""
+    assert not mark.exists(), mark.read_text()
+    return done
 
 
 def test_every_command_is_tried() -> None:
@@ -90,10 +80,9 @@ def test_every_command_is_tried() -> None:
 @pytest.mark.parametrize("words", COMMAND_LINES)
 def test_no_module_of_the_current_folder_is_executed(words: str, folder: Path, tmp_path: Path) -> None:
     (plugin := tmp_path / "mine.py").write_text(PLUGIN, encoding="utf-8")
-    command = [USBLDR, *words.format(plugin=f"{plugin}:ONLY").split()]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
-    assert executed(folder) == ""
+    done = run([USBLDR, *words.format(plugin=f"{plugin}:ONLY").split()], folder)
+
     assert done.returncode == (3 if words == "info dvl.mat" else 0), done.stderr  # a DVL alone cannot be replayed
 
 
@@ -113,10 +102,9 @@ for form in FORMATS:
 def test_no_format_executes_one(folder: Path, tmp_path: Path) -> None:
     """The script lies elsewhere, so that this folder is on the path no more than for the command itself."""
     (tmp_path / "read_all.py").write_text(READ_ALL, encoding="utf-8")
-    command = [sys.executable, tmp_path / "read_all.py", ROOT / "tests" / "support"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
-    assert executed(folder) == ""
+    done = run([sys.executable, tmp_path / "read_all.py", ROOT / "tests" / "support"], folder)
+
     assert done.returncode == 0, done.stderr
 
 
@@ -125,11 +113,8 @@ def test_completion_executes_none(shell: str, folder: Path) -> None:
     said = ""
     for line in ("usbldr replay log --usbl /", "usbldr replay log --filter e"):  # reads the log; the plugins
         last = line.split()[-1] if shell == "fish" else "4"
-        asked = {"_USBLDR_COMPLETE": f"{shell}_complete", "COMP_WORDS": line, "COMP_CWORD": last}
-        done = subprocess.run([USBLDR], cwd=folder, env=os.environ | asked, capture_output=True, text=True, check=False)
-        said = done.stdout
+        said = run([USBLDR], folder, _USBLDR_COMPLETE=f"{shell}_complete", COMP_WORDS=line, COMP_CWORD=last).stdout
 
-    assert executed(folder) == ""
     assert "ekf" in said
 
 
@@ -156,8 +141,6 @@ def address(folder: Path, tmp_path: Path) -> Generator[str]:
 
 
 def test_workers_of_a_scheduler_execute_none(address: str, folder: Path) -> None:
-    words = ["compare", "log", "--filters", "ekf,adf", "--scheduler", address]
-    done = subprocess.run([USBLDR, *words], cwd=folder, capture_output=True, text=True, check=False)
+    done = run([USBLDR, "compare", "log", "--filters", "ekf,adf", "--scheduler", address], folder)
 
-    assert executed(folder) == ""
     assert done.returncode == 0, done.stderr

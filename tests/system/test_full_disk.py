@@ -4,7 +4,9 @@ import errno
 import os
 import resource
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,7 +27,15 @@ def _replay(place: Path, *options: str) -> list[object]:
     return ["replay", DIVE, "--filter", "ekf", "--quiet", "--output", place / "run", *options]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a limit on the size of files")
+def _run(words: Sequence[object], stdout: Any = subprocess.PIPE, **how: Any) -> subprocess.CompletedProcess[str]:
+    command = [*USBLDR, *map(str, words)]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, **how)
+
+
+needs_limits = pytest.mark.skipif(os.name != "posix", reason="needs a limit on the size of files")
+
+
+@needs_limits
 @pytest.mark.parametrize(
     "command",
     [
@@ -38,8 +48,7 @@ def _replay(place: Path, *options: str) -> list[object]:
     ],
 )
 def test_a_disk_that_is_full_is_one_sentence_and_leaves_nothing(tmp_path, command):
-    words = [*USBLDR, *map(str, command(tmp_path))]
-    done = subprocess.run(words, capture_output=True, text=True, preexec_fn=_limited, check=False)
+    done = _run(command(tmp_path), preexec_fn=_limited)
 
     assert done.returncode == 3, done.stderr
     (line,) = done.stderr.splitlines()
@@ -49,11 +58,12 @@ def test_a_disk_that_is_full_is_one_sentence_and_leaves_nothing(tmp_path, comman
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a limit on the size of files")
+@needs_limits
 @pytest.mark.long
 def test_a_comparison_that_finds_the_disk_full_keeps_its_whole_files_alone(tmp_path: Path) -> None:
     words = ["compare", DIVE, "--filters", "ekf", "--jobs", 1, "--quiet", "--output", tmp_path / "compared"]
-    done = subprocess.run([*USBLDR, *map(str, words)], capture_output=True, text=True, preexec_fn=_limited, check=False)
+
+    done = _run(words, preexec_fn=_limited)
 
     assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
     left = sorted(file.name for file in (tmp_path / "compared").rglob("*"))
@@ -64,22 +74,16 @@ def test_results_on_a_full_stdout_are_one_sentence() -> None:
     if not os.path.exists("/dev/full"):
         pytest.skip("needs /dev/full")
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [*USBLDR, "simulate", "--list"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert (done.returncode, done.stderr) == (
-        3,
-        "usbldr: the output: cannot be written (No space left on device): make room on its disk, or choose another "
-        "place\n",
-    )
+        done = _run(["simulate", "--list"], stdout=full)
+    why = "No space left on device"
+    said = f"usbldr: the output: cannot be written ({why}): make room on its disk, or choose another place\n"
+    assert (done.returncode, done.stderr) == (3, said)
 
 
 def test_a_reader_that_has_enough_of_stdout_is_no_fault() -> None:
     reading, writing_end = os.pipe()
     os.close(reading)
-    done = subprocess.run(
-        [*USBLDR, "simulate", "--list"], stdout=writing_end, stderr=subprocess.PIPE, text=True, check=False
-    )
+    done = _run(["simulate", "--list"], stdout=writing_end)
     os.close(writing_end)
 
     assert done.stderr == ""

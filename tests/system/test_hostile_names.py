@@ -23,10 +23,9 @@ SHOWN = r'\x1b[2J\x07\n\u202e|<script>alert(1)</script>![x](http://example.com/x
 def hostile_dive(file: Path) -> Path:
     """Write a dive whose topics and frames have hostile names."""
     places = [(T0 + k * SECOND, "/gps/fix", FIX, {"latitude": 45.0, "longitude": 7.0}) for k in range(3)]
-    rows = [*short_dive(), *places]
-    return write_mcap(
-        file, [(t, topic + HOSTILE, kind, {**v, "header.frame_id": HOSTILE}) for t, topic, kind, v in rows]
-    )
+    hostile = {"header.frame_id": HOSTILE}
+    rows = [(t, topic + HOSTILE, kind, {**v, **hostile}) for t, topic, kind, v in [*short_dive(), *places]]
+    return write_mcap(file, rows)
 
 
 def test_names_show_as_they_are_and_do_nothing(tmp_path: Path) -> None:

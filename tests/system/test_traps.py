@@ -28,13 +28,10 @@ from recordings import (
 from usbldr.filters.errors import UsageError
 from usbldr.io.reading.read import read_log
 
-define(
-    {
-        "some_foxglove_msgs/msg/LocationFix": "float64 latitude\nfloat64 longitude\n",
-        "some_foxglove_msgs/msg/LocationFixes": "some_foxglove_msgs/LocationFix[] fixes\n",
-    }
-)
-define({"gps_only_msgs/msg/GPSFix": HEADER + "float64 latitude\nfloat64 longitude\nfloat64 track\nfloat64 err_horz\n"})
+PLACE = "float64 latitude\nfloat64 longitude\n"
+define({"gps_only_msgs/msg/GPSFix": f"{HEADER}{PLACE}float64 track\nfloat64 err_horz\n"})
+define({"some_foxglove_msgs/msg/LocationFix": PLACE})
+define({"some_foxglove_msgs/msg/LocationFixes": "some_foxglove_msgs/LocationFix[] fixes\n"})
 
 
 def cola2(k: int, age_s: float) -> Row:
@@ -43,19 +40,14 @@ def cola2(k: int, age_s: float) -> Row:
     return T0 + k * SECOND, "/usbl", POSE_COVARIANCE, values
 
 
-def test_a_fix_stamped_hours_before_it_came_is_none(tmp_path: Path) -> None:
+def test_a_fix_stamped_hours_before_it_came_is_none_unless_the_clock_of_the_system_is_hours_off(tmp_path: Path) -> None:
     """COLA2 calls a fix invalid by a stamp more than 9900 s old; it must not become the start of the dive."""
     log = logged(tmp_path, [cola2(0, 0.5), cola2(1, 10_000.0), *(cola2(k, 2.0) for k in range(2, 5))], MAP)
 
     assert len(log.tables["usbl"]) == 4
     assert log.start_ns == T0 - SECOND // 2
     assert "1 stamped hours before arrival" in codes(log)["USBL-INVALID"]
-
-
-def test_a_system_whose_clock_is_hours_off_keeps_its_fixes(tmp_path: Path) -> None:
-    log = logged(tmp_path, [cola2(k, 10_800.5) for k in range(5)], MAP)
-
-    assert len(log.tables["usbl"]) == 5
+    assert len(logged(tmp_path, [cola2(k, 10_800.5) for k in range(5)], MAP).tables["usbl"]) == 5
 
 
 def sit(k: int, sentences: str) -> Row:
@@ -99,9 +91,7 @@ def test_the_target_of_a_tracked_target_sentence_is_one_of_several(tmp_path: Pat
         f"{1600000000 + k} " + sentence(f"RATLL,{n:02d},4500.{54 + k:03d},N,00700.000,E,,12264{k}.00,{status},")
         for k, (n, status) in enumerate([(1, "T"), (2, "T"), (1, "L"), (1, "Q"), (1, "T")])
     ]
-    rows: list[Row] = [
-        (T0 + k * SECOND, "/ugps/nmea", "std_msgs/msg/String", {"data": line}) for k, line in enumerate(lines)
-    ]
+    rows = [(T0 + k * SECOND, "/ugps/nmea", "std_msgs/msg/String", {"data": line}) for k, line in enumerate(lines)]
 
     log = logged(tmp_path, rows, f'{MAP}[usbl]\ntarget = "1"')
 
@@ -110,29 +100,18 @@ def test_the_target_of_a_tracked_target_sentence_is_one_of_several(tmp_path: Pat
     assert "2 without fix" in codes(log)["USBL-INVALID"]
 
 
-def test_a_radars_target_is_no_fix_of_the_vehicle(tmp_path: Path) -> None:
-    lines = [
-        f"1600000000 {sentence('RATLL,01,4500.054,N,00700.000,E,,122640.00,T,')}",
-        f"1600000000 {sentence('HEHDT,1.5,T')}",
-    ]
+def test_what_only_looks_like_a_sensor_serves_where_it_is_named_or_not_at_all(tmp_path: Path) -> None:
+    """A radar's target is no fix; a HiPAP has a heading of its own; PTSAH has fields that nobody knows."""
+    radar, gyro = sentence("RATLL,01,4500.054,N,00700.000,E,,122640.00,T,"), sentence("HEHDT,1.5,T")
+    hipap = f"1600000000 {sentence('PSIMSNS,122640.00,M42,01,01,1.0,2.0,0.3,181.5,,1,0.4,,M121')}"
+    unknown = f"1600000000 {sentence('PTSAH,#16068,124544.449,18,12,2017,271.5')}"
 
-    assert "usbl" not in logged_nmea(tmp_path, *lines, toml=MAP).tables
-
-
-def test_a_hipaps_own_heading_serves_where_it_is_named(tmp_path: Path) -> None:
-    line = sentence("PSIMSNS,122640.00,M42,01,01,1.0,2.0,0.3,181.5,,1,0.4,,M121")
-
-    log = logged_nmea(tmp_path, f"1600000000 {line}", compass="/PSIMSNS")
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [181.5]
-    assert "compass" not in logged_nmea(tmp_path, f"1600000000 {line}").tables
-
-
-def test_a_heading_sentence_of_unknown_fields_is_refused(tmp_path: Path) -> None:
-    line = sentence("PTSAH,#16068,124544.449,18,12,2017,271.5")
-
+    assert "usbl" not in logged_nmea(tmp_path, f"1600000000 {radar}", f"1600000000 {gyro}", toml=MAP).tables
+    named = logged_nmea(tmp_path, hipap, compass="/PSIMSNS")
+    assert named.tables["compass"]["heading_deg"].tolist() == [181.5]
+    assert "compass" not in logged_nmea(tmp_path, hipap).tables
     with pytest.raises(UsageError, match=r"/PTSAH .* cannot be used as compass: it has unknown fields"):
-        logged_nmea(tmp_path, f"1600000000 {line}", compass="/PTSAH")
+        logged_nmea(tmp_path, unknown, compass="/PTSAH")
 
 
 def test_the_first_of_several_fixes_counts_and_a_message_without_fix_is_none(tmp_path: Path) -> None:
@@ -146,20 +125,16 @@ def test_the_first_of_several_fixes_counts_and_a_message_without_fix_is_none(tmp
     assert "1 of 3 records are invalid and left out (1 not a number)" in codes(log)["GPS-INVALID"]
 
 
-def test_a_course_is_no_heading(tmp_path: Path) -> None:
-    kind = "gps_only_msgs/msg/GPSFix"
+def test_a_course_is_no_heading_and_what_an_autopilot_was_told_of_speed_no_dvl(tmp_path: Path) -> None:
+    kind, speed = "gps_only_msgs/msg/GPSFix", "/mavros/vision_speed/speed_twist"
     fix = (T0, "/gps", kind, {"header.stamp": T0, "latitude": 45.0, "longitude": 7.0, "track": 90.0})
+    told = (T0, speed, TWIST, {"header.stamp": T0, "twist.linear.x": 1.0})
 
     assert list(logged(tmp_path, [fix]).tables) == ["gps"]
     with pytest.raises(UsageError, match="holds the course over ground, not a heading"):
         logged(tmp_path, [fix], topics={"compass": "/gps"})
-
-
-def test_what_an_autopilot_was_told_of_speed_is_no_dvl(tmp_path: Path) -> None:
-    row = (T0, "/mavros/vision_speed/speed_twist", TWIST, {"header.stamp": T0, "twist.linear.x": 1.0})
-
     with pytest.raises(UsageError, match="holds velocities in earth axes"):
-        logged(tmp_path, [row], topics={"dvl": "/mavros/vision_speed/speed_twist"})
+        logged(tmp_path, [told], topics={"dvl": speed})
 
 
 def test_a_target_that_a_format_has_as_a_float_is_the_same_target(tmp_path: Path) -> None:
@@ -191,25 +166,21 @@ def test_a_repeated_fix_of_unknown_ellipse_is_still_one_fix(tmp_path: Path) -> N
     assert codes(log)["USBL-REPEATED"].startswith("/PSONLLD: 2 of 4 fixes repeat")
 
 
-def test_a_dvl_may_fill_in_its_covariance_now_and_then(tmp_path: Path) -> None:
+def test_a_dvl_may_fill_in_its_covariance_now_and_then_and_has_its_figure_of_merit_in_its_own_unit(tmp_path):
     """The newer dvl_msgs/DVL has 9 numbers or none."""
+    by_message = '[dvl]\nsd_mps = "message"\n'
     good: dict[str, Any] = {"velocity.x": 1.0, "velocity_valid": True, "fom": 0.5}
     rows: list[Row] = [
         (T0 + k * SECOND, "/dvl", DVL, {"header.stamp": T0 + k * SECOND, **good, "covariance": np.array(c)})
         for k, c in enumerate([[], [0.0004, 0, 0, 0, 0.0004, 0, 0, 0, 0.0004], []])
     ]
+    in_mm = good | {"velocity.x": 1500.0, "velocity.y": -200.0, "fom": 30.0, "header.stamp": T0}
 
-    log = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"')
+    table = logged(tmp_path, rows, by_message).tables["dvl"]
+    millimetres = logged(tmp_path, [(T0, "/dvl", DVL, in_mm)], by_message + 'unit = "mm/s"').tables["dvl"]
 
-    assert log.tables["dvl"]["sd_mps"].to_numpy() == pytest.approx([0.5, 0.02, 0.5])
-
-
-def test_a_dvl_in_millimetres_has_its_figure_of_merit_in_them_too(tmp_path: Path) -> None:
-    values = {"velocity.x": 1500.0, "velocity.y": -200.0, "velocity_valid": True, "fom": 30.0, "header.stamp": T0}
-
-    table = logged(tmp_path, [(T0, "/dvl", DVL, values)], '[dvl]\nunit = "mm/s"\nsd_mps = "message"').tables["dvl"]
-
-    assert table[["starboard_mps", "forward_mps", "sd_mps"]].to_numpy().tolist() == [[-0.2, 1.5, 0.03]]
+    assert table["sd_mps"].to_numpy() == pytest.approx([0.5, 0.02, 0.5])
+    assert millimetres[["starboard_mps", "forward_mps", "sd_mps"]].to_numpy().tolist() == [[-0.2, 1.5, 0.03]]
 
 
 def test_sigmas_and_variances_are_not_mixed_up(tmp_path: Path) -> None:
