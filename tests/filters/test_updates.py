@@ -55,13 +55,9 @@ def test_columns_are_the_fields_of_the_updates_of_a_sensor() -> None:
 
     mine = (JOINT, IN_PARTS)
     assert tuple(fixes) == mine
-    assert fixes.outcome.tolist() == [update.outcome for update in mine]
-    assert fixes.axis.tolist() == ["position", "position"]
-    assert fixes.row.tolist() == [update.row for update in mine]
-    assert fixes.time_s.tolist() == [update.time_s for update in mine]
-    assert fixes.nis.tolist() == [update.nis for update in mine]
-    assert fixes.dof.tolist() == [2, 2]
-    assert fixes.nominal_probability.tolist() == [update.nominal_probability for update in mine]
+    assert (fixes.axis.tolist(), fixes.dof.tolist()) == (["position", "position"], [2, 2])
+    for name in ("outcome", "row", "time_s", "nis", "nominal_probability"):
+        assert getattr(fixes, name).tolist() == [getattr(update, name) for update in mine], name
     assert fixes.vectors("innovation").tolist() == [list(update.innovation) for update in mine]
     for state in range(3):
         assert fixes.shift(state).tolist() == [update.shift[state] for update in mine if update.shift is not None]

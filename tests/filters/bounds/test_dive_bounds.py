@@ -26,9 +26,7 @@ TURNING = replace(
     PAPER,
     duration_s=60.0,
     legs=(Leg(30.0, 0.1, 1.2, math.radians(4.0)), Leg(30.0, -0.1, 1.0, math.radians(-5.0))),
-    dvl=replace(PAPER.dvl, noise=Gaussian()),
-    compass=replace(PAPER.compass, noise=Gaussian()),
-    usbl=replace(PAPER.usbl, noise=Gaussian()),
+    **{sensor: replace(getattr(PAPER, sensor), noise=Gaussian()) for sensor in ("dvl", "compass", "usbl")},
     process=ProcessNoise(),  # generic: it allows for the turns
     start=Start(0.0, 0.0, 0.01),
 )

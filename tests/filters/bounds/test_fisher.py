@@ -25,16 +25,12 @@ def test_of_eq_23_it_is_the_number_of_the_literature_per_scalar_and_per_record()
     np.testing.assert_allclose(fisher_information(Mixture().modes(R2)) @ R2, 0.589 * np.eye(2), atol=5e-4)
 
 
-@pytest.mark.parametrize(
-    "noise",
-    [
-        Mixture().modes(R1),
-        Contamination(0.05, 10.0).modes(R1),
-        StudentT(3.0).modes(R1),
-        Noise(np.array([0.5, 0.3, 0.2]), np.array([[[1.0]], [[0.04]], [[900.0]]])),  # mode 0 is not the narrowest
-    ],
-    ids=["mixture", "contamination", "student", "three modes"],
-)
+NOISES = {family: family.modes(R1) for family in (Mixture(), Contamination(0.05, 10.0), StudentT(3.0))}
+# mode 0 is not the narrowest
+THREE_MODES = Noise(np.array([0.5, 0.3, 0.2]), np.array([[[1.0]], [[0.04]], [[900.0]]]))
+
+
+@pytest.mark.parametrize("noise", [*NOISES.values(), THREE_MODES], ids=[*map(repr, NOISES), "three modes"])
 def test_of_a_scalar_it_agrees_with_adaptive_quadrature(noise: Noise) -> None:
     variances = noise.cov[:, 0, 0]
 

@@ -21,6 +21,8 @@ R = 0.8
 NOISE = Gaussian().modes(np.array([[R]]))
 EPOCHS = 40
 F = np.array([[1.0, 1.0], [0.0, 1.0]])
+PROCESS = ProcessNoise(0.1, 0.05, 0.08, 0.04)
+PRIOR_COV = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
 
 
 def linear(q: tuple[float, float] = Q, noise: Noise = NOISE) -> Bounds:
@@ -132,15 +134,13 @@ def moved(x: np.ndarray, dt: float) -> np.ndarray:
 @pytest.mark.parametrize("count", [1, 12])
 def test_of_a_bent_model_it_is_the_recursion_of_the_paper_and_the_inverse_of_the_joint_information(count: int) -> None:
     """Eqs. (21), (34) to (36) of Tichavsky et al., written out with inverses, expectations over the drawn truths."""
-    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
-    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
-    steps, truth = wriggling_dives(count, process, prior_cov)
-    motion = VehicleMotion(StateLayout(), process)
+    steps, truth = wriggling_dives(count, PROCESS, PRIOR_COV)
+    motion = VehicleMotion(StateLayout(), PROCESS)
 
-    got = bounds(steps, motion, truth if count > 1 else truth[:, :, 0], prior_cov)
+    got = bounds(steps, motion, truth if count > 1 else truth[:, :, 0], PRIOR_COV)
 
     fisher = {1: 0.52894 / 0.04 * np.eye(1), 2: np.eye(2)}
-    J = np.linalg.inv(prior_cov)
+    J = np.linalg.inv(PRIOR_COV)
     joint = np.zeros((25, 6, 25, 6))
     joint[0, :, 0] = J
     for k, step in enumerate(steps):
@@ -182,24 +182,21 @@ def test_a_state_that_is_known_stays_known_and_the_others_have_the_bound_without
 
 def test_truths_that_differ_have_no_bound_where_the_motion_bends_without_noise() -> None:
     process = ProcessNoise(0.0, 0.05, 0.08, 0.04)
-    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
-    steps, truth = wriggling_dives(3, process, prior_cov)
+    steps, truth = wriggling_dives(3, process, PRIOR_COV)
     motion = VehicleMotion(StateLayout(), process)
 
-    bounds(steps, motion, truth[:, :, 0], prior_cov)  # one truth has one
+    bounds(steps, motion, truth[:, :, 0], PRIOR_COV)  # one truth has one
     with pytest.raises(UsageError, match="no bound over several truths"):
-        bounds(steps, motion, truth, prior_cov)
+        bounds(steps, motion, truth, PRIOR_COV)
 
 
 def test_local_bounds_are_the_mean_of_each_truths_own_and_lie_above_the_bound_of_all() -> None:
     """(E J)^-1 is at most E (J^-1), in the sense of matrices, for the joint information of the whole dive."""
-    process = ProcessNoise(0.1, 0.05, 0.08, 0.04)
-    prior_cov = np.diag([0.2, 0.3, 0.3, 0.1, 2.0, 2.0]) ** 2
-    steps, truth = wriggling_dives(BATCH_SIZE + 3, process, prior_cov)
-    motion = VehicleMotion(StateLayout(), process)
-    each = [bounds(steps, motion, truth[:, :, i], prior_cov) for i in range(BATCH_SIZE + 3)]
+    steps, truth = wriggling_dives(BATCH_SIZE + 3, PROCESS, PRIOR_COV)
+    motion = VehicleMotion(StateLayout(), PROCESS)
+    each = [bounds(steps, motion, truth[:, :, i], PRIOR_COV) for i in range(BATCH_SIZE + 3)]
 
-    local, joint = (function(steps, motion, truth, prior_cov) for function in (local_bounds, bounds))
+    local, joint = (function(steps, motion, truth, PRIOR_COV) for function in (local_bounds, bounds))
 
     for i in (0, 1):  # filter, smoother
         np.testing.assert_allclose(local[i], np.mean([one[i] for one in each], axis=0), rtol=1e-9, atol=1e-13)

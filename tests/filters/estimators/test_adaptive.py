@@ -57,7 +57,7 @@ def test_chance_alone_seldom_inflates(factor: InflationFactor) -> None:
 
 
 @FACTORS
-def test_a_jump_that_no_model_knows_is_followed_sooner(factor: InflationFactor) -> None:
+def test_a_jump_that_no_model_knows_is_followed_sooner_and_uses_the_evidence_up(factor: InflationFactor) -> None:
     truth = np.arange(160.0) + 25.0 * (np.arange(160) >= 80)
     steps = noisy(truth)
 
@@ -67,6 +67,7 @@ def test_a_jump_that_no_model_knows_is_followed_sooner(factor: InflationFactor) 
     assert epochs_until_back(plain, truth, 80) > 2 * factor.window
     assert max(e.inflation for e in adapted[:80]) == 1.0
     assert max(e.inflation for e in adapted[80:]) > 10
+    assert np.all(np.diff(np.flatnonzero([e.inflation > 1 for e in adapted])) >= factor.window)
 
 
 @FACTORS
@@ -77,15 +78,6 @@ def test_lone_gross_errors_are_not_taken_for_a_jump(factor: InflationFactor) -> 
     adapted = run(factor, noisy(z, noise))
 
     assert [e.inflation for e in adapted] == [1.0] * 120
-
-
-@FACTORS
-def test_a_factor_uses_its_evidence_up(factor: InflationFactor) -> None:
-    truth = np.arange(160.0) + 25.0 * (np.arange(160) >= 80)
-
-    epochs = np.flatnonzero([e.inflation > 1 for e in run(factor, noisy(truth))])
-
-    assert np.all(np.diff(epochs) >= factor.window)
 
 
 def test_the_fading_factor_brings_the_distance_to_the_99th_percentile_of_chi_square() -> None:

@@ -20,6 +20,7 @@ from usbldr.filters.models.sigma_points import cubature, linearised
 
 Q = (0.3, 0.1)
 MOTION = Drift(Q)
+THIRTY = CubatureParticleFilter(MOTION, cubature, 30)
 
 
 def test_with_one_noise_mode_every_particle_is_the_kalman_filter() -> None:
@@ -121,8 +122,7 @@ def test_the_move_leaves_the_posterior_over_modes_unchanged(move_steps: int) -> 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not() -> None:
     z = np.random.default_rng(3).normal(size=30)
     noise = Mixture().modes(np.eye(1))
-    estimator = CubatureParticleFilter(MOTION, cubature, 30)
-    first, again, other = ([*beliefs(estimator, position_steps(z, noise), seed=seed)][-1].bank for seed in (5, 5, 6))
+    first, again, other = ([*beliefs(THIRTY, position_steps(z, noise), seed=seed)][-1].bank for seed in (5, 5, 6))
 
     np.testing.assert_array_equal(first.mean, again.mean)
     assert not np.array_equal(first.mean, other.mean)
@@ -130,44 +130,33 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not() -> None:
 
 def test_a_belief_is_a_value_that_can_be_run_from_again() -> None:
     z = np.random.default_rng(4).normal(size=12)
-    noise = Mixture().modes(np.eye(1))
-    estimator = CubatureParticleFilter(MOTION, cubature, 30)
-    steps = list(position_steps(z, noise))
-    *_, belief = beliefs(estimator, steps[:6])
+    steps = list(position_steps(z, Mixture().modes(np.eye(1))))
+    *_, belief = beliefs(THIRTY, steps[:6])
     kept = belief.bank.mean.copy()
     ends = []
     for _ in range(2):
         state = belief
         for step in steps[6:]:
-            state = estimator.step(state, step, lambda k=step.epoch: np.random.default_rng((0, k)))
+            state = THIRTY.step(state, step, lambda k=step.epoch: np.random.default_rng((0, k)))
         ends.append(state.bank.mean)
 
     np.testing.assert_array_equal(*ends)
     np.testing.assert_array_equal(belief.bank.mean, kept)
 
 
-def test_resampling_resets_the_weights_and_reports_the_least_effective_size() -> None:
+def test_resampling_resets_the_weights_and_reports_the_least_effective_size_and_without_moves_no_acceptance() -> None:
     z = np.random.default_rng(5).normal(size=40) * 3
-    noise = Mixture(0.5, 100.0).modes(np.eye(1) * 0.05)
+    steps = list(position_steps(z, Mixture(0.5, 100.0).modes(np.eye(1) * 0.05)))
     estimator = CubatureParticleFilter(MOTION, cubature, 50)
-    belief = estimator.start(PRIOR)
-    fallen = []
-    for step in position_steps(z, noise):
-        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((0, k)))
-        if belief.ess < 25:
-            fallen.append(belief)
+
+    fallen = [belief for belief in beliefs(estimator, steps) if belief.ess < 25]
+    unmoved = beliefs(replace(estimator, move_steps=0), steps)
 
     assert fallen
     for belief in fallen:
         np.testing.assert_allclose(np.exp(belief.bank.log_weight), 1 / 50)
         assert 0 < belief.acceptance <= 1
-
-
-def test_without_moves_there_is_no_acceptance() -> None:
-    noise = Mixture(0.5, 100.0).modes(np.eye(1) * 0.05)
-    estimator = replace(CubatureParticleFilter(MOTION, cubature, 50), move_steps=0)
-    *_, belief = beliefs(estimator, position_steps(np.arange(20) * 1.0, noise))
-    assert math.isnan(belief.acceptance)
+    assert all(math.isnan(belief.acceptance) for belief in unmoved)
 
 
 def test_on_a_linear_model_a_bootstrap_filter_tends_to_the_kalman_filter_as_one_over_root_n() -> None:
@@ -185,30 +174,20 @@ def test_on_a_linear_model_a_bootstrap_filter_tends_to_the_kalman_filter_as_one_
     assert errors[10_000] < errors[100] / 5
 
 
-def test_each_particle_is_drawn_its_share_give_or_take_one() -> None:
+def test_each_particle_is_drawn_its_share_give_or_take_one_and_on_average_exactly() -> None:
     rng = np.random.default_rng(0)
     for _ in range(100):
         weights = rng.dirichlet(np.ones(50))
         counts = np.bincount(systematic(weights, rng), minlength=50)
         assert np.all(np.abs(counts - 50 * weights) < 1)
 
-
-def test_on_average_each_particle_is_drawn_its_share() -> None:
-    rng = np.random.default_rng(1)
-    weights = np.array([0.05, 0.15, 0.3, 0.5])
+    rng, weights = np.random.default_rng(1), np.array([0.05, 0.15, 0.3, 0.5])
     counts = sum(np.bincount(systematic(weights, rng), minlength=4) for _ in range(20_000)) / 20_000
-
     np.testing.assert_allclose(counts, 4 * weights, atol=0.02)
-
-
-def test_a_single_heavy_particle_is_the_only_ancestor() -> None:
     assert set(systematic(np.array([0.0, 1.0, 0.0]), np.random.default_rng(2))) == {1}
 
 
-def test_effective_size_runs_from_one_to_n() -> None:
+def test_effective_size_runs_from_one_to_n_also_of_weights_too_small_for_a_float() -> None:
     assert effective_size(np.full(7, -np.log(7))) == pytest.approx(7)
     assert effective_size(normalised(np.array([0.0, -800.0, -900.0]))) == pytest.approx(1)
-
-
-def test_weights_too_small_for_a_float_still_normalise() -> None:
     assert np.exp(normalised(np.array([-5000.0, -5001.0]))).sum() == pytest.approx(1)

@@ -116,9 +116,7 @@ def test_no_cluster_at_the_end_of_an_outage_captures_the_track(count: int, off_m
     assert result.error_m[result.after(count + 3)].max() < 3
     assert result.nees[result.after(0)].mean() < 4
     (one,) = result.reacquisitions
-    assert not one.accepted
-    assert one.since_s == OUTAGE[1]
-    assert one.outage_s == OUTAGE[1] - OUTAGE[0] + 1
+    assert (one.accepted, one.since_s, one.outage_s) == (False, OUTAGE[1], OUTAGE[1] - OUTAGE[0] + 1)
     assert OUTAGE[1] < one.resolved_s <= OUTAGE[1] + count + 2
 
 
@@ -166,21 +164,16 @@ def test_a_track_follows_a_real_drift_soon(drift_m: float, every: int, process: 
 
     assert result.error_m[result.after(most_fixes * every)].max() < 3
     sd_m = np.sqrt(result.cov[result.after(0), 4, 4] + result.cov[result.after(0), 5, 5])
-    assert (
-        sd_m[: most_fixes * every * RATE_HZ].max() > drift_m / 3
-    )  # the covariance includes the drift before the track does
+    before_m = sd_m[: most_fixes * every * RATE_HZ]
+    assert before_m.max() > drift_m / 3  # the covariance includes the drift before the track does
 
 
 def test_a_reacquisition_reports_the_jump_and_its_time() -> None:
-    line, truth = dive(4, drift_m=30.0)
+    (one,) = replayed("adf", *dive(4, drift_m=30.0), UNCERTAIN).reacquisitions
 
-    (one,) = replayed("adf", line, truth, UNCERTAIN).reacquisitions
-
-    assert one.accepted
-    assert one.since_s == OUTAGE[1]
+    assert (one.accepted, one.since_s, one.resolved_s) == (True, OUTAGE[1], OUTAGE[1] + one.refused)
     assert one.refused > 5
     assert one.jump_m == pytest.approx(30.0, abs=3.0)
-    assert one.resolved_s == OUTAGE[1] + one.refused
 
 
 def test_the_nominal_hypothesis_may_lead_again_after_its_fixes_were_rejected() -> None:
@@ -291,10 +284,8 @@ def test_a_run_warns_of_each_reacquisition() -> None:
     assert np.hypot(*(alone.position_m - truth).T)[-1] > 3
     assert np.hypot(*(guarded.position_m - truth).T)[-1] < 3
     assert len(guarded.reacquisitions) == 1
-    assert any(
-        text.startswith("adf: USBL fixes from 210.0 s (after an outage of 151 s) contradicted the fixes before")
-        for text in guarded.warnings
-    )
+    said = "adf: USBL fixes from 210.0 s (after an outage of 151 s) contradicted the fixes before"
+    assert any(text.startswith(said) for text in guarded.warnings)
 
 
 def test_a_log_that_ends_while_fixes_are_rejected_reports_them() -> None:

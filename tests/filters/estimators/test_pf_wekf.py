@@ -10,7 +10,7 @@ from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.pf_wekf import TwoStageFilter
 from usbldr.filters.estimators.protocol import Estimate, Prior, Step
 from usbldr.filters.models.motion import VehicleMotion
-from usbldr.filters.models.noise import Contamination, Gaussian, Noise, NoiseFamily
+from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import Measurement, UsblFix
 from usbldr.filters.models.sigma_points import linearised
@@ -24,12 +24,10 @@ GROSS = Contamination(0.05, 20.0)
 def northbound(offset_m: np.ndarray, family: NoiseFamily, seed: int = 0, sd_m: float = 1.0) -> list[Step]:
     """Return a fix per second of a vehicle that goes north at 1 m/s; ``offset_m`` (K,) is added to its east."""
     rng = np.random.default_rng(seed)
-    R = sd_m**2 * np.eye(2)
-    steps = []
+    model, noise, steps = UsblFix(StateLayout(), 0.0), family.modes(sd_m**2 * np.eye(2)), list[Step]()
     for k, off in enumerate(offset_m):
         z = np.array([off, k]) + sd_m * rng.normal(size=2)
-        noise: Noise = family.modes(R)
-        fix = Measurement(z, UsblFix(StateLayout(), 0.0), noise, "usbl", "position", k, float(k))
+        fix = Measurement(z, model, noise, "usbl", "position", k, float(k))
         steps.append(Step(k, float(max(k - 1, 0)), float(k), (fix,)))
     return steps
 

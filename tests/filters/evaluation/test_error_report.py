@@ -30,20 +30,17 @@ def test_flat_has_the_declared_metrics_in_their_order_and_then_those_of_each_sen
     assert names[len(METRICS) :] == [f"{stem}_{sensor}" for sensor in ("dvl", "usbl") for stem in stems]
 
 
-def test_each_name_has_the_number_of_its_field() -> None:
+def test_each_name_has_the_number_of_its_field_and_a_smoothed_track_keeps_its_method_beside_its_label() -> None:
     found = report()
     flat = found.flat()
 
+    assert (found.method, found.label) == ("adf", "adf smoothed")
     assert flat["p95_abs_east_m"] == np.percentile(np.abs(found.error_m[:, 0]), 95) == found.east.p95_abs_m
     assert flat["rmse_north_m"] == np.sqrt(np.mean(found.error_m[:, 1] ** 2)) == found.north.rmse_m
     assert flat["final_horizontal_m"] == np.hypot(*found.error_m[-1]) == found.horizontal.final_m
     assert (flat["fixes_used"], flat["fixes_rejected"], flat["updates_down_weighted_dvl"]) == (1, 1, 1)
     assert (flat["matched"], flat["coverage"]) == (11, 1)
     assert flat["nees_mean"] is flat["distance_m"] is None
-
-
-def test_a_smoothed_track_keeps_its_method_beside_its_label() -> None:
-    assert (report().method, report().label) == ("adf", "adf smoothed")
 
 
 def test_the_page_of_metrics_says_what_is_declared() -> None:

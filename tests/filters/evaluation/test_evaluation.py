@@ -52,18 +52,14 @@ def test_a_constant_offset_is_bias_mean_rmse_median_and_p95_at_once() -> None:
 
 
 def test_known_errors_have_the_statistics_that_one_can_count_on_fingers() -> None:
-    east = [3.0, -1.0, 2.0, 0.0]
-
-    track = track_of([0, 1, 2, 3], np.column_stack([east, np.zeros(4)]))
+    track = track_of([0, 1, 2, 3], np.column_stack([[3.0, -1.0, 2.0, 0.0], np.zeros(4)]))
     found = evaluate(track, truth_of([0, 3], np.zeros((2, 2))))
 
-    assert found.east.bias_m == pytest.approx(1.0)
-    assert found.east.mean_abs_m == pytest.approx(1.5)
-    assert found.east.median_abs_m == pytest.approx(1.5)
-    assert found.east.rmse_m == pytest.approx(math.sqrt(14 / 4))
-    assert found.east.max_abs_m == 3.0
+    east = found.east
+    assert (east.bias_m, east.mean_abs_m, east.median_abs_m) == pytest.approx((1.0, 1.5, 1.5))
+    assert (east.rmse_m, east.max_abs_m) == (pytest.approx(math.sqrt(14 / 4)), 3.0)
     assert found.horizontal.final_m == 0.0
-    assert found.horizontal.rmse_m == pytest.approx(math.hypot(found.east.rmse_m, found.north.rmse_m))
+    assert found.horizontal.rmse_m == pytest.approx(math.hypot(east.rmse_m, found.north.rmse_m))
 
 
 def test_only_the_times_asked_for_are_scored() -> None:
@@ -81,22 +77,15 @@ def test_times_outside_the_truth_and_in_its_gaps_are_left_out_and_counted() -> N
     truth_s = np.concatenate([np.arange(10.0, 41.0), np.arange(75.0, 91.0)])  # a hole of 35 s
 
     report = evaluate(track_of(SECONDS, line(SECONDS)), truth_of(truth_s, line(truth_s)))
+    bridged = evaluate(track_of(SECONDS, line(SECONDS)), truth_of([0, 30, 60, 90], line([0, 30, 60, 90]))).matching
 
-    assert report.matching.candidates == 101
-    assert report.matching.outside_truth == 20  # 0 to 9, 91 to 100
-    assert report.matching.in_gap == 34  # 41 to 74; the ends of the hole are truth
-    assert report.matching.matched == 47
-    assert report.matching.truth_rows == 47
+    counts = report.matching
+    assert (counts.candidates, counts.matched, counts.truth_rows) == (101, 47, 47)
+    assert counts.outside_truth == 20  # 0 to 9, 91 to 100
+    assert counts.in_gap == 34  # 41 to 74; the ends of the hole are truth
     assert report.coverage.share == pytest.approx(47 / 101)
     assert "47 of 101" in report.warnings[0]
-
-
-def test_a_gap_just_within_the_limit_is_bridged() -> None:
-    report = evaluate(track_of(SECONDS, line(SECONDS)), truth_of([0, 30, 60, 90], line([0, 30, 60, 90])))
-
-    assert report.matching.in_gap == 0
-    assert report.matching.matched == 91
-    assert report.matching.truth_rows == 4
+    assert (bridged.in_gap, bridged.matched, bridged.truth_rows) == (0, 91, 4)  # gaps just within the limit
 
 
 def test_the_window_chooses_truth_rows_and_scores_between_those_left() -> None:
@@ -110,23 +99,16 @@ def test_the_window_chooses_truth_rows_and_scores_between_those_left() -> None:
     assert report.warnings == ()  # the user's own choice is no low coverage
 
 
-def test_first_moves_the_tracks_first_epoch_onto_the_first_truth_row_without_interpolating() -> None:
-    t = SECONDS + 0.5
+def test_first_moves_the_tracks_first_epoch_onto_the_first_truth_row_and_warns_if_that_is_far_apart() -> None:
+    t, late_s = SECONDS + 0.5, np.arange(60.0, 100.0)
 
     report = evaluate(track_of(t, shifted(t, 7.0, -9.0)), truth_of(SECONDS, line(SECONDS)), align="first")
+    late = evaluate(track_of(late_s, line(late_s)), truth_of(SECONDS, line(SECONDS)), align="first")
 
     # the epoch of 0.5 s lies on the truth of 0.0 s, so the whole track is half a second late
     assert report.alignment.shift_m == pytest.approx((-7.0 - 0.25, 9.0 - 1.0))
-    assert report.east.bias_m == pytest.approx(-0.25)
-    assert report.north.bias_m == pytest.approx(-1.0)
-
-
-def test_first_warns_where_it_joins_instants_far_apart() -> None:
-    t = np.arange(60.0, 100.0)
-
-    report = evaluate(track_of(t, line(t)), truth_of(SECONDS, line(SECONDS)), align="first")
-
-    assert "60.0 s earlier" in report.warnings[0]
+    assert (report.east.bias_m, report.north.bias_m) == pytest.approx((-0.25, -1.0))
+    assert "60.0 s earlier" in late.warnings[0]
 
 
 def test_rigid_takes_back_a_rotation_and_a_shift_and_turns_the_covariance_with_them() -> None:
@@ -221,21 +203,17 @@ def test_a_track_that_never_meets_the_truth_is_an_error_that_names_both_spans() 
         evaluate(track_of(SECONDS, line(SECONDS)), truth_of(SECONDS, line(SECONDS)), Window(300, 400))
 
 
-def test_an_epoch_without_a_position_is_left_out_and_said() -> None:
-    broken = line(SECONDS)
+def test_an_epoch_without_a_position_is_left_out_and_said_and_one_that_a_track_lacks_lowers_its_coverage() -> None:
+    broken, truth = line(SECONDS), truth_of(SECONDS, line(SECONDS))
     broken[90:] = np.nan
 
-    report = evaluate(track_of(SECONDS, broken), truth_of(SECONDS, line(SECONDS)))
+    report = evaluate(track_of(SECONDS, broken), truth)
+    shorter = evaluate(track_of(SECONDS[:51], line(SECONDS[:51])), truth, times_s=SECONDS)
 
     assert report.matching.undefined == 11
     assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
     assert "no position at 11 epochs" in report.warnings[0]
-
-
-def test_epochs_that_a_track_does_not_have_lower_its_coverage() -> None:
-    report = evaluate(track_of(SECONDS[:51], line(SECONDS[:51])), truth_of(SECONDS, line(SECONDS)), times_s=SECONDS)
-
-    assert report.coverage.share == pytest.approx(51 / 101)
+    assert shorter.coverage.share == pytest.approx(51 / 101)
 
 
 def test_nees_of_errors_drawn_from_the_covariance_is_two_and_inside_its_bounds() -> None:
@@ -271,14 +249,7 @@ def test_a_covariance_of_zero_makes_nees_huge_but_raises_nothing() -> None:
     assert consistency_text(report.nees).startswith("sigmas too small")
 
 
-@pytest.mark.parametrize(
-    ("factor", "said"),
-    [
-        (2.6, "sigmas too small by a factor of 2.6"),
-        (289.2, "sigmas too small by a factor of 289"),
-        (0.25, "sigmas too large by a factor of 4.0"),
-    ],
-)
+@pytest.mark.parametrize(("factor", "said"), [(2.6, "small by 2.6"), (289.2, "small by 289"), (0.25, "large by 4.0")])
 def test_the_verdict_on_consistency_is_the_factor_of_the_sigmas(factor: float, said: str) -> None:
     rng = np.random.default_rng(2)
     t = np.arange(50_000.0)
@@ -286,9 +257,10 @@ def test_the_verdict_on_consistency_is_the_factor_of_the_sigmas(factor: float, s
 
     report = evaluate(track_of(t, errors, np.broadcast_to(np.eye(2), (len(t), 2, 2))), truth_of(t, 0 * errors))
 
-    assert consistency_text(report.nees) == said
+    sentence = f"sigmas too {said.replace('by', 'by a factor of')}"
+    assert consistency_text(report.nees) == sentence
     too_large = ", but they contain the shift that was taken off" if factor < 1 else ""
-    assert consistency_text(report.nees, shift_removed=True) == said + too_large
+    assert consistency_text(report.nees, shift_removed=True) == sentence + too_large
 
 
 @pytest.mark.long
@@ -325,17 +297,13 @@ def test_nis_is_averaged_per_sensor_with_the_rejected() -> None:
 
 def test_the_first_truth_sample_after_a_long_gap_tells_the_surfacing_error() -> None:
     truth_s = np.concatenate([np.arange(0.0, 11.0), np.arange(60.5, 100.0)])
-    names = ("u", "v", "x", "y")
     mean = np.column_stack([np.zeros(101), np.full(101, 2.0), shifted(SECONDS, 3.0, 4.0)])
-    track = Trajectory("ckf", names, SECONDS, mean, None)
+    track = Trajectory("ckf", ("u", "v", "x", "y"), SECONDS, mean, None)
 
     report = evaluate(track, truth_of(truth_s, line(truth_s)))
 
-    (surfacing,) = report.surfacings
-    assert surfacing.time_s == 60.5
-    assert surfacing.gap_s == pytest.approx(50.5)
-    assert surfacing.error_m == pytest.approx(5.0)
-    assert surfacing.distance_m == pytest.approx(101.0)
+    (found,) = report.surfacings
+    assert (found.time_s, found.gap_s, found.error_m, found.distance_m) == pytest.approx((60.5, 50.5, 5.0, 101.0))
     assert report.flat()["surfacing_percent"] == pytest.approx(100 * 5 / 101)
 
 
@@ -346,10 +314,8 @@ def test_drift_of_dead_reckoning_is_per_cent_of_the_way() -> None:
 
     m = evaluate(track, truth_of(SECONDS, line(SECONDS))).flat()
 
-    assert m["distance_m"] == pytest.approx(500.0)
-    assert m["drift_percent"] == pytest.approx(1.0)
-    way = distance_travelled_m(track)
-    assert way[50] == pytest.approx(250.0)
+    assert (m["distance_m"], m["drift_percent"]) == pytest.approx((500.0, 1.0))
+    assert distance_travelled_m(track)[50] == pytest.approx(250.0)
 
 
 def test_ess_is_given_as_a_share_of_the_particles() -> None:

@@ -17,6 +17,7 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 
 TIME_S = np.arange(0, 300.1, 0.2)
+ALL = np.ones(150, dtype=bool)
 
 
 def circling(smoothed=False, cov=None):
@@ -66,7 +67,7 @@ def test_white_and_slow_noise_are_what_was_put_in(slow):
 
 def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
     time_s, place, away = dive(1)
-    clean = fix_statistics(time_s, place, away, np.ones(150, dtype=bool), circling())
+    clean = fix_statistics(time_s, place, away, ALL, circling())
     place, good = place.copy(), np.arange(150) % 10 != 0
     place[~good] += 40.0
     found = fix_statistics(time_s, place, away, good, circling())
@@ -112,30 +113,25 @@ def test_the_scatter_is_that_of_the_residuals():
     time_s, place, away = dive(2)
     cov = np.zeros((len(TIME_S), 5, 5))
     cov_m2 = np.broadcast_to(np.eye(2), (150, 2, 2))
-    scatter = fix_statistics(time_s, place, away, np.ones(150, dtype=bool), circling(True, cov), cov_m2).scatter
+    scatter = fix_statistics(time_s, place, away, ALL, circling(True, cov), cov_m2).scatter
     true = 60 * np.column_stack([np.cos(time_s / 60), np.sin(time_s / 60)])
     off = np.hypot(*(place - true).T)
     assert scatter.drms_m == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.01)
     assert scatter.drms_percent == pytest.approx(100 * np.sqrt(np.mean((off / np.hypot(*away.T)) ** 2)), rel=0.01)
-    assert fix_statistics(time_s, place, None, np.ones(150, dtype=bool), circling()).scatter is None
+    assert fix_statistics(time_s, place, None, ALL, circling()).scatter is None
 
 
 def test_fixes_whose_times_are_coarse_have_the_noise_of_those_times():
     """Most steps between them are zero; fixes of one moment do not show how noise changes with time."""
     time_s, place, away = dive(1)
     coarse_s = np.floor(time_s / 10) * 10
-    found = fix_statistics(coarse_s, place, away, np.ones(150, dtype=bool), circling())
-    assert found.east_m.time_constant_s >= 10.0
-    assert fix_statistics(coarse_s[:1].repeat(150), place, away, np.ones(150, dtype=bool), circling()).east_m is None
+    assert fix_statistics(coarse_s, place, away, ALL, circling()).east_m.time_constant_s >= 10.0
+    assert fix_statistics(coarse_s[:1].repeat(150), place, away, ALL, circling()).east_m is None
 
 
-def test_fixes_without_noise_have_a_noise_of_zero():
-    time_s, _, _ = dive(1)
-    found = fix_statistics(time_s, np.zeros((150, 2)), np.full((150, 2), 50.0), np.ones(150, dtype=bool), circling())
-    assert found.east_m.white.sd == pytest.approx(0.0, abs=1e-5)
-
-
-def test_a_track_without_velocity_has_no_statistics():
-    time_s, place, away = dive(3)
+def test_fixes_without_noise_have_a_noise_of_zero_and_a_track_without_velocity_has_no_statistics():
+    time_s, place, away = dive(1)
     plain = Trajectory("usbl", ("x", "y"), TIME_S, np.zeros((len(TIME_S), 2)), None)
-    assert fix_statistics(time_s, place, away, np.ones(150, dtype=bool), plain) is None
+    found = fix_statistics(time_s, np.zeros((150, 2)), np.full((150, 2), 50.0), ALL, circling())
+    assert found.east_m.white.sd == pytest.approx(0.0, abs=1e-5)
+    assert fix_statistics(time_s, place, away, ALL, plain) is None

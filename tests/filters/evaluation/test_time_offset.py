@@ -26,6 +26,10 @@ def truth_of(time_s: Vector, position_m: Array) -> Truth:
     return Truth(time_s, position_m, np.full(len(time_s), np.nan), "gps", "/gps")
 
 
+def track_of(position_m: Array, sd_m: float = 1.0) -> Trajectory:
+    return Trajectory("adf", ("x", "y"), SECONDS, position_m, np.tile(sd_m**2 * np.eye(2), (600, 1, 1)))
+
+
 @settings(max_examples=20)
 @given(late_s=st.floats(-50.0, 50.0), east_m=st.floats(-9.0, 9.0))
 def test_the_offset_is_found_within_its_sigma_beside_a_shift(late_s: float, east_m: float) -> None:
@@ -52,7 +56,7 @@ def test_a_mirror_image_has_no_offset() -> None:
 
 
 def test_a_clock_of_18_s_is_said_and_proposed_and_a_right_one_is_not() -> None:
-    track = Trajectory("adf", ("x", "y"), SECONDS, turning_m(SECONDS) + NOISE_M, np.tile(np.eye(2), (600, 1, 1)))
+    track = track_of(turning_m(SECONDS) + NOISE_M)
 
     (warning,) = evaluate(track, truth_of(SECONDS + 18, turning_m(SECONDS))).warnings
     assert "stamps of the truth are 1" in warning
@@ -66,7 +70,7 @@ def test_a_truth_of_another_point_is_named_beside_its_clock(ahead_m: float, wher
     heading = np.sin(SECONDS / 60)
     ahead = np.column_stack([np.sin(heading), np.cos(heading)])
     way_m = np.cumsum(1.5 * ahead, axis=0)
-    track = Trajectory("adf", ("x", "y"), SECONDS, way_m, np.tile(0.01 * np.eye(2), (600, 1, 1)))
+    track = track_of(way_m, 0.1)
 
     warning = evaluate(track, truth_of(SECONDS, way_m + ahead_m * ahead)).warnings[-1]
 
@@ -78,7 +82,7 @@ def test_a_truth_of_another_point_is_named_beside_its_clock(ahead_m: float, wher
 
 def test_on_a_straight_course_a_clock_is_named_beside_the_shift() -> None:
     line_m = np.column_stack([1.2 * SECONDS, 1.6 * SECONDS])
-    track = Trajectory("adf", ("x", "y"), SECONDS, line_m + NOISE_M, np.tile(np.eye(2), (600, 1, 1)))
+    track = track_of(line_m + NOISE_M)
 
     (warning,) = evaluate(track, truth_of(SECONDS + 6, line_m)).warnings
     assert "stamps of the truth that are 6.0 s late, or stamps of the fixes that are as much early" in warning
