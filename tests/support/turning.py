@@ -2,7 +2,10 @@
 
 import dataclasses
 
+import numpy as np
+
 from usbldr.filters.simulation.scenario import Leg
+from usbldr.filters.types import Array, Vector
 from usbldr.io.scenarios.shipped import find_scenario
 
 TURNING = dataclasses.replace(
@@ -12,3 +15,9 @@ TURNING = dataclasses.replace(
     east_m=12.0,
     north_m=-7.0,
 )
+
+
+def over_ground(yaw_rad: Vector, velocity_mps: Array) -> Array:
+    """Return east and north of velocities to starboard and forward, (K, 2)."""
+    (u, v), c, s = velocity_mps.T, np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.column_stack([u * c - v * s, u * s + v * c])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apart import apart_m
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.changes import (
     OF_DEAD_RECKONING,
@@ -28,7 +29,7 @@ from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.replay.run import run
-from usbldr.filters.types import Outage, Timeline
+from usbldr.filters.types import Outage, Timeline, Vector
 from weaving import Faults, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
@@ -38,14 +39,15 @@ DIVE = weaving_dive(Faults())
 def wrong(from_s: float, to_s: float, turned_rad: float = 0.0, scale: float = 0.0, dive: Timeline = DIVE) -> Timeline:
     """Return a dive with an error of compass and DVL for a while."""
     there = (dive.time_s >= from_s) & (dive.time_s < to_s)
-    turned, factor = there * turned_rad, 1 + (there * scale)[:, None]
-    return replace(
-        dive,
-        yaw_rad=dive.yaw_rad + turned,
-        dr_yaw_rad=dive.dr_yaw_rad + turned,
-        dvl_mps=dive.dvl_mps * factor,
-        dr_mps=dive.dr_mps * factor,
-    )
+    factor = 1 + (there * scale)[:, None]
+    return headings_off(replace(dive, dvl_mps=dive.dvl_mps * factor, dr_mps=dive.dr_mps * factor), there * turned_rad)
+
+
+def headings_off(dive: Timeline, by_rad: Vector) -> Timeline:
+    return replace(dive, yaw_rad=dive.yaw_rad + by_rad, dr_yaw_rad=dive.dr_yaw_rad + by_rad)
+
+
+BESIDE_IRON = headings_off(DIVE, 1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) ** 2)))  # [rad] for half a minute
 
 
 def of_dead_reckoning(line: Timeline, given: Parameters = ASSUMED) -> tuple[SensorChange, ...]:
@@ -119,17 +121,14 @@ def test_a_heading_that_jumps_twice_and_back_has_no_scale() -> None:
 
 def test_what_is_taken_off_is_what_was_put_on() -> None:
     line = wrong(150.0, 210.0, 0.7, 0.1)
-    (one, back) = (replace_start(one, t) for one, t in zip(of_dead_reckoning(line), (150.0, 210.0), strict=True))
-    exact = one._replace(heading_bias_rad=0.7, dvl_scale=0.1), back._replace(heading_bias_rad=0.0, dvl_scale=0.0)
+    one, back = of_dead_reckoning(line)
+    one = one._replace(start_s=150.0, heading_bias_rad=0.7, dvl_scale=0.1)
+    exact = one, back._replace(start_s=210.0, heading_bias_rad=0.0, dvl_scale=0.0)
 
     restored = without_changes(line, exact)
 
     for name in ("yaw_rad", "dr_yaw_rad", "dvl_mps", "dr_mps"):
         np.testing.assert_allclose(getattr(restored, name), getattr(DIVE, name), atol=1e-12)
-
-
-def replace_start(one, start_s: float):
-    return one._replace(start_s=start_s)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -147,7 +146,7 @@ def test_a_heading_that_walks_does_not_change(seed: int) -> None:
     dive = weaving_dive(Faults(), seed, seconds=3600)
     steps = np.random.default_rng(seed).normal(size=len(dive.time_s))
     walk_rad = np.cumsum(steps) * np.sqrt(np.diff(dive.time_s)[0]) * ASSUMED.errors.heading_walk_rad
-    line = replace(dive, yaw_rad=dive.yaw_rad + walk_rad, dr_yaw_rad=dive.dr_yaw_rad + walk_rad)
+    line = headings_off(dive, walk_rad)
 
     assert of_dead_reckoning(line) == ()
     assert of_dead_reckoning(line, replace(ASSUMED, errors=replace(ASSUMED.errors, heading_walk_rad=0.0)))
@@ -182,10 +181,7 @@ def test_a_track_is_what_it_is_without_the_change_and_a_warning_says_when() -> N
     clean = run("adf", DIVE, identify(DIVE, ASSUMED).parameters)
     constant = replace(found.parameters, changes=())
 
-    off_m, before_m = (
-        float(np.hypot(*(run("adf", line, p).position_m - clean.position_m).T).mean())
-        for p in (found.parameters, constant)
-    )
+    off_m, before_m = (apart_m(run("adf", line, p), clean).mean() for p in (found.parameters, constant))
 
     assert off_m < 0.25
     assert before_m > 3 * off_m
@@ -213,8 +209,8 @@ def test_two_jumps_of_the_position_are_no_change(from_s: float, to_s: float) -> 
     ("turned_rad", "cost", "taken"), [(0.3, 0.0, False), (0.0, 1.0, False), (0.0, -1.0, True)], ids=str
 )
 def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they_cost(
-    turned_rad: float, cost: float, taken: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    turned_rad, cost, taken, monkeypatch
+):
     proposed = (SensorChange(200.0, turned_rad, 0.0),)  # of 0 it makes no difference
     monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges(proposed, cost),))
 
@@ -224,9 +220,8 @@ def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they
 def changed_fixes(from_s: float, shift_m: tuple[float, float] = (0.0, 0.0), late_s: float = 0.0) -> Timeline:
     """Return a dive whose fixes lie elsewhere from then on, or come later."""
     there = DIVE.fix_time_s >= from_s
-    return replace(
-        DIVE, fix_m=DIVE.fix_m + there[:, None] * np.array(shift_m), fix_time_s=DIVE.fix_time_s + there * late_s
-    )
+    moved_m = DIVE.fix_m + there[:, None] * np.array(shift_m)
+    return replace(DIVE, fix_m=moved_m, fix_time_s=DIVE.fix_time_s + there * late_s)
 
 
 @pytest.mark.parametrize("share", [0.35, 0.5, 0.65])
@@ -246,14 +241,12 @@ def test_fixes_that_shift_for_good_are_moved_onto_the_others(share: float) -> No
         assert moved[-np.inf] == pytest.approx((-5.0, 7.0), abs=0.5)
     else:
         assert moved[since_s] == pytest.approx((5.0, -7.0), abs=0.5)
-    tracks = [
-        run("adf", line, p) for line, p in ((changed_fixes(from_s, (5.0, -7.0)), found.parameters), (DIVE, ASSUMED))
-    ]
+    track = run("adf", changed_fixes(from_s, (5.0, -7.0)), found.parameters)
     expected_m = np.array([5.0, -7.0]) * (share < 0.4)
-    off_m = np.median(tracks[0].position_m - tracks[1].position_m, axis=0)
+    off_m = np.median(track.position_m - run("adf", DIVE, ASSUMED).position_m, axis=0)
     np.testing.assert_allclose(off_m, expected_m, atol=0.5)
     likelier = min(share, 1 - share) ** 4 / (share**4 + (1 - share) ** 4)
-    np.testing.assert_allclose(tracks[0].open_cov_m2[-1], likelier * np.outer([5.0, -7.0], [5.0, -7.0]), rtol=0.4)
+    np.testing.assert_allclose(track.open_cov_m2[-1], likelier * np.outer([5.0, -7.0], [5.0, -7.0]), rtol=0.4)
 
 
 def test_fixes_that_come_later_from_a_time_on_are_moved_to_when_they_were_valid() -> None:
@@ -309,9 +302,8 @@ def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float)
     """Most fixes follow, or precede: the others would be false otherwise."""
     still = ((DIVE.time_s >= from_s) & (DIVE.time_s < from_s + 40.0))[:, None]
     noise_mps = np.random.default_rng(4).normal(0, 0.01, DIVE.dvl_mps.shape)
-    line = replace(
-        DIVE, dvl_mps=np.where(still, noise_mps, DIVE.dvl_mps), dr_mps=np.where(still, noise_mps, DIVE.dr_mps)
-    )
+    dvl_mps, dr_mps = (np.where(still, noise_mps, moving_mps) for moving_mps in (DIVE.dvl_mps, DIVE.dr_mps))
+    line = replace(DIVE, dvl_mps=dvl_mps, dr_mps=dr_mps)
 
     found = identify(line, ASSUMED)
 
@@ -323,24 +315,14 @@ def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float)
     assert since_s == begin.start_s
     assert text.startswith(f"from {begin.start_s:.0f} to {end.start_s:.0f} s DVL or compass do not read the vehicle's")
     assert "neither is used in this time" in text
-    tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
-    assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.3
-
-
-def beside_iron() -> Timeline:
-    """Return the dive with a compass that is turned for a while about 200 s."""
-    turned = 1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) ** 2))
-    return replace(DIVE, yaw_rad=DIVE.yaw_rad + turned, dr_yaw_rad=DIVE.dr_yaw_rad + turned)
+    assert apart_m(*(run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE))).mean() < 0.3
 
 
 def test_a_compass_that_is_turned_for_a_while_is_not_taken_for_fixes_that_shift() -> None:
-    line = beside_iron()
-
-    found = identify(line, ASSUMED)
+    found = identify(BESIDE_IRON, ASSUMED)
 
     assert [one.lost for one in found.parameters.changes] == [("dvl", "compass"), ()]
-    tracks = [run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (line, DIVE)]
-    assert float(np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean()) < 0.5
+    assert apart_m(*(run("adf", dive, identify(dive, ASSUMED).parameters) for dive in (BESIDE_IRON, DIVE))).mean() < 0.5
 
 
 def test_lost_dead_reckoning_is_sought_where_fixes_seem_to_shift(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -353,21 +335,19 @@ def test_lost_dead_reckoning_is_sought_where_fixes_seem_to_shift(monkeypatch: py
 
     assert sought_s == [200.0]
     assert not lost_spans(DIVE, Member(ASSUMED, frozenset()), [200.0])  # one gains less than it costs
-    spans = lost_spans(beside_iron(), Member(ASSUMED, frozenset()), [-np.inf, 200.0])
+    spans = lost_spans(BESIDE_IRON, Member(ASSUMED, frozenset()), [-np.inf, 200.0])
     assert {begin.lost for begin, _ in spans} == {("dvl",), ("dvl", "compass")}
     assert all(begin.start_s < 200.0 < end.start_s for begin, end in spans)
 
 
 def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its_ends() -> None:
-    lost = without_changes(
-        DIVE, (SensorChange(100.0, 0.0, 0.0, lost=("dvl", "compass")), SensorChange(140.0, 0.1, 0.0))
-    )
+    begin, end = SensorChange(100.0, 0.0, 0.0, lost=("dvl", "compass")), SensorChange(140.0, 0.1, 0.0)
+    lost = without_changes(DIVE, (begin, end))
 
     inside = (DIVE.time_s >= 100.0) & (DIVE.time_s < 140.0)
-    assert np.isnan(lost.dvl_mps[inside]).all()
-    assert np.isnan(lost.yaw_rad[inside]).all()
-    assert not lost.dvl_count[inside].any()
-    assert not lost.yaw_count[inside].any()
+    for measured, count in ((lost.dvl_mps, lost.dvl_count), (lost.yaw_rad, lost.yaw_count)):
+        assert np.isnan(measured[inside]).all()
+        assert not count[inside].any()
     assert lost.outages == (Outage("dvl", 100.0, 140.0), Outage("compass", 100.0, 140.0))
     np.testing.assert_array_equal(lost.dvl_count[~inside], DIVE.dvl_count[~inside])
     np.testing.assert_array_equal(lost.dr_mps[~inside], DIVE.dr_mps[~inside])

@@ -61,13 +61,9 @@ def test_a_fix_that_may_begin_a_cluster_has_the_density_of_the_mixture() -> None
     bank = clusters.mixed(clusters.both_hypotheses(one), *switching(1.0))
 
     H = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0]])
-    log_l = np.array(
-        [
-            -0.5 * z @ np.linalg.solve(S, z) - 0.5 * np.linalg.slogdet(2 * np.pi * S)[1]
-            for S in (H @ bank.cov[:, :, k] @ H.T for k in (0, 1))
-        ]
-    )
-    _, total = clusters.reweighted(bank, log_l)
+    spreads = [H @ bank.cov[:, :, k] @ H.T for k in (0, 1)]
+    log_l = [-0.5 * z @ np.linalg.solve(S, z) - 0.5 * np.linalg.slogdet(2 * np.pi * S)[1] for S in spreads]
+    _, total = clusters.reweighted(bank, np.array(log_l))
 
     begins = 1 - math.exp(-1 / clusters.BETWEEN_S)
 

@@ -18,38 +18,26 @@ from weaving import Faults, weaving_dive
 require_kernel()
 
 LINE = weaving_dive(Faults(0.01, 0.0, 1.0, 2.0, 1.0, 0.4), seconds=150)
-SUBSETS = (
-    frozenset[str](),
-    frozenset({"scale"}),
-    frozenset({"heading", "deviation"}),
-    frozenset({LEVER, DVL_CLOCK, "latency"}),
-)
+SUBSETS = [*map(frozenset[str], ((), ("scale",), ("heading", "deviation"), (LEVER, DVL_CLOCK, "latency")))]
+FAMILIES = [Gaussian(), Gaussian(per_scalar=False), Mixture(), Contamination(), StudentT()]
 
 
-@pytest.mark.parametrize(
-    "family", [Gaussian(), Gaussian(per_scalar=False), Mixture(), Contamination(), StudentT()], ids=repr
-)
+def member(i: int, family: NoiseFamily) -> Member:
+    process = ProcessNoise(position_m=0.02 * (1 + i))
+    errors = SensorErrors(usbl_bias_m=0.1 * (1 + i), usbl_bias_s=60.0 + i)
+    parameters = Parameters(process=process, errors=errors, usbl=family, usbl_sd_scale=1.0 + 0.1 * i)
+    about = near({"usbl_latency": 0.2, "dvl_clock": 0.1}) if i % 4 == 3 else NO_ERROR
+    return Member(parameters, SUBSETS[i % 4], about)
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=repr)
 @pytest.mark.parametrize("correlated", [False, True])
-def test_every_member_has_the_same_likelihood_and_errors(
-    monkeypatch: pytest.MonkeyPatch, family: NoiseFamily, correlated: bool
-) -> None:
+def test_every_member_has_the_same_likelihood_and_errors(monkeypatch, family: NoiseFamily, correlated: bool) -> None:
     fix_m, cov_m2 = LINE.fix_m.copy(), LINE.fix_cov_m2.copy()
     fix_m[slice(135, None) if correlated else slice(60, 75)] += (25.0, -10.0)  # the log may end in a cluster
     cov_m2[:, [0, 1], [1, 0]] = 0.01 * correlated
     line = replace(LINE, fix_m=fix_m, fix_cov_m2=cov_m2, outages=(Outage("dvl", 20.0, 30.0),))
-    members = [
-        Member(
-            Parameters(
-                process=ProcessNoise(position_m=0.02 * (1 + i)),
-                errors=SensorErrors(usbl_bias_m=0.1 * (1 + i), usbl_bias_s=60.0 + i),
-                usbl=family,
-                usbl_sd_scale=1.0 + 0.1 * i,
-            ),
-            SUBSETS[i % 4],
-            near({"usbl_latency": 0.2, "dvl_clock": 0.1}) if i % 4 == 3 else NO_ERROR,
-        )
-        for i in range(11)
-    ]
+    members = [member(i, family) for i in range(11)]
 
     got = fix_likelihoods(line, members)
     monkeypatch.setattr(compiled_fixes, "KERNEL", Kernel("numpy", "as the test says"))

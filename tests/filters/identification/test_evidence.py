@@ -1,11 +1,13 @@
 """``--calibrate auto``: sensor errors and noise identified from dives whose faults are known."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from apart import apart_m, mean_nees
 from timelines import HZ
 from usbldr.filters.identification.conclusions import Choice, explanations
 from usbldr.filters.identification.evidence import _likeliest, _present, identify, subsets_of
@@ -43,6 +45,11 @@ OWN_KEYS = tuple(key for key in KEYS if key not in (HEAD, RANGE))  # of fixes wi
 SUBSETS = subsets_of(OWN_KEYS)
 
 
+def chosen(score: np.ndarray, rows: Mapping[str, np.ndarray], *keys: str) -> Choice:
+    likelihoods = FixLikelihoods(score, rows, rows)
+    return Choice(Member(ASSUMED, frozenset(keys)), 0, frozenset(), SUBSETS, score, likelihoods, frozenset())
+
+
 def existing(found: Identification) -> set[str]:
     return {one.key for one in found.evidence if one.exists}
 
@@ -68,9 +75,7 @@ def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None
         (Faults(usbl_latency_s=-1.8), "latency", (-1.8,)),
     ],
 )
-def test_one_fault_is_found_and_no_other_with_its_effect_on_the_fixes(
-    faults: Faults, key: str, value: tuple[float, ...]
-) -> None:
+def test_one_fault_is_found_and_no_other_with_its_effect_on_the_fixes(faults, key, value):
     line = weaving_dive(faults)
 
     found = identify(line, ASSUMED)
@@ -124,7 +129,7 @@ def test_two_faults_are_both_found_and_the_track_is_better_by_them() -> None:
     found = identify(line, ASSUMED)
     plain, better = run("adf", line, ASSUMED), run("adf", line, found.parameters)
 
-    off = [np.hypot(*(track.position_m - clean.position_m)[500:].T).mean() for track in (plain, better)]
+    off = [apart_m(track, clean)[500:].mean() for track in (plain, better)]
     assert existing(found) == {"scale", "heading"}
     assert off[1] < 0.5 * off[0]
 
@@ -151,11 +156,8 @@ def test_of_a_lever_arm_the_sigma_covers_that_the_transponder_is_misplaced_and_n
     found = identify(misplaced, replace(ASSUMED, start=None))
     track = run("adf", misplaced, found.parameters)
 
-    e = track.position_m - clean.position_m
-    assert track.position_cov_m2 is not None
-    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
-    assert np.hypot(*e.T).mean() == pytest.approx(ahead_m, abs=0.3)  # in which the log has no say
-    assert 1.0 < nees.mean() < 4.0
+    assert apart_m(track, clean).mean() == pytest.approx(ahead_m, abs=0.3)  # in which the log has no say
+    assert 1.0 < mean_nees(track, clean) < 4.0
     (warning,) = found.warnings
     assert warning.startswith("RIVAL-EXPLANATIONS: DVL or transponder is ")
     assert found.misplaced_text in warning
@@ -170,11 +172,8 @@ def test_at_one_speed_the_sigma_covers_lever_arm_and_latency() -> None:
     found = identify(replace(line, fix_time_s=line.fix_time_s + 1.0), known)
     track = run("adf", replace(line, fix_time_s=line.fix_time_s + 1.0), found.parameters)
 
-    e = track.position_m - clean.position_m
-    assert track.position_cov_m2 is not None
-    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
     assert set(found.undecided) >= {"usbl_latency_s", "dvl_lever_forward_m"}
-    assert nees.mean() < 4.0
+    assert mean_nees(track, clean) < 4.0
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -182,13 +181,10 @@ def test_on_a_straight_way_the_sigma_covers_a_latency_that_no_fix_shows(seed: in
     line, assumed = weaving_dive(Faults(), seed, weaves=False), replace(ASSUMED, start=None)
     late = weaving_dive(Faults(usbl_latency_s=1.0), seed, weaves=False)
 
-    track = run("adf", late, identify(late, assumed).parameters)
+    track, clean = run("adf", late, identify(late, assumed).parameters), run("adf", line, assumed)
 
-    e = track.position_m - run("adf", line, assumed).position_m
-    assert track.position_cov_m2 is not None
-    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
-    assert np.hypot(*e.T).mean() == pytest.approx(1.2, abs=0.3)  # in which the log has no say
-    assert nees.mean() < 4.0
+    assert apart_m(track, clean).mean() == pytest.approx(1.2, abs=0.3)  # in which the log has no say
+    assert mean_nees(track, clean) < 4.0
 
 
 def test_a_latency_against_which_the_log_speaks_is_not_in_the_sigma() -> None:
@@ -201,9 +197,7 @@ def test_a_latency_against_which_the_log_speaks_is_not_in_the_sigma() -> None:
     ("key", "columns", "name"),
     [(DVL_CLOCK, ("dvl_mps", "dr_mps"), "dvl_clock_s"), (COMPASS_CLOCK, ("yaw_rad", "dr_yaw_rad"), "compass_clock_s")],
 )
-def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
-    key: str, columns: tuple[str, ...], name: str
-) -> None:
+def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(key, columns, name):
     line = weaving_dive(Faults())
     late = replace(line, **{column: np.roll(getattr(line, column), 5, axis=0) for column in columns})
 
@@ -217,24 +211,21 @@ def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(
 def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -> None:
     """The whole log knows the latency, which the first fixes do not show."""
     assumed = replace(ASSUMED, start=None)
-    clean = run("adf", weaving_dive(Faults()), ASSUMED).position_m
+    clean = run("adf", weaving_dive(Faults()), ASSUMED)
     late, early = (weaving_dive(Faults(usbl_latency_s=seconds)) for seconds in (1.5, -1.5))
 
     found, of_early = identify(late, assumed).parameters, identify(early, assumed).parameters
 
     assert found.settled == {"usbl_latency": pytest.approx(1.5, abs=0.1)}
     assert of_early.settled == {}
-    apart_m, as_state_m = (
-        np.hypot(*(run("adf", late, one).position_m - clean)[: 30 * HZ].T).mean()
-        for one in (found, replace(found, settled={}))
+    off_m, as_state_m = (
+        apart_m(run("adf", late, one), clean)[: 30 * HZ].mean() for one in (found, replace(found, settled={}))
     )
-    assert apart_m < 2 / 3 * as_state_m
+    assert off_m < 2 / 3 * as_state_m
 
 
 @pytest.mark.parametrize(("key", "with_rival"), [(COMPASS_CLOCK, {"latency"}), (LEVER, {LEVER, "latency"})])
-def test_a_rival_latency_goes_before_a_late_compass_and_beside_a_lever_arm_unless_it_is_clearly_worse(
-    key: str, with_rival: set[str]
-) -> None:
+def test_a_rival_latency_goes_before_a_late_compass_and_beside_a_lever_arm_unless_it_is_clearly_worse(key, with_rival):
     score = np.full(len(SUBSETS), -50.0)
     one, other = (SUBSETS.index(frozenset([key])) for key in (key, "latency"))
     score[one], score[other] = 0.0, -2.9
@@ -248,12 +239,8 @@ def test_a_rival_latency_goes_before_a_late_compass_and_beside_a_lever_arm_unles
 @pytest.mark.parametrize(("key", "is_taken"), [("latency", True), ("scale", False)])
 def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, is_taken: bool) -> None:
     score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
-    usual, wide = (
-        Choice(
-            Member(ASSUMED, frozenset([key])), 0, frozenset(), SUBSETS, s, FixLikelihoods(s, rows, rows), frozenset(far)
-        )
-        for s, far in ((score, ()), (score + 0.1, ("latency",)))
-    )
+    usual = chosen(score, rows, key)
+    wide = chosen(score + 0.1, rows, key)._replace(far=frozenset({"latency"}))
 
     assert _likeliest([usual, wide]) is (wide if is_taken else usual)
 
@@ -288,10 +275,8 @@ def test_dead_reckoning_without_bottom_lock_is_no_longer_trusted() -> None:
     tracks = [run("adf", unlocked, p) for p in (found.parameters, ASSUMED)]
 
     last = np.searchsorted(line.fix_time_s, line.time_s, side="right") - 1  # fix at each epoch
-    held_m, identified_m, trusting_m = (
-        float(np.hypot(*(position - clean.position_m).T).mean())
-        for position in (line.fix_m[last], *(track.position_m for track in tracks))
-    )
+    held_m = np.hypot(*(line.fix_m[last] - clean.position_m).T).mean()
+    identified_m, trusting_m = (apart_m(track, clean).mean() for track in tracks)
     assert identified_m < 1.5 * held_m
     assert trusting_m > 5 * held_m
     assert any("bottom lock" in text for text in found.warnings)
@@ -331,11 +316,8 @@ def test_rivals_are_within_odds_of_20_and_neither_contains_the_other() -> None:
     ):
         score[SUBSETS.index(frozenset(keys))] = value
     rows = {name: np.arange(len(SUBSETS), dtype=float) for name in REPORTED}
-    choice = Choice(
-        Member(ASSUMED, frozenset()), 0, frozenset(), SUBSETS, score, FixLikelihoods(score, rows, rows), frozenset()
-    )
 
-    best, rival = explanations(choice)
+    best, rival = explanations(chosen(score, rows))
 
     assert (best.keys, best.log_odds) == (("scale", "latency"), 0.0)
     assert (rival.keys, rival.log_odds) == (("scale", LEVER), -2.0)
@@ -377,9 +359,7 @@ def test_early_stamps_of_fixes_may_be_a_late_compass_and_then_the_track_is_late(
         ([(660.0, 660.0, 1)], "a USBL fix at 660 s lies beside the track"),
     ],
 )
-def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning(
-    runs: list[tuple[float, float, int]], begins: str, last: bool
-) -> None:
+def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning(runs, begins, last):
     found = [FalseRun(*run) for run in runs]
 
     (text,) = Identification(ASSUMED, false_runs=(*found[:-1], found[-1]._replace(last=last))).warnings
@@ -398,9 +378,7 @@ def test_single_false_fixes_are_said_to_be_outliers() -> None:
 
 
 @pytest.mark.parametrize(("late_s", "ahead_m", "unusual"), [(5.0, 6.0, True), (2.0, 2.4, False)])
-def test_a_lever_arm_or_a_latency_that_is_larger_than_usual_is_said_to_be(
-    late_s: float, ahead_m: float, unusual: bool
-) -> None:
+def test_a_lever_arm_or_a_latency_that_is_larger_than_usual_is_said_to_be(late_s, ahead_m, unusual):
     late = Explanation(("latency",), 0.0, (ErrorEstimate("usbl_latency_s", late_s, 0.1),))
     ahead = Explanation((LEVER,), -1.0, (ErrorEstimate("dvl_lever_forward_m", ahead_m, 0.1),))
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apart import apart_m
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.false_runs import false_fixes, false_starts
 from usbldr.filters.identification.usbl_likelihood import Member
@@ -22,10 +23,9 @@ DIVE = weaving_dive(Faults())
 CLEAN = run("adf", DIVE, identify(DIVE, ASSUMED).parameters)
 
 
-def mean_error_m(line: Timeline, order: str = "validity") -> float:
+def mean_error_m(line: Timeline) -> float:
     """Return how far the default track of a dive with faults lies from that of the dive without."""
-    track = run("adf", line, identify(line, ASSUMED).parameters, FilterSettings(order=order))
-    return float(np.hypot(*(track.position_m - CLEAN.position_m).T).mean())
+    return float(apart_m(run("adf", line, identify(line, ASSUMED).parameters), CLEAN).mean())
 
 
 def moved(rows: Mask, by_m: Array) -> Timeline:
@@ -99,9 +99,9 @@ def test_positions_that_were_written_before_the_first_reply_do_not_matter(place_
     line = replace(DIVE, fix_m=np.where((T < 8)[:, None], np.array(place_m), DIVE.fix_m + AWAY_M))
     there = replace(DIVE, fix_m=DIVE.fix_m + AWAY_M)
 
-    tracks = [run("adf", one, identify(one, ASSUMED).parameters) for one in (line, there)]
+    tracks = (run("adf", one, identify(one, ASSUMED).parameters) for one in (line, there))
 
-    assert np.hypot(*(tracks[0].position_m - tracks[1].position_m).T).mean() < 0.5
+    assert apart_m(*tracks).mean() < 0.5
 
 
 def test_a_dive_without_false_fixes_has_none() -> None:
@@ -129,9 +129,8 @@ def test_a_walk_of_dead_reckoning_that_has_grown_is_tried_against_false_runs_and
     member, steps_m = Member(grown, frozenset()), np.random.default_rng(3).normal(0.0, 0.5, DIVE.fix_m.shape)
     drifting = replace(DIVE, fix_m=DIVE.fix_m + np.cumsum(steps_m, axis=0))
 
-    np.testing.assert_array_equal(
-        false_fixes(moved(RUNS["several"], np.array([4.0, -3.0])), member, ASSUMED)[0], RUNS["several"]
-    )
+    several = moved(RUNS["several"], np.array([4.0, -3.0]))
+    np.testing.assert_array_equal(false_fixes(several, member, ASSUMED)[0], RUNS["several"])
     assert not false_fixes(drifting, member, ASSUMED)[0].any()
 
 
@@ -153,10 +152,9 @@ def test_by_arrival_a_fix_that_became_false_before_it_was_settled_is_reported_on
     dive = weaving_dive(Faults(), seconds=60)
     first = dive.fix_time_s < 4
     found = replace(ASSUMED, false_starts=(FalseStart(8.0, int(first.sum())),))
+    line = replace(dive, fix_m=dive.fix_m + first[:, None] * (40.0, -30.0))
 
-    track = run(
-        "ekf", replace(dive, fix_m=dive.fix_m + first[:, None] * (40.0, -30.0)), found, FilterSettings(order="arrival")
-    )
+    track = run("ekf", line, found, FilterSettings(order="arrival"))
 
     fixes = UpdateTable.of(track.updates).of_sensor("usbl")
     assert sorted(fixes.row) == list(range(len(first)))
@@ -183,7 +181,7 @@ def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false(off_
     assert false_s < start.known_s <= 2 * false_s
     early = track.time_s < start.known_s
     np.testing.assert_array_equal(track.mean[early], without.mean[early])
-    error_m = np.hypot(*(track.position_m - clean.position_m).T)
+    error_m = apart_m(track, clean)
     assert error_m[early].min() > 20
     assert error_m[~early & (track.time_s < 80)].max() < 1
     fixes = UpdateTable.of(track.updates).of_sensor("usbl")
@@ -191,28 +189,20 @@ def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false(off_
     assert f"the first {start.fixes} were false" in track.warnings[0]
 
 
-FAR = {
-    "heading 20 deg": (Faults(heading_bias_deg=20.0), {"heading_bias_deg": 20.0}),
-    "heading 170 deg": (Faults(heading_bias_deg=170.0), {"heading_bias_deg": 170.0}),
-    "heading 178 deg": (Faults(heading_bias_deg=178.0), {"heading_bias_deg": 178.0}),
-    "scale 25 %": (Faults(dvl_scale=0.25), {"dvl_scale": 0.25}),
-    "latency 4.9 s": (Faults(usbl_latency_s=4.9), {"usbl_latency_s": 4.9}),
-}
+FAR = [*(("heading_bias_deg", deg) for deg in (20.0, 170.0, 178.0)), ("dvl_scale", 0.25), ("usbl_latency_s", 4.9)]
 
 
-@pytest.mark.parametrize("name", FAR)
+@pytest.mark.parametrize(("name", "value"), FAR)
 @pytest.mark.long
-def test_an_error_far_outside_what_is_usual_is_found_and_no_other_is_invented(name: str) -> None:
-    faults, wanted = FAR[name]
-    line = weaving_dive(faults)
+def test_an_error_far_outside_what_is_usual_is_found_and_no_other_is_invented(name: str, value: float) -> None:
+    line = weaving_dive(Faults(**{name: value}))
 
     found = identify(line, ASSUMED)
 
-    assert set(found.estimates) == set(wanted)
-    for key, value in wanted.items():
-        assert abs(found.estimates[key].value - value) < 4 * found.estimates[key].sd
-    track = run("adf", line, found.parameters)
-    assert np.hypot(*(track.position_m - CLEAN.position_m).T).mean() < 0.3
+    (estimate,) = found.estimates.values()
+    assert estimate.name == name
+    assert abs(estimate.value - value) < 4 * estimate.sd
+    assert apart_m(run("adf", line, found.parameters), CLEAN).mean() < 0.3
 
 
 @pytest.mark.parametrize("period_s", [6.0, 12.0])

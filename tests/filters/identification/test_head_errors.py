@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apart import apart_m, mean_nees
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.models.noise import Contamination
@@ -29,7 +30,7 @@ def measured(head_m: Array, heading_deg: float = 0.0, range_scale: float = 0.0, 
 
 
 def error_m(line: Timeline, assumed: Parameters) -> float:
-    return float(np.hypot(*(run("adf", line, assumed).position_m - CLEAN.position_m).T).mean())
+    return float(apart_m(run("adf", line, assumed), CLEAN).mean())
 
 
 @pytest.mark.parametrize(("heading_deg", "scale"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-2.0, -0.02)])
@@ -55,23 +56,17 @@ def test_the_compass_and_the_head_are_told_apart_beside_a_ship_that_moves() -> N
 
 
 @pytest.mark.parametrize(("heading_deg", "scale"), [(1.0, 0.0), (0.0, 0.01)])
-def test_a_head_that_rests_leaves_head_and_vehicle_open_and_the_covariance_says_so(
-    heading_deg: float, scale: float
-) -> None:
+def test_a_head_that_rests_leaves_head_and_vehicle_open_and_the_covariance_says_so(heading_deg, scale):
     line = measured(QUAY, heading_deg, scale)
 
     identified = identify(line, ASSUMED)
 
     found = identified.parameters
-    track = run("adf", line, found)
     (pair,) = identified.open_pairs
     assert (pair.head, pair.vehicle) == (("usbl-heading", "heading") if heading_deg else ("usbl-range", "scale"))
     assert 0.9 < pair.sd_m / (pair.away_m * (np.radians(1.0) if heading_deg else 0.01)) < 1.0
     assert pair.text in "".join(identified.warnings)
-    e = track.position_m - CLEAN.position_m
-    assert track.position_cov_m2 is not None
-    nees = np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e)
-    assert 0.05 < nees.mean() < 6.0  # an error of one prior sigma
+    assert 0.05 < mean_nees(run("adf", line, found), CLEAN) < 6.0  # an error of one prior sigma
 
 
 def test_slant_ranges_and_depths_show_the_range_error_of_a_head_that_rests() -> None:
@@ -81,9 +76,8 @@ def test_slant_ranges_and_depths_show_the_range_error_of_a_head_that_rests() -> 
     level_m = np.hypot(*away_m.T)
     longer = np.sqrt(1.01**2 * (level_m**2 + deep_m**2) - deep_m**2) / level_m
     away_m = away_m * longer[:, None]
-    line = replace(DIVE, fix_m=above + away_m, fix_away_m=away_m, fix_levelled_by_m=np.full(len(T), deep_m)).with_fixes(
-        level_m > deep_m / 2
-    )
+    line = replace(DIVE, fix_m=above + away_m, fix_away_m=away_m, fix_levelled_by_m=np.full(len(T), deep_m))
+    line = line.with_fixes(level_m > deep_m / 2)
 
     found = identify(line, ASSUMED)
 

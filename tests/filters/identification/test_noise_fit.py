@@ -19,9 +19,8 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from weaving import Faults, weaving_dive
 
-PLAIN = Parameters(
-    process=ProcessNoise(0.005, 0.001, 0.02, 0.02), dvl=Gaussian(), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5)
-)
+STATED = ProcessNoise(0.005, 0.001, 0.02, 0.02)
+PLAIN = Parameters(process=STATED, dvl=Gaussian(), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
 
 
 def usbl_noise(line: Timeline, given: Parameters) -> Parameters:
@@ -54,13 +53,12 @@ def parked(count: int, spread_m: float = 1.0) -> Timeline:
 
 
 def test_the_search_ends_at_the_closed_form_where_the_likelihood_is_normal() -> None:
-    A, peak = np.array([[4.0, 1.0], [1.0, 2.0]]), np.array([2.0, -1.0])
-    found = maximise(
-        lambda points: np.array([-0.5 * (p - peak) @ A @ (p - peak) for p in points]),
-        np.array([0.5, 0.5]),
-        np.array([3.0, 1.0]),
-        np.array([0.5, 0.5]),
-    )
+    A, peak, centre = np.array([[4.0, 1.0], [1.0, 2.0]]), np.array([2.0, -1.0]), np.array([0.5, 0.5])
+
+    def log_likelihood(points: np.ndarray) -> np.ndarray:
+        return np.array([-0.5 * (p - peak) @ A @ (p - peak) for p in points])
+
+    found = maximise(log_likelihood, centre, np.array([3.0, 1.0]), centre)
 
     prior = np.diag([1 / 9, 1.0])
     information = A + prior
@@ -71,12 +69,10 @@ def test_the_search_ends_at_the_closed_form_where_the_likelihood_is_normal() -> 
 @pytest.mark.parametrize("ripple", [0.5, 2.0, 5.0])
 @pytest.mark.parametrize("start", [6.0, -5.0, 3.3])
 def test_the_search_passes_local_maxima_of_a_likelihood_that_is_not_smooth(ripple: float, start: float) -> None:
-    found = maximise(
-        lambda points: np.array([-2 * float(p @ p) + ripple * math.sin(40 * p[0]) for p in points]),
-        np.array([0.0]),
-        np.array([100.0]),
-        np.array([start]),
-    )
+    def log_likelihood(points: np.ndarray) -> np.ndarray:
+        return np.array([-2 * float(p @ p) + ripple * math.sin(40 * p[0]) for p in points])
+
+    found = maximise(log_likelihood, np.array([0.0]), np.array([100.0]), np.array([start]))
 
     assert abs(found.point[0]) <= math.sqrt(ripple)  # every point further away is worse than every point near 0
     assert found.converged

@@ -28,20 +28,18 @@ def read_back(method: str, timeline: Timeline, *keys: str) -> dict[str, tuple[fl
     return {name: (float(value[-1]), float(sd[-1])) for name, _, value, sd in estimated_errors(track)}
 
 
-CASES = {
-    "scale": Faults(dvl_scale=0.02),
-    "misalignment": Faults(dvl_mount_deg=3.0),
-    "heading": Faults(heading_bias_deg=4.0),
-    "deviation": Faults(deviation_sin_deg=3.0, deviation_cos_deg=2.0),
-    "latency": Faults(usbl_latency_s=0.5),
-    "current": Faults(current_east_mps=0.2, current_north_mps=0.3),
-}
-
-
-@pytest.mark.parametrize("key", list(CASES))
-def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str) -> None:
-    faults = CASES[key]
-
+@pytest.mark.parametrize(
+    ("key", "faults"),
+    [
+        ("scale", Faults(dvl_scale=0.02)),
+        ("misalignment", Faults(dvl_mount_deg=3.0)),
+        ("heading", Faults(heading_bias_deg=4.0)),
+        ("deviation", Faults(deviation_sin_deg=3.0, deviation_cos_deg=2.0)),
+        ("latency", Faults(usbl_latency_s=0.5)),
+        ("current", Faults(current_east_mps=0.2, current_north_mps=0.3)),
+    ],
+)
+def test_what_a_sensor_reads_too_much_is_found_with_its_sign_and_unit(key: str, faults: Faults) -> None:
     reported = read_back("adf", weaving_dive(faults), key)
 
     assert set(reported) == {REPORTED_QUANTITIES[state].name for state in STATES[key]}

@@ -17,9 +17,8 @@ QUIET = ProcessNoise(0.0, 0.0, 0.0, 0.0)
 
 def moved(x: np.ndarray, seconds: float) -> np.ndarray:
     """Move a known state, which has no spread, so that every rule is exact."""
-    return predict(replicate(x, np.zeros((6, 6)), 1), VehicleMotion(StateLayout(), QUIET), cubature, 0.0, seconds).mean[
-        :, 0
-    ]
+    bank = replicate(x, np.zeros((6, 6)), 1)
+    return predict(bank, VehicleMotion(StateLayout(), QUIET), cubature, 0.0, seconds).mean[:, 0]
 
 
 def test_yaw_turns_the_body_velocity_counter_clockwise() -> None:
@@ -33,19 +32,14 @@ def test_yaw_turns_the_body_velocity_counter_clockwise() -> None:
 
 
 def test_many_small_steps_follow_the_circle() -> None:
-    x = np.array([0.3, 0.2, 1.5, 0.05, 0.0, 0.0])
-    radius_track = np.array([0.0, 0.0])
-    steps = 3000
-    y = x.copy()
-    for _ in range(steps):
+    y = np.array([0.3, 0.2, 1.5, 0.05, 0.0, 0.0])
+    for _ in range(3000):
         y = moved(y, 0.02)
     t = np.linspace(0, 60, 600_001)
     psi = 0.3 + 0.05 * t
-    radius_track = np.array(
-        [np.trapezoid(0.2 * np.cos(psi) - 1.5 * np.sin(psi), t), np.trapezoid(0.2 * np.sin(psi) + 1.5 * np.cos(psi), t)]
-    )
+    mps = 0.2 * np.cos(psi) - 1.5 * np.sin(psi), 0.2 * np.sin(psi) + 1.5 * np.cos(psi)
 
-    np.testing.assert_allclose(y[4:], radius_track, atol=1e-4)
+    np.testing.assert_allclose(y[4:], [np.trapezoid(axis, t) for axis in mps], atol=1e-4)
     assert abs(y[0] - 3.3) < 1e-12
 
 
@@ -60,15 +54,9 @@ def test_prediction_is_symmetric_to_the_last_bit_and_agrees_with_samples() -> No
     root = rng.normal(size=(6, 6)) * np.array([0.1, 0.3, 0.3, 0.05, 1.0, 1.0])[:, None]
     m, P = np.array([0.5, 0.3, 1.2, 0.02, 5.0, -3.0]), root @ root.T
     motion = VehicleMotion(StateLayout(), QUIET)
-    samples = predict(
-        replicate(m, np.zeros((6, 6)), 400_000)._replace(
-            mean=m[:, None] + np.linalg.cholesky(P) @ rng.normal(size=(6, 400_000))
-        ),
-        motion,
-        linearised,
-        0.0,
-        1.0,
-    ).mean
+    drawn = m[:, None] + np.linalg.cholesky(P) @ rng.normal(size=(6, 400_000))
+    known = replicate(m, np.zeros((6, 6)), 400_000)._replace(mean=drawn)
+    samples = predict(known, motion, linearised, 0.0, 1.0).mean
 
     for rule, bias in ((cubature, 0.01), (unscented, 0.01), (linearised, 0.05)):
         after = predict(replicate(m, P, 1), motion, rule, 0.0, 1.0)

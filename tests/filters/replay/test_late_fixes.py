@@ -45,12 +45,11 @@ def test_at_each_epoch_only_what_had_arrived_is_known_and_all_of_it(name: str) -
 
 @pytest.mark.parametrize("name", ["ekf", "cpf"])
 def test_fixes_that_come_at_once_leave_nothing_to_choose(name: str) -> None:
-    both = [
-        run(name, delayed(0.0), ASSUMED, FilterSettings(particles=20, order=order)) for order in ("validity", "arrival")
-    ]
+    settings = (FilterSettings(particles=20, order=order) for order in ("validity", "arrival"))
+    valid, arrived = (run(name, delayed(0.0), ASSUMED, how) for how in settings)
 
-    np.testing.assert_array_equal(both[0].mean, both[1].mean)
-    assert both[0].updates == both[1].updates
+    np.testing.assert_array_equal(valid.mean, arrived.mean)
+    assert valid.updates == arrived.updates
 
 
 def test_each_fix_is_told_once_however_often_its_step_was_run() -> None:
@@ -79,9 +78,7 @@ def test_a_dive_known_late_is_known_worse_and_at_validity_no_worse() -> None:
         run("adf", delayed(delay_s), assumed, FilterSettings(order=order))
         for delay_s, order in ((0.0, "arrival"), (4.0, "arrival"), (4.0, "validity"))
     )
-    variances: list[float] = []
-    for track in (at_once, late, valid):
-        variances.append(float(np.mean(track.position_cov_m2[75:, 0, 0])))
+    variances = [float(np.mean(track.position_cov_m2[75:, 0, 0])) for track in (at_once, late, valid)]
 
     assert variances[1] - variances[0] == pytest.approx(4.0 * 0.3**2, rel=0.1)
     assert variances[2] == variances[0]

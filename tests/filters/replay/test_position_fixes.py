@@ -24,21 +24,15 @@ from usbldr.filters.types import Array, Indices, Mask, Timeline, Trajectory, Tru
 WINDOWS = ((3.0, 5.0), (20.0, 22.0))
 AIDED = Parameters(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
 GPS_S = np.arange(0.0, 30.5, 0.5)
+ON_WAY_M = np.stack([0 * GPS_S, GPS_S], axis=1)
 
 
 def timeline(gps_m: Array | None = None, sd_m: float = 0.5) -> Timeline:
     """A vehicle going north at 1 m/s for half a minute, a fix of 2 m every 5 s, GPS twice a second."""
     fix_s = np.arange(0.0, 30.0, 5.0)
-    return five_hz(
-        np.tile([0.0, 1.0], (151, 1)),
-        np.zeros(151),
-        fix_s,
-        np.stack([0 * fix_s + 1.5, fix_s], axis=1),
-        fix_sd_m=2.0,
-        gps_time_s=GPS_S,
-        gps_m=np.stack([0 * GPS_S, GPS_S], axis=1) if gps_m is None else gps_m,
-        gps_sd_m=np.full(len(GPS_S), sd_m),
-    )
+    fix_m, gps_m = np.stack([0 * fix_s + 1.5, fix_s], axis=1), ON_WAY_M if gps_m is None else gps_m
+    gps: dict[str, Any] = {"gps_time_s": GPS_S, "gps_m": gps_m, "gps_sd_m": np.full(len(GPS_S), sd_m)}
+    return five_hz(np.tile([0.0, 1.0], (151, 1)), np.zeros(151), fix_s, fix_m, fix_sd_m=2.0, **gps)
 
 
 def elsewhere(line: Timeline) -> Indices:

@@ -45,13 +45,9 @@ def test_each_fix_is_used_once_at_the_first_epoch_at_or_after_its_time_of_validi
 def test_measurements_of_a_step_come_by_time_then_sensor() -> None:
     step = list(steps(timeline(), Parameters(), StateLayout()))[7]
 
-    assert [(m.sensor, m.axis, m.row) for m in step.measurements] == [
-        ("usbl", "position", 2),
-        ("usbl", "position", 3),
-        ("compass", "yaw", 7),
-        ("dvl", "starboard", 7),
-        ("dvl", "forward", 7),
-    ]
+    measured = [(m.sensor, m.axis, m.row) for m in step.measurements]
+    assert measured[:2] == [("usbl", "position", 2), ("usbl", "position", 3)]
+    assert measured[2:] == [("compass", "yaw", 7), ("dvl", "starboard", 7), ("dvl", "forward", 7)]
 
 
 def test_a_fix_is_taken_by_axis_if_the_errors_of_its_axes_are_independent() -> None:
@@ -71,14 +67,8 @@ def test_a_fix_taken_by_axis_has_one_update_with_the_sum_and_the_worst_of_both()
     line = timeline(30.0, tuple(np.arange(0.0, 30.0)))
     line.fix_m[20, 1] += 100.0
 
-    by_axis, at_once = (
-        {
-            update.row: update
-            for update in run("ekf", line, Parameters(usbl=Gaussian(per_scalar)), FilterSettings(gate=0.99)).updates
-            if update.sensor == "usbl"
-        }
-        for per_scalar in (True, False)
-    )
+    tracks = (run("ekf", line, Parameters(usbl=Gaussian(each)), FilterSettings(gate=0.99)) for each in (True, False))
+    by_axis, at_once = ({one.row: one for one in track.updates if one.sensor == "usbl"} for track in tracks)
 
     for row in range(30):
         assert by_axis[row].dof == at_once[row].dof == 2
@@ -90,19 +80,16 @@ def test_a_fix_taken_by_axis_has_one_update_with_the_sum_and_the_worst_of_both()
     assert at_once[20].parts == (at_once[20],)
 
 
-def test_n_averaged_records_have_a_variance_of_r_over_n() -> None:
+def test_n_averaged_records_have_a_variance_of_r_over_n_and_epochs_without_a_record_no_measurement() -> None:
     line = timeline()
-    line.dvl_count[3] = 4
-    step = list(steps(line, Parameters(), StateLayout()))[3]
-    dvl = next(m for m in step.measurements if m.sensor == "dvl")
-    assert dvl.noise.cov[0, 0, 0] == pytest.approx(0.02**2 / 4)
-
-
-def test_epochs_without_a_record_have_no_measurement() -> None:
-    line = timeline()
-    line.dvl_count[2], line.yaw_count[2] = 0, 0
+    line.dvl_count[2:4], line.yaw_count[2] = (0, 4), 0
     line.dvl_mps[2] = np.nan
-    assert not list(steps(line, Parameters(), StateLayout()))[2].measurements
+
+    without, averaged = list(steps(line, Parameters(), StateLayout()))[2:4]
+
+    dvl = next(m for m in averaged.measurements if m.sensor == "dvl")
+    assert dvl.noise.cov[0, 0, 0] == pytest.approx(0.02**2 / 4)
+    assert not without.measurements
 
 
 def test_time_passes_from_epoch_to_epoch_and_not_in_the_first_step() -> None:
@@ -175,9 +162,8 @@ def test_fixes_that_nearly_all_look_wrong_are_told() -> None:
     line = timeline(60.0, tuple(np.arange(0.0, 60.0)))
     line.fix_m[10:] += np.arange(50)[:, None] * [30.0, -20.0]  # as a wrong scale or unit would have it
 
-    said = run(
-        "adf", line, Parameters(), FilterSettings(guard=False)
-    ).warnings  # the guard would follow them, and say so
+    # the guard would follow them, and say so
+    said = run("adf", line, Parameters(), FilterSettings(guard=False)).warnings
     sound = run("adf", timeline(60.0, tuple(np.arange(0.0, 60.0))), Parameters(), FilterSettings()).warnings
 
     assert any("USBL fixes look like outliers" in text for text in said)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from turning import TURNING
+from turning import TURNING, over_ground
 from usbldr.filters.frames import rotation
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, Leg, Scenario, Timing
@@ -131,11 +131,7 @@ def test_a_levered_dvl_sees_the_derivative_of_its_own_track() -> None:
 
     k = np.array([50, 200, 600, 1000])  # seconds times 5, none at a corner
     slope = (as_antenna.value[200 * k + 1] - as_antenna.value[200 * k - 1]) / 0.002
-    yaw = dive.truth.yaw_rad[k]
-    u, v = dive.dvl.value[k].T
-    np.testing.assert_allclose(
-        np.column_stack([u * np.cos(yaw) - v * np.sin(yaw), u * np.sin(yaw) + v * np.cos(yaw)]), slope, atol=1e-5
-    )
+    np.testing.assert_allclose(over_ground(dive.truth.yaw_rad[k], dive.dvl.value[k]), slope, atol=1e-5)
 
 
 @pytest.mark.parametrize("sensor", ["usbl", "gps"])
@@ -210,9 +206,8 @@ def test_a_latency_shows_what_the_vehicle_did_earlier(sensor: str) -> None:
 
 
 def test_without_bottom_lock_the_dvl_sees_the_water_and_says_so() -> None:
-    carried = dataclasses.replace(
-        _without_noise(PAPER), legs=(Leg(1000.0, 0.0, 1.2),), yaw_rad=0.0, current_mps=(0.3, -0.2)
-    )
+    legs = (Leg(1000.0, 0.0, 1.2),)
+    carried = dataclasses.replace(_without_noise(PAPER), legs=legs, yaw_rad=0.0, current_mps=(0.3, -0.2))
 
     dvl = simulate(_with(carried, "dvl", water_track_s=((100.0, 130.0),)), 0).dvl
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from turning import TURNING
+from turning import TURNING, over_ground
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion
@@ -19,10 +19,7 @@ PAPER, DRAWN, LAWNMOWER = map(find_scenario, ("paper", "paper-drawn", "lawnmower
 def test_the_closed_form_of_turns_equals_a_fine_integration() -> None:
     t = np.linspace(0, 350, 350_001)
     track = leg_motion(TURNING, t)
-    u, v = track.velocity_mps.T
-    V = np.column_stack(
-        [u * np.cos(track.yaw_rad) - v * np.sin(track.yaw_rad), u * np.sin(track.yaw_rad) + v * np.cos(track.yaw_rad)]
-    )
+    V = over_ground(track.yaw_rad, track.velocity_mps)
 
     steps = (V[1:] + V[:-1]) / 2 * 1e-3
     jumps = np.isin(np.arange(1, len(t)), [100_000, 150_000])  # the step into a new leg still belongs to the old one
@@ -86,15 +83,12 @@ def test_velocity_over_ground_is_the_derivative_of_the_track_in_a_current_and_in
     slope = (leg_motion(carried, t + h).position_m - leg_motion(carried, t - h).position_m) / (2 * h)
 
     track = leg_motion(carried, t)
-    c, s = np.cos(track.yaw_rad), np.sin(track.yaw_rad)
-    u, v = track.velocity_mps.T
-    np.testing.assert_allclose(np.column_stack([u * c - v * s, u * s + v * c]), slope, atol=1e-7)
+    np.testing.assert_allclose(over_ground(track.yaw_rad, track.velocity_mps), slope, atol=1e-7)
 
 
 def test_a_vehicle_heading_north_in_an_eastward_current_sways_to_starboard() -> None:
-    north = dataclasses.replace(
-        PAPER, legs=(Leg(1000.0, 0.0, 1.2),), yaw_rad=0.0, current_mps=(0.3, 0.0), duration_s=10.0
-    )
+    legs = (Leg(1000.0, 0.0, 1.2),)
+    north = dataclasses.replace(PAPER, legs=legs, yaw_rad=0.0, current_mps=(0.3, 0.0), duration_s=10.0)
 
     np.testing.assert_allclose(leg_motion(north, np.array([7.0])).velocity_mps, [[0.3, 1.2]])
 
@@ -129,9 +123,8 @@ def test_a_drawn_dive_starts_within_the_sigmas_that_the_filters_are_told() -> No
     reported = DRAWN.start
 
     sd = [reported.sd_yaw_rad, reported.sd_mps, reported.sd_mps, reported.sd_radps, reported.sd_m, reported.sd_m]
-    np.testing.assert_allclose(
-        (starts.mean(axis=0) - [math.radians(5), 1, 1, 0, 0, 0]) / sd, 0, atol=4 / math.sqrt(1000)
-    )
+    off = starts.mean(axis=0) - [math.radians(5), 1, 1, 0, 0, 0]
+    np.testing.assert_allclose(off / sd, 0, atol=4 / math.sqrt(1000))
     np.testing.assert_allclose(starts.std(axis=0) / sd, 1, atol=4 / math.sqrt(2000))
 
 
@@ -154,20 +147,16 @@ def test_between_two_steps_a_drawn_vehicle_moves_as_the_step_began() -> None:
 
     at, later = track(np.array([0.4])), track(np.array([0.5]))
 
-    r, (u, v) = at.turn_rate_radps[0], at.velocity_mps[0]
-    middle = at.yaw_rad[0] + r * 0.05
-    moved = 0.1 * np.array([u * np.cos(middle) - v * np.sin(middle), u * np.sin(middle) + v * np.cos(middle)])
-    np.testing.assert_allclose(later.position_m[0] - at.position_m[0], moved, atol=1e-12)
+    r = at.turn_rate_radps
+    moved = 0.1 * over_ground(at.yaw_rad + r * 0.05, at.velocity_mps)
+    np.testing.assert_allclose(later.position_m - at.position_m, moved, atol=1e-12)
     np.testing.assert_allclose(later.yaw_rad - at.yaw_rad, r * 0.1, atol=1e-12)
 
 
 def test_every_sensor_of_a_drawn_dive_sees_the_same_track() -> None:
-    exact = dataclasses.replace(
-        DRAWN,
-        compass=dataclasses.replace(DRAWN.compass, sd_rad=0.0),
-        usbl=dataclasses.replace(DRAWN.usbl, accuracy=dataclasses.replace(DRAWN.usbl.accuracy, sd_m=0.0)),
-    )
-    dive = simulate(exact, 3)
+    compass = dataclasses.replace(DRAWN.compass, sd_rad=0.0)
+    usbl = dataclasses.replace(DRAWN.usbl, accuracy=dataclasses.replace(DRAWN.usbl.accuracy, sd_m=0.0))
+    dive = simulate(dataclasses.replace(DRAWN, compass=compass, usbl=usbl), 3)
 
     np.testing.assert_array_equal(dive.compass.value[:, 0], dive.truth.yaw_rad)
     np.testing.assert_array_equal(dive.usbl.value, dive.truth.position_m[::5])

@@ -239,9 +239,8 @@ def a_dive(seed, roll_deg=0.8, pitch_deg=-0.6, scale=0.99, deepest_m=80.0, count
     angle, depth = rng.uniform(0, 2 * np.pi, count), np.linspace(20, deepest_m, count)
     reach = rng.uniform(20, 120, count)
     forward_starboard_down = np.column_stack([reach * np.cos(angle), reach * np.sin(angle), depth])
-    seen = (
-        Rotation.from_euler("ZYX", [0, pitch_deg, roll_deg], degrees=True).inv().apply(forward_starboard_down) / scale
-    )
+    mount = Rotation.from_euler("ZYX", [0, pitch_deg, roll_deg], degrees=True)
+    seen = mount.inv().apply(forward_starboard_down) / scale
     drop = seen[:, 2] + 0.3 * rng.standard_t(4, count)
     drop[::40] += 25.0  # false fixes
     return drop, depth, seen[:, [1, 0]]
@@ -262,9 +261,7 @@ def test_tilt_and_scale_are_found_within_their_sigmas():
 
 
 def test_a_dive_at_one_depth_does_not_settle_the_scale():
-    found = fitted(1, deepest_m=20.0)
-    assert found.settled[:2] == [True, True]
-    assert found.settled[2] is False
+    assert fitted(1, deepest_m=20.0).settled[:3] == [True, True, False]
 
 
 def test_fixes_without_a_vertical_say_nothing():
