@@ -216,6 +216,7 @@ def test_a_vehicle_without_compass_gives_the_same_track(name: str) -> None:
 def test_any_number_of_particles_is_resampled_alike(particles: int) -> None:
     noisy = replace(PARAMETERS, dvl=Mixture(), compass=Mixture(), usbl=Mixture(), calibrate=("scale",))
     track = assert_equal("cpf", noisy, FilterSettings(particles=particles, guard=False))
+    assert track.acceptance is not None
     assert particles <= 2 or np.isfinite(track.acceptance).any()  # the effective size of two is never below half
 
 

@@ -29,7 +29,7 @@ from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.replay.run import run
-from usbldr.filters.types import Outage, Timeline, Vector
+from usbldr.filters.types import Outage, Timeline
 from weaving import Faults, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
@@ -43,7 +43,7 @@ def wrong(from_s: float, to_s: float, turned_rad: float = 0.0, scale: float = 0.
     return headings_off(replace(dive, dvl_mps=dive.dvl_mps * factor, dr_mps=dive.dr_mps * factor), there * turned_rad)
 
 
-def headings_off(dive: Timeline, by_rad: Vector) -> Timeline:
+def headings_off(dive: Timeline, by_rad: np.ndarray) -> Timeline:
     return replace(dive, yaw_rad=dive.yaw_rad + by_rad, dr_yaw_rad=dive.dr_yaw_rad + by_rad)
 
 

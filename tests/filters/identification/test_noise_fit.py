@@ -1,6 +1,7 @@
 """Noise from the log itself, against dense normal densities and against what simulators put in."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +56,7 @@ def parked(count: int, spread_m: float = 1.0) -> Timeline:
 def test_the_search_ends_at_the_closed_form_where_the_likelihood_is_normal() -> None:
     A, peak, centre = np.array([[4.0, 1.0], [1.0, 2.0]]), np.array([2.0, -1.0]), np.array([0.5, 0.5])
 
-    def log_likelihood(points: np.ndarray) -> np.ndarray:
+    def log_likelihood(points: Sequence[np.ndarray]) -> np.ndarray:
         return np.array([-0.5 * (p - peak) @ A @ (p - peak) for p in points])
 
     found = maximise(log_likelihood, centre, np.array([3.0, 1.0]), centre)
@@ -69,7 +70,7 @@ def test_the_search_ends_at_the_closed_form_where_the_likelihood_is_normal() -> 
 @pytest.mark.parametrize("ripple", [0.5, 2.0, 5.0])
 @pytest.mark.parametrize("start", [6.0, -5.0, 3.3])
 def test_the_search_passes_local_maxima_of_a_likelihood_that_is_not_smooth(ripple: float, start: float) -> None:
-    def log_likelihood(points: np.ndarray) -> np.ndarray:
+    def log_likelihood(points: Sequence[np.ndarray]) -> np.ndarray:
         return np.array([-2 * float(p @ p) + ripple * math.sin(40 * p[0]) for p in points])
 
     found = maximise(log_likelihood, np.array([0.0]), np.array([100.0]), np.array([start]))
