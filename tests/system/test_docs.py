@@ -251,11 +251,14 @@ def test_every_block_of_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: p
     assert "adf: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("notebook", ["first_log", "own_filter"])
+def test_there_are_notebooks() -> None:
+    assert [file.stem for file in NOTEBOOKS] == ["first_log", "own_filter"]
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file: file.stem)
 def test_every_cell_of_a_notebook_runs_and_none_keeps_its_output(notebook, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
-    text = (ROOT / "docs" / "notebooks" / f"{notebook}.ipynb").read_text(encoding="utf-8")
-    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
     names: dict[str, object] = {}
     for cell in cells:
         assert cell["outputs"] == []
