@@ -6,8 +6,8 @@ reckoning, as means of blocks without outliers, are Gaussian with a covariance o
 reckoning, and of every error that lasts for the whole log, all by their priors; a change adds a column for each number
 that it has. Changes are added one at a time, the likeliest first, while the evidence for one more is strong in spite of
 the many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the
-covariance does not explain what they leave, or if speeds would change by half, the log is wrong in another way, and
-there is none.
+covariance does not explain what they leave, or if speeds would change by half for a while, the log is wrong in another
+way, and there is none: a DVL that fails for a while is lost (lost_reckoning.py), and one may fail for good.
 """
 
 import math
@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from usbldr.filters.identification.conclusions import FAR_SD
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, segment_numbers
 from usbldr.filters.identification.drift import drift_variances_m2
-from usbldr.filters.identification.identification import STRONG_ODDS
+from usbldr.filters.identification.identification import MOST_OF_SCALE, STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
     CURRENT_STATES,
@@ -47,7 +47,6 @@ SHARES = (0.25, 1.0)  # [-] of the stated correlated error of the fixes: the lik
 LASTING_S = 20.0  # a shorter error is a jump of the position, which false fixes explain as well
 REFINEMENTS = 5  # of the times in turn, each by two blocks at most
 MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
-MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
 FACTOR_SD = 0.5  # [-] prior of a change of either part of the factor: 30 degrees, 50 %
 SHIFT_SD_M = 20.0  # of the fixes, each axis: to another beacon, antenna or origin nearby
 LATER_SD_S = 3.0  # of the fixes, by judgement: another computer or export
@@ -142,7 +141,7 @@ def _described(timeline: Timeline, given: Parameters, blocks: Sequence[_Blocks])
     if not 0 < len(best.changes) <= kind.most or best.nis > MAX_NIS:
         return FoundChanges()
     errors = _as_errors(timeline, best) if kind.accumulates else _of_fixes(timeline, best)
-    if any(max(1 + one.dvl_scale, 1 / (1 + one.dvl_scale)) > MOST_OF_SCALE for one in errors):
+    if any(max(1 + one.dvl_scale, 1 / (1 + one.dvl_scale)) > MOST_OF_SCALE for one in errors[:-1]):
         return FoundChanges()
     return FoundChanges(errors, best.cost)
 

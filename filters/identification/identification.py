@@ -13,6 +13,7 @@ LEVER_OR_LATENCY = frozenset(("dvl-lever", "latency"))  # keys of usbl_likelihoo
 UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more than is usual
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 STRONG_ODDS = 20.0  # [-] from which on evidence is strong: Kass and Raftery, see evidence.py
+MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
 OUTLIERS = 3  # [fixes] the most in a row that 5 to 10 % of outliers among a thousand fixes are by chance
 EARLY_SIGMAS = 3.0  # [-] by which stamps of fixes are early before it is said
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
@@ -202,9 +203,12 @@ class Identification:
                 continue
             turned_deg = math.degrees(math.remainder(last.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
             scale = (1 + one.dvl_scale) / (1 + last.dvl_scale) - 1
+            check = "check compass and DVL at this time: mounting, sound speed, bottom lock"
+            if max(1 + scale, 1 / (1 + scale)) > MOST_OF_SCALE:
+                check = "so much is no scale error: the DVL has no bottom lock or repeats itself, or the fixes do"
             texts[one.start_s] = (
                 f"from {one.start_s:.0f} s on headings read {turned_deg:+z.1f}° and speeds {scale:+z.1%} compared with "
-                "before (check compass and DVL at this time: mounting, sound speed, bottom lock)"
+                f"before ({check})"
             )
         return texts
 

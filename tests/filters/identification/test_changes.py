@@ -102,9 +102,12 @@ def test_a_change_is_found_with_its_time_and_size(line: Timeline, want: list[tup
         assert one.dvl_scale == pytest.approx(scale, abs=0.03)
 
 
-@pytest.mark.parametrize(("scale", "changes"), [(0.4, 1), (1.0, 0), (-0.4, 0)])
-def test_speeds_that_change_by_half_are_no_scale_error(scale: float, changes: int) -> None:
-    assert len(of_dead_reckoning(wrong(150.0, 1e9, 0.0, scale))) == changes
+BY_HALF = [(1e9, -0.4, 1), (1e9, 0.6, 1), (230.0, 0.4, 2), (230.0, 0.6, 0), (230.0, -0.4, 0)]
+
+
+@pytest.mark.parametrize(("to_s", "scale", "changes"), BY_HALF)
+def test_a_speed_that_changes_by_half_does_so_for_good(to_s: float, scale: float, changes: int) -> None:
+    assert len(of_dead_reckoning(wrong(150.0, to_s, 0.0, scale))) == changes
 
 
 def test_a_heading_that_jumps_twice_and_back_has_no_scale() -> None:
@@ -295,6 +298,15 @@ def test_a_change_of_the_noise_is_found_beside_fixes_that_shift() -> None:
     shifted, scattered = found.change_texts
     assert (shifted, scattered) == (pytest.approx(150.0, abs=2.0), pytest.approx(250.0, abs=15.0))
     assert found.parameters.changes[-1].fix_sd_scale > 3 > 1 == found.parameters.changes[-2].fix_sd_scale
+
+
+def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> None:
+    found = identify(DIVE, ASSUMED)
+    some = (SensorChange(100.0, 0.0, 0.03), SensorChange(200.0, 0.0, 4.6), SensorChange(300.0, 0.0, 0.0))
+
+    texts = replace(found, parameters=replace(found.parameters, changes=some)).change_texts
+
+    assert ["so much is no scale error" in text for text in texts.values()] == [False, True, True]
 
 
 @pytest.mark.parametrize("from_s", [90.0, 150.0, 260.0])
