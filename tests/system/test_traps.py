@@ -101,7 +101,7 @@ def test_the_target_of_a_tracked_target_sentence_is_one_of_several(tmp_path: Pat
 
 
 def test_what_only_looks_like_a_sensor_serves_where_it_is_named_or_not_at_all(tmp_path: Path) -> None:
-    """A radar's target is no fix; a HiPAP has a heading of its own; PTSAH has fields that nobody knows."""
+    """A radar's target is no fix; a HiPAP has a heading of its own; the fields of PTSAH are not documented."""
     radar, gyro = sentence("RATLL,01,4500.054,N,00700.000,E,,122640.00,T,"), sentence("HEHDT,1.5,T")
     hipap = f"1600000000 {sentence('PSIMSNS,122640.00,M42,01,01,1.0,2.0,0.3,181.5,,1,0.4,,M121')}"
     unknown = f"1600000000 {sentence('PTSAH,#16068,124544.449,18,12,2017,271.5')}"
@@ -128,13 +128,13 @@ def test_the_first_of_several_fixes_counts_and_a_message_without_fix_is_none(tmp
 def test_a_course_is_no_heading_and_what_an_autopilot_was_told_of_speed_no_dvl(tmp_path: Path) -> None:
     kind, speed = "gps_only_msgs/msg/GPSFix", "/mavros/vision_speed/speed_twist"
     fix = (T0, "/gps", kind, {"header.stamp": T0, "latitude": 45.0, "longitude": 7.0, "track": 90.0})
-    told = (T0, speed, TWIST, {"header.stamp": T0, "twist.linear.x": 1.0})
+    one = (T0, speed, TWIST, {"header.stamp": T0, "twist.linear.x": 1.0})
 
     assert list(logged(tmp_path, [fix]).tables) == ["gps"]
     with pytest.raises(UsageError, match="holds the course over ground, not a heading"):
         logged(tmp_path, [fix], topics={"compass": "/gps"})
     with pytest.raises(UsageError, match="holds velocities in earth axes"):
-        logged(tmp_path, [told], topics={"dvl": speed})
+        logged(tmp_path, [one], topics={"dvl": speed})
 
 
 def test_a_target_that_a_format_has_as_a_float_is_the_same_target(tmp_path: Path) -> None:
