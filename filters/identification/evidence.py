@@ -35,7 +35,13 @@ from usbldr.filters.identification.conclusions import (
 )
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
 from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member
-from usbldr.filters.identification.identification import CONTRADICTED, LEVER_OR_LATENCY, FalseRun, Identification
+from usbldr.filters.identification.identification import (
+    CONTRADICTED,
+    LEVER_OR_LATENCY,
+    STRONG_ODDS,
+    FalseRun,
+    Identification,
+)
 from usbldr.filters.identification.linearisation import (
     COMPASS_CLOCK,
     DVL_CLOCK,
@@ -97,9 +103,11 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     timeline = unchanged.timeline
     changed = [one for one in changes(timeline.with_fixes(~outliers), stated) if one.changes]
     possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
-    shifts_s = [one.start_s for found in changed for one in found.changes if any(one.fix_shift_m)]
-    possible.append(_with_lost_reckoning(timeline, stated, outliers, possible[0], shifts_s))
+    shifted = [one for one in possible if any(any(change.fix_shift_m) for change in one.changes)]
+    shifts_s = [change.start_s for one in shifted for change in one.changes]
+    possible.append(_with_lost_reckoning(timeline, stated, outliers, unchanged, shifts_s))
     best = max(possible, key=lambda one: one.log_evidence)
+    rivals = [one.changes for one in shifted if 0 < best.log_evidence - one.log_evidence < math.log(STRONG_ODDS)]
     false, kept = best.false, best.timeline.with_fixes(~best.false)
     choice = _likeliest([_choice(kept, member, stated) for member in best.members])
     found = concluded(kept, given, stated, choice)
@@ -108,6 +116,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     kept_linearised.cache_clear()
     parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
     parameters = replace(parameters, changes=without_both(with_noise(best.changes, noise.changes)))
+    parameters = replace(parameters, rival_shift=rivals[0] if rivals else ())
     return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
 
 

@@ -115,6 +115,7 @@ class Identification:
                 f"SENSOR-CHANGE: {text}; replay takes it into account, as the whole log shows it"
                 for text in self.change_texts.values()
             ),
+            *([f"RIVAL-EXPLANATIONS: {text}"] if (text := self.rival_shift_text) else []),
             *(f"RIVAL-EXPLANATIONS: {pair.text}" for pair in self.open_pairs),
             *([f"RIVAL-EXPLANATIONS: {text}"] if (text := self.misplaced_text) else []),
             *([f"USBL-LATENCY: {text}"] if (text := self._early_fixes_text) else []),
@@ -126,6 +127,17 @@ class Identification:
                 for one in self.noise_changes
                 if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
             ),
+        )
+
+    @property
+    def rival_shift_text(self) -> str:
+        """Return how fixes may have shifted instead of the changes that are taken; "" if that is not likely."""
+        shift = self.parameters.rival_shift
+        if not shift:
+            return ""
+        return (
+            f"{_shift_text((SensorChange(0.0, 0.0, 0.0), *shift)[-2], shift[-1])}: the log does not tell this from the "
+            "SENSOR-CHANGE at about that time, which is taken; the track's sigma covers both"
         )
 
     @property
@@ -246,15 +258,23 @@ def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:
     if after.fix_sd_scale != before.fix_sd_scale:
         factor = after.fix_sd_scale / before.fix_sd_scale
         return f"{since} the USBL fixes scatter {factor:.2g} times as much as before (check range, noise and the head)"
-    east_m, north_m = np.subtract(after.fix_shift_m, before.fix_shift_m).tolist()
     if late_s:
         later = f"stamps of the USBL fixes are {abs(late_s):.1f} s {'later' if late_s > 0 else 'earlier'} than before"
         return f"{since} {later} (check clocks and exports)"
-    if not math.hypot(east_m, north_m):
+    if after.fix_shift_m == before.fix_shift_m:
         return ""
+    return (
+        f"{_shift_text(before, after)} (check whether the head, its GPS, the beacon or the origin of the map changed, "
+        "or whether DVL or compass failed shortly before; the log does not show which fixes are right: the earlier "
+        "ones are taken unless they are clearly fewer, and the track's sigma covers the others)"
+    )
+
+
+def _shift_text(before: SensorChange, after: SensorChange) -> str:
+    """Return when and how far the fixes shifted."""
+    east_m, north_m = np.subtract(after.fix_shift_m, before.fix_shift_m).tolist()
     where = f"{abs(east_m):.1f} m {'east' if east_m > 0 else 'west'} and {abs(north_m):.1f} m"
     return (
-        f"{since} the USBL fixes lie {where} {'north' if north_m > 0 else 'south'} of where they lay before (check "
-        "whether the head, its GPS, the beacon or the origin of the map changed; the log does not show which fixes are "
-        "right: the earlier ones are taken unless they are clearly fewer, and the track's sigma covers the others)"
+        f"from {after.start_s:.0f} s on the USBL fixes lie {where} {'north' if north_m > 0 else 'south'} of where they "
+        "lay before"
     )

@@ -192,6 +192,7 @@ class Parameters:
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
     false_starts: tuple[FalseStart, ...] = ()  # the same of the first ones alone, as far as it is known in mid-dive
     changes: tuple[SensorChange, ...] = ()  # that are taken off the readings before a run
+    rival_shift: tuple[SensorChange, ...] = ()  # of the fixes, nearly as likely as the changes: in the track's sigma
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
     settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])

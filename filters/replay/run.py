@@ -109,7 +109,7 @@ def _run(
         mean[:, layout.existing(state)] += value
     x, y = layout.rows("x", "y")
     open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd)
-    open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.changes)
+    open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.rival_shift or parameters.changes)
     lever_m = np.array(parameters.usbl_lever_m[:2])
     rivals = rival_fixes(timeline, mean[:, x : y + 1], mean[:, psi], lever_m, parameters.usbl_sd_scale)
     open_cov_m2 += rivals.cov_m2 if rivals else 0.0

@@ -47,10 +47,11 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
         ending = "; replay scales the sigmas of the fixes"
     of_fixes = any(any(one.fix_shift_m) or one.fix_late_s or one.fix_sd_scale != 1 for one in changes)
     topic = log.topic_of("usbl" if of_fixes else "compass")
+    rival = found.rival_shift_text
     return [
         Finding("SENSOR-CHANGE", text + ending, topic, start_s, effect_m, "m")
         for start_s, text in found.change_texts.items()
-    ]
+    ] + ([Finding("RIVAL-EXPLANATIONS", rival, log.topic_of("usbl"))] if rival else [])
 
 
 def _off_m(timeline: Timeline) -> Array:

@@ -252,6 +252,21 @@ def test_fixes_that_shift_for_good_are_moved_onto_the_others(share: float) -> No
     np.testing.assert_allclose(track.open_cov_m2[-1], likelier * np.outer([5.0, -7.0], [5.0, -7.0]), rtol=0.4)
 
 
+@pytest.mark.parametrize(("cost", "rival"), [(2.5, True), (3.5, False)])
+def test_a_shift_that_is_nearly_as_likely_as_what_is_taken_stays_in_the_sigma(cost, rival, monkeypatch) -> None:
+    shift = (SensorChange(200.0, 0.0, 0.0, fix_shift_m=(1e-3, -1e-3)),)  # so small that it makes no difference
+    monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges(shift, cost),))
+
+    found = identify(DIVE, ASSUMED)
+
+    assert (found.parameters.changes, found.parameters.rival_shift) == ((), shift if rival else ())
+    assert any("from 200 s on the USBL fixes lie 0.0 m east" in one for one in found.warnings) == rival
+    without = run("adf", DIVE, replace(found.parameters, rival_shift=())).open_cov_m2
+    open_m2 = run("adf", DIVE, found.parameters).open_cov_m2 - without
+    share = 0.5 if rival else 0.0
+    np.testing.assert_allclose(open_m2[-1], share * 1e-6 * np.array([[1, -1], [-1, 1]]), rtol=0.1)
+
+
 def test_fixes_that_come_later_from_a_time_on_are_moved_to_when_they_were_valid() -> None:
     found = identify(changed_fixes(200.0, late_s=2.5), ASSUMED)
 
