@@ -50,6 +50,7 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
     Rule("compass", "heading_deg", "angle", "(heading|hdg)(_t(rue)?)?|hdt|steuerkurs"),
+    *(Rule("compass", f"{angle}_deg", "angle", angle, alone=False) for angle in ("roll", "pitch")),  # beside a heading
     Rule("depth", "depth_m", "length", "depth|tiefe"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
@@ -179,6 +180,9 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
             found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)
     if headings := found.get("compass", {}).get("heading_deg"):
         found["compass"]["heading_deg"] = list(true_ones(headings))
+        for key in ("roll_deg", "pitch_deg"):
+            if len(found["compass"].get(key, ())) > 1:  # which of them is the compass's is unknown, and not needed
+                del found["compass"][key]
     return {
         sensor: columns
         for sensor, columns in found.items()

@@ -66,6 +66,17 @@ def test_a_row_without_a_value_of_a_sensor_is_no_record_of_it(tmp_path: Path, na
     assert "1 of 2 records are invalid" in only(log, "DVL-INVALID")  # a value is missing
 
 
+@pytest.mark.parametrize("more", ["", ",Roll [rad]"])
+def test_roll_and_pitch_beside_a_heading_are_read_if_there_is_one_of_each(tmp_path: Path, more: str) -> None:
+    rows = "".join(f"{T + k},30.5,1.5,-2{',0' * (more != '')}\n" for k in range(9))
+
+    log = logged_csv(tmp_path, "", ins=f"Time [s],INS Heading (deg),INS Roll (deg),Pitch [°]{more}\n{rows}")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [30.5] * 9
+    found = None if log.attitude is None else log.attitude[["roll_deg", "pitch_deg"]].mean().tolist()
+    assert found == (pytest.approx([1.5, -2.0]) if not more else None)
+
+
 def test_times_that_are_all_the_same_are_no_wrong_unit(tmp_path: Path) -> None:
     rows = "".join(f"1.76723E+09,{k},0\n" for k in range(400))
 
