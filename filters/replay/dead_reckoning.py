@@ -73,7 +73,8 @@ def start_position(timeline: Timeline, time_s: Vector, fix_m: Array) -> tuple[Ve
     The sigma is the median absolute deviation of the fixes (of the wider axis), at least LEAST_START_SD_M: with a plain
     standard deviation one outlier would widen the start so far that a filter accepts the next one.
     """
-    carried = fix_m[:START_FIXES] - interpolate(timeline, displacement_m(timeline), time_s[:START_FIXES])
+    begin = _until_first_fixes(timeline, time_s)
+    carried = fix_m[:START_FIXES] - interpolate(begin, displacement_m(begin), time_s[:START_FIXES])
     position = np.median(carried, axis=0)
     spread_m = TO_SD * np.median(np.abs(carried - position), axis=0).max()
     return position, float(max(LEAST_START_SD_M, spread_m))
@@ -86,13 +87,22 @@ def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], 
     reckoning, whose error enters the start; so does an error that the fixes share, and their latency, if they are those
     ``of_usbl``: they tell the sum of position and error, x = z - c + latency V.
     """
-    drift = np.column_stack([integrate(timeline, rate) for rate in drift_rates(timeline, names)])  # (K, 2 n)
-    mean: Vector = interpolate(timeline, drift, time_s[:START_FIXES]).mean(axis=0)
+    begin = _until_first_fixes(timeline, time_s)
+    drift = np.column_stack([integrate(begin, rate) for rate in drift_rates(begin, names)])  # (K, 2 n)
+    mean: Vector = interpolate(begin, drift, time_s[:START_FIXES]).mean(axis=0)
     derivative = -mean.reshape(len(names), 2).T
     if of_usbl:
-        V: Vector = interpolate(timeline, velocity_mps(timeline), time_s[:START_FIXES]).mean(axis=0)
+        V: Vector = interpolate(begin, velocity_mps(begin), time_s[:START_FIXES]).mean(axis=0)
         derivative += fix_sensitivity(V, names)
     return derivative
+
+
+def _until_first_fixes(timeline: Timeline, time_s: Vector) -> Timeline:
+    """Return dead reckoning up to the epoch behind the last of the first fixes: the rest does not move the start."""
+    epochs = slice(int(np.searchsorted(timeline.time_s, time_s[:START_FIXES].max())) + 1)
+    return replace(
+        timeline, time_s=timeline.time_s[epochs], dr_mps=timeline.dr_mps[epochs], dr_yaw_rad=timeline.dr_yaw_rad[epochs]
+    )
 
 
 def fix_sensitivity(V_mps: Vector, names: Sequence[str]) -> Array:
