@@ -51,7 +51,11 @@ class TimeOffset(NamedTuple):
         ahead_m = -self.late_s * self.speed_mps
         where = f"{abs(ahead_m):.1f} m {'ahead' if ahead_m > 0 else 'astern'}"
         point = f"; if both clocks are right, the truth may be of a point {where}: lever_arm_m under [{section}]"
-        point = point if abs(ahead_m) < LONGEST_ARM_M else ""
+        if leap:
+            point = ""
+        elif abs(ahead_m) > LONGEST_ARM_M:
+            place = "goes ahead, such as a ship that tows" if ahead_m > 0 else "follows"
+            point = f"; if both clocks are right, the truth is of another vehicle that {place}"
         return (
             f"{truth}: stamps of the truth are {abs(self.late_s):.2f} ± {self.sd_s:.2f} s {side} against {track}{why}; "
             f"the RMS distance without a constant shift is {self.rms_m:.2f} m, and {self.corrected_m:.2f} m with them "

@@ -20,7 +20,7 @@ from usbldr.io.messages.field_names import (
 )
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES, Roles
-from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, suggested_sensors
+from usbldr.io.messages.topic_names import NO_SENSOR, names_ship, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request
 from usbldr.io.settings.toml_text import quoted
@@ -116,7 +116,7 @@ def _unknown(topic: TopicInfo) -> bool:
     name = topic.name.lower()
     known = any(message_layout_of(role, topic) for role in LAYOUTS)
     readable = bool(topic.count) and not topic.problem
-    named = not NO_SENSOR.search(name) and (not SHIP.search(name) or "usbl" in suggested_sensors(name))
+    named = not NO_SENSOR.search(name) and (not names_ship(topic.name) or "usbl" in suggested_sensors(name))
     return (readable or bool(topic.first_row)) and not known and named
 
 

@@ -10,7 +10,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, configured_layout, topic_with_columns
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
-from usbldr.io.messages.topic_names import NO_SENSOR, SECOND_CHOICE, SHIP, suggested_sensors
+from usbldr.io.messages.topic_names import NO_SENSOR, SECOND_CHOICE, names_ship, suggested_sensors
 from usbldr.io.messages.unread_tables import unread_tables
 from usbldr.io.reader import TopicInfo
 
@@ -161,7 +161,7 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
     Of these, without the ``taken`` ones, the types that rank first for their sensor. A ship's topics are apart, unless
     the role is the USBL, or the DVL has such a name too.
     """
-    vehicle = [topic for topic in topics if not SHIP.search(topic.name.lower())]
+    vehicle = [topic for topic in topics if not names_ship(topic.name)]
     if role == "usbl" or (_have_dvl(topics) and not _have_dvl(vehicle)):
         vehicle = list(topics)
     best, ranks = _suitable(role, vehicle)

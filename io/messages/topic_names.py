@@ -30,6 +30,11 @@ PART = re.compile(r"[-_. ]+\d[\dTZ:_-]*(?=/|$)")
 """The number or date of a part in the name of a topic: "/dvl_001", "/dive_2/usbl"."""
 
 
+def names_ship(name: str) -> bool:
+    """Return whether the name of a topic suggests a sensor of the ship: "/ship/gps", "/ShipGPS"."""
+    return bool(SHIP.search(re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()))
+
+
 def suggested_sensors(name: str) -> set[str]:
     """Return the sensors that a topic's name suggests; a "fix" is a GPS fix unless the name suggests USBL."""
     name = name.lower()

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from usbldr.filters.errors import listed
 from usbldr.io.findings import Finding
-from usbldr.io.messages.topic_names import NO_SENSOR, SHIP, without_numbers
+from usbldr.io.messages.topic_names import NO_SENSOR, names_ship, without_numbers
 from usbldr.io.reader import Reader, Records, TopicInfo
 
 MOST_OVERLAP = 0.2  # [-] of the shorter part, by judgement: two loggers beside each other overlap by more
@@ -79,7 +79,7 @@ def _sensor(topic: TopicInfo) -> str:
     """Return what tables of one sensor have in common besides their type; the name if the type tells no sensor."""
     if not topic.type.startswith("usbldr/"):
         return topic.name
-    return f"{bool(SHIP.search(topic.name.lower()))} {bool(NO_SENSOR.search(topic.name.lower()))}"
+    return f"{names_ship(topic.name)} {bool(NO_SENSOR.search(topic.name.lower()))}"
 
 
 def _span_ns(topic: TopicInfo) -> tuple[int, int]:

@@ -63,6 +63,8 @@ def test_a_clock_of_18_s_is_said_and_proposed_and_a_right_one_is_not() -> None:
     assert "GPS time and UTC are 18 s apart" in warning
     assert float(re.findall(r"state latency_s = ([\d.]+) under \[gps\]", warning)[0]) == pytest.approx(18, abs=0.3)
     assert evaluate(track, truth_of(SECONDS, turning_m(SECONDS))).warnings == ()
+    (warning,) = evaluate(track, truth_of(SECONDS - 40, turning_m(SECONDS))).warnings
+    assert "the truth is of another vehicle that goes ahead, such as a ship that tows" in warning
 
 
 @pytest.mark.parametrize(("ahead_m", "where"), [(3.0, "ahead"), (-3.0, "astern")])

@@ -214,8 +214,9 @@ def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
     gyro = topic("/vessel/imu", IMU_DATA.type, IMU)
 
     roles = choose_roles(LOG, [DVL, SHIP_GPS, gyro, IMU_DATA], {}, {})
+    camel = choose_roles(LOG, [DVL, topic("/ShipGPS", GPS.type, FIX), IMU_DATA], {}, {})
 
-    assert taken(roles) == {"dvl": DVL.name, "compass": "/imu/data"}
+    assert taken(camel) == taken(roles) == {"dvl": DVL.name, "compass": "/imu/data"}
     of_ship = [("ROLE-SHIP", "/vessel/imu"), ("ROLE-SHIP", "/ship/gps")]
     assert [(finding.code, finding.topic) for finding in roles.findings] == of_ship
     assert roles.findings[1].text == (
