@@ -191,6 +191,10 @@ def flipped(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Tim
         added, subtracted = (log.convention("compass", key).value for key in ("declination_deg", "bias_deg"))
         psi = -psi - np.radians(90.0 + 2 * (float(added or 0.0) - float(subtracted or 0.0)))
     line = replace(timeline, dr_mps=np.column_stack([u, v]), dr_yaw_rad=psi)
+    if yaw and settings.usbl.beacon and settings.usbl.frame == "body" and line.fix_away_m is not None:
+        turned = np.exp(1j * np.interp(line.fix_time_s, line.time_s, psi - timeline.dr_yaw_rad))
+        moved = as_points(line.fix_away_m) * (turned - 1)  # the compass has turned these fixes about the beacon
+        line = replace(line, fix_m=line.fix_m + np.column_stack([moved.real, moved.imag]))
     return replace(line, fix_m=line.fix_m[:, ::-1], fix_cov_m2=line.fix_cov_m2[:, ::-1, ::-1]) if world else line
 
 

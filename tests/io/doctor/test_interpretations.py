@@ -1,5 +1,6 @@
 """Conventions and clocks are judged by what the messages say, and not by fixes that no interpretation fits."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,31 @@ def test_an_unmodelled_current_is_no_wrong_axis_and_hides_no_wrong_heading(tmp_p
     log = through_the_water(log, 100.0, to_s, *current_mps)
 
     assert {one.code for one in convention_warnings(log, timeline(log))} & FLIPPED == named
+
+
+def seen_from_the_vehicle(rows: list[Row], beacon_m: complex) -> list[Row]:
+    """Return a dive with a heading clockwise from north whose fixes are a beacon's place ahead and to starboard."""
+    imu = {ns: values for ns, topic, _, values in rows if topic == "/imu"}
+
+    def seen(values: Mapping[str, Any]) -> dict[str, Any]:
+        at_fix = imu[values["header.stamp"]]
+        apart_m = beacon_m - complex(values["point.x"], values["point.y"])  # east + i north
+        apart_m *= complex(at_fix["orientation.w"], at_fix["orientation.z"]) ** 2  # starboard + i forward
+        return dict(values) | {"point.x": apart_m.imag, "point.y": apart_m.real}
+
+    return [(*row[:3], seen(row[3])) if "point.x" in row[3] else row for row in rows]
+
+
+def test_a_heading_that_turns_the_fixes_of_a_beacon_is_judged_with_them(tmp_path: Path) -> None:
+    rows = seen_from_the_vehicle(curved_dive(imu="NED"), 60.0 - 40.0j)
+    beacon = '[usbl]\nframe = "body"\naxes = "FRD"\nbeacon = { east_m = 60.0, north_m = -40.0 }\n'
+
+    found = findings(written(tmp_path, rows, beacon))
+    cured = findings(written(tmp_path, rows, f'{beacon}[compass]\nconvention = "NED"\n'))
+
+    assert 'state convention = "NED" under [compass]' in found["HEADING-CONVENTION"]["text"]
+    assert {"USBL-MOTION", "DVL-AXES"}.isdisjoint(found)
+    assert {*cured}.isdisjoint(CONVENTIONS)
 
 
 DEPTH_M = 12.0
