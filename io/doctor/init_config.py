@@ -15,7 +15,7 @@ import numpy as np
 from usbldr.filters.identification.dr_usbl_fit import Points, as_points
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.draft import WHY_HEAD, Draft
-from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, usbl_lines
+from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, ships_gps, usbl_lines
 from usbldr.io.doctor.interpretations import reinterpret
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -76,7 +76,7 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
         if drafted.head:
             _keep(sections["usbl"], f"head = {inline(drafted.head)}", "head", WHY_HEAD)
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
-        sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(log)
+        sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(examination, log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
     if drafted.fault and drafted.fault not in drafted.unread.values():
         lines.append(comment(f"CHECK: {drafted.fault}"))
@@ -226,6 +226,8 @@ def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
         why = f"{head.topic} is the ship's" if role == "gps" and head and head.topic else "no such topic in the log"
         return [('topic = "none"', why)] if role != "usbl" else []
     p = log.provenance[role]
+    if p.topic == ships_gps(examination):
+        return [('topic = "none"', f"{p.topic} moves unlike the fixes and dead reckoning: it is the ship's")]
     why = f"{p.type}, {p.messages} messages, by {p.chosen_by}"
     if role in examination.alternatives:
         why = "CHECK: of those that move with the other sensors, the topic with the most messages; it could be "
@@ -233,9 +235,9 @@ def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     return [(f"topic = {quoted(p.topic)}", why)]
 
 
-def _truth(log: Log) -> list[ConfigLine]:
-    if log.truth is None:
-        return [('# topic = "/gps/fix"', "no GPS in the log; name a truth, if there is one")]
+def _truth(examination: Examination, log: Log) -> list[ConfigLine]:
+    if log.truth is None or ships_gps(examination):
+        return [('# topic = "/gps/fix"', "no GPS of the vehicle in the log; name a truth, if there is one")]
     if "truth" in log.provenance:
         return []
     mark = "# " if log.truth.kind == "gps" else ""  # by the source, so that it stays right with another truth

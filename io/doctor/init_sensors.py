@@ -21,6 +21,7 @@ from usbldr.io.doctor.sensor_errors import log_odds_text, stated_lever_m, stated
 from usbldr.io.log import Log
 from usbldr.io.messages.field_names import utm_code
 from usbldr.io.provenance import chosen_by_text, convention_text
+from usbldr.io.settings.toml_text import inline
 
 ConfigLine: TypeAlias = tuple[str, str]  # a key and its value, and where the value comes from
 SD_KEYS = ("sd_mps", "sd_deg", "sd_m", "sd_rel", "covariance")
@@ -123,6 +124,10 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
         lines.append(recorded_line(log, "usbl", "relative_to"))
         if lines[-1][0] and log.convention("usbl", "relative_to").value != "head":
             lines.append(("# head = { lat_deg = 0.0, lon_deg = 0.0, depth_m = 0.0 }", "if fixes count from a head"))
+    elif (ship := ships_gps(examination)) and log.settings.usbl.head is None:
+        gyros = examination.alternatives.get("compass", ())
+        head = {"topic": ship} | ({"heading_topic": gyros[0]} if len(gyros) == 1 else {})
+        lines.append((f"# head = {inline(head)}", "if this ship carries the head: its errors are then found, too"))
     stated_m = float(np.sqrt(np.median(log.tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].mean(axis=1))))
     lines.append(_sd("usbl", "sd_m", log, stated_m))
     if found:
@@ -137,6 +142,13 @@ def usbl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", MEASURE_IT))
     lines.append(('noise = { kind = "contamination" }', "default: 5 % of the fixes are off by 10 m"))
     return [line for line in lines if line[0]]
+
+
+def ships_gps(examination: Examination) -> str:
+    """Return the topic of a GPS that moves unlike the vehicle, "" if none does."""
+    of_gps = (one for one in examination.findings if one.code == "TRUTH-MOTION")
+    log = examination.log
+    return next((one.topic for one in of_gps if log and one.topic == log.topic_of("gps")), "")
 
 
 def grid_lines(log: Log, role: str) -> list[ConfigLine]:

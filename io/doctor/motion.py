@@ -40,7 +40,8 @@ def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) 
         return []
     text = (
         f"{truth.source}: the truth moves unlike the fixes of {log.topic_of('usbl')} and dead reckoning, which agree: "
-        "it is of another vehicle, such as the ship; name another by --truth or --gps"
+        "it is of another vehicle, such as the ship (then perhaps topic of head under [usbl]); name another by --truth "
+        "or --gps"
     )
     return [Finding("TRUTH-MOTION", text, truth.source)]
 

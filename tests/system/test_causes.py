@@ -1,6 +1,7 @@
 """Wrong results whose cause is said: one dive, damaged as logs of companies are, through the commands."""
 
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -256,3 +257,19 @@ def test_of_two_topics_the_one_that_moves_with_the_others_is_chosen(edited, dive
     found = (tmp_path / "found.toml").read_text(encoding="utf-8")
     assert 'topic = "/usbl_b"' in found
     assert 'topic = "/gps_b"' in found
+
+
+def test_a_gps_that_moves_unlike_the_vehicle_is_no_truth_but_perhaps_the_place_of_the_head(edited) -> None:
+    log = edited("", usbl=in_degrees, gps=circling)
+
+    output_of("init", log, "--output", log / "found.toml")
+
+    found = (log / "found.toml").read_text(encoding="utf-8")
+    assert '# head = { topic = "/gps" }' in found
+    assert "/gps moves unlike the fixes and dead reckoning" in found
+    assert tomllib.loads(found)["gps"] == {"topic": "none"}
+
+
+def circling(table: pd.DataFrame) -> pd.DataFrame:
+    angle = seconds(table) / 90
+    return in_degrees(table.assign(east_m=150 * np.sin(angle), north_m=150 * np.cos(angle)))
