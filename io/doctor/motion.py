@@ -19,7 +19,10 @@ def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) 
     line = reinterpret(log, timeline, result.best.flips)
     track = np.exp(1j * result.best.fit.rotation_rad) * dead_reckoned(line, line.fix_time_s - latency_s)
     group = segment_numbers(line, line.fix_time_s)
-    unlike = unexplained_share(line.fix_time_s, track, fix_points(line), group, THRESHOLDS.sound_share)
+    unlike, median = (
+        unexplained_share(line.fix_time_s, track, fix_points(line), group, share)
+        for share in (THRESHOLDS.sound_share, 0.5)
+    )
     if unlike > THRESHOLDS.unlike_share:
         text = (
             "the fixes move unlike dead reckoning, so that they decide nothing about conventions and sensor "
@@ -28,8 +31,8 @@ def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) 
         )
         return [log.finding("USBL-MOTION", "usbl", text)]
     truth = log.truth
-    if truth is None or len(truth.time_s) < 2:
-        return []
+    if truth is None or len(truth.time_s) < 2 or median > THRESHOLDS.unlike_share:
+        return []  # fixes and dead reckoning agree too little to judge a truth
     time_s = line.fix_time_s - latency_s
     after = np.searchsorted(truth.time_s, time_s).clip(1, len(truth.time_s) - 1)
     known = np.diff(truth.time_s)[after - 1] <= truth.max_gap_s

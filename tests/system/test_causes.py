@@ -12,7 +12,9 @@ import pytest
 
 from commands import output_of, run
 from usbldr.filters.errors import UsbldrError
+from usbldr.io.doctor import motion
 from usbldr.io.doctor.cross_check import convention_warnings
+from usbldr.io.doctor.interpretations import compare_interpretations
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import read_log
 from usbldr_cli.main import cli
@@ -268,6 +270,16 @@ def test_a_gps_that_moves_unlike_the_vehicle_is_no_truth_but_perhaps_the_place_o
     assert '# head = { topic = "/gps" }' in found
     assert "/gps moves unlike the fixes and dead reckoning" in found
     assert tomllib.loads(found)["gps"] == {"topic": "none"}
+
+
+@pytest.mark.parametrize(("median", "judged"), [(0.1, True), (0.9, False)])
+def test_a_truth_is_not_judged_by_fixes_that_mostly_contradict_dead_reckoning(edited, monkeypatch, median, judged):
+    log = read_log(edited("", usbl=in_degrees, gps=circling))
+    of_fixes = compare_interpretations(log, timeline(log))
+    shares = iter([0.4, median, 0.9])  # of a quarter and of half of the fixes, and of the truth
+    monkeypatch.setattr(motion, "unexplained_share", lambda *_: next(shares))
+
+    assert [one.code for one in motion.motion_findings(log, timeline(log), of_fixes)] == ["TRUTH-MOTION"] * judged
 
 
 def circling(table: pd.DataFrame) -> pd.DataFrame:
