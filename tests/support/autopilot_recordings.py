@@ -1,13 +1,13 @@
 """Logs of autopilots, written by hand: telemetry logs with pymavlink's messages, onboard logs by their own layouts."""
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from recordings import T0
+from recordings import T0, saved
 
 COUNT = 60
 
@@ -31,6 +31,12 @@ def packets(version_1: bool = False) -> list[bytes]:
             packed = bytes(message.pack(owner, force_mavlink1=version_1 and message.get_msgId() < 256))
             found.append(struct.pack(">Q", time_us) + packed)
     return found
+
+
+def write_packets(file: Path, timed: Iterable[tuple[int, Any]]) -> Path:
+    """Write messages of MAVLink by one sender, each behind its time, as a ground station stores them."""
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    return saved(file, *(struct.pack(">Q", t // 1000) + bytes(message.pack(sender)) for t, message in timed))
 
 
 def write_tlog(file: Path, version_1: bool = False) -> Path:
@@ -84,6 +90,13 @@ def onboard(gps: bool = True) -> list[bytes]:
         parts += [row(132, codes_of[132], t + 30, instance, 0, 101325 + 1e4 * instance) for instance in (0, 1)]
         parts += [row(134, codes_of[134], t + 40, b"ArduSub V4.5")]
     return parts
+
+
+def write_rows(file: Path, definition: Definition, rows: Iterable[Sequence[Any]]) -> Path:
+    """Write an onboard log of messages of one kind."""
+    number, name, codes, columns, _ = definition
+    head = fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"), fmt(number, name, codes, columns)
+    return saved(file, *head, *(row(number, codes, *values) for values in rows))
 
 
 def write_bin(file: Path, parts: Sequence[bytes] | None = None) -> Path:

@@ -76,6 +76,13 @@ def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
     return {one["code"]: one for one in found}
 
 
+def drafted(log: Path, *options: object) -> str:
+    """Return the configuration that usbldr init drafts for a log."""
+    file = (log if log.is_dir() else log.parent) / "drafted.toml"
+    run("init", log, "--output", file, *options)
+    return file.read_text(encoding="utf-8")
+
+
 def output_of(*arguments: object) -> str:
     """Return what a command that succeeds prints on stdout; a fault is raised."""
     done = run(*arguments)

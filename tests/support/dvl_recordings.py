@@ -17,10 +17,11 @@ def ensemble(
     gga: bool = True,
     clock: str = "",
     heading: int | None = None,
+    quality: int = 2,
 ) -> bytes:
     """Return an ensemble of a convex instrument with beams at 30 degrees that looks down.
 
-    ``clock``: YYMMDDhhmmss and hundredths; ``heading``: hundredths of a degree.
+    ``clock``: YYMMDDhhmmss and hundredths; ``heading``: hundredths of a degree; ``quality``: of the fix.
     """
     fixed = bytearray(59)
     fixed[4], fixed[5], fixed[25] = 0b0000_1011, 0b0100_0010, coordinates << 3
@@ -35,9 +36,14 @@ def ensemble(
     bottom[77:81] = b"\1\0\1\1"
     parts = [bytes(fixed), b"\x80\0" + bytes(variable[2:]), b"\0\6" + bytes(bottom[2:])]
     if gga:
-        place = 64.5 + k * 1e-6, b"N", 149.0, b"W", 2
+        place = 64.5 + k * 1e-6, b"N", 149.0, b"W", quality
         block = struct.pack("<HHHd7s10sdcdcB", 0x2022, 104, 57, 0.25, b"$GPGGA\0", b"201423.00\0", *place) + bytes(20)
         parts.append(block)
+    return pd0_ensemble(*parts)
+
+
+def pd0_ensemble(*parts: bytes) -> bytes:
+    """Return header, places of the parts, the parts, and the sum of all bytes."""
     start = 6 + 2 * len(parts)
     starts = [start + sum(map(len, parts[:i])) for i in range(len(parts))]
     size = start + sum(map(len, parts))

@@ -1,10 +1,12 @@
 """Recordings written by hand and read back at once, with usbldr.toml beside them."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from recordings import Row, saved, saved_lines, write_csv, write_mcap
@@ -47,15 +49,30 @@ def logged_nmea(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log
     return read_as(saved_lines(folder / "ship.nmea", lines), toml, Request(topics=topics))
 
 
-def refusal(kind: type[Exception], call: Callable[..., object], *arguments: Any, **named: Any) -> str:
+def refusal(
+    kind: type[Exception] | tuple[type[Exception], ...], call: Callable[..., object], *arguments: Any, **named: Any
+) -> str:
     with pytest.raises(kind) as refused:
         call(*arguments, **named)
     return str(refused.value)
 
 
+def texts(log: Log, code: str) -> list[str]:
+    return [finding.text for finding in log.findings if finding.code == code]
+
+
 def only(log: Log, code: str) -> str:
-    (text,) = [finding.text for finding in log.findings if finding.code == code]
+    (text,) = texts(log, code)
     return text
+
+
+def counts(log: Reader) -> dict[str, int]:
+    """Return topic -> number of its messages."""
+    return {topic.name: topic.count for topic in log.topics()}
+
+
+def with_table(log: Log, role: str, table: pd.DataFrame) -> Log:
+    return replace(log, tables={**log.tables, role: table})
 
 
 def lost(log: Log) -> list[str]:

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -58,10 +58,11 @@ EXTRA = {"marine_acoustic_msgs/msg/Dvl": MARINE_DVL, "old_dvl_msgs/msg/DVL": OLD
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 
 
-def define(definitions: Mapping[str, str]) -> None:
+def define(definitions: Mapping[str, str], ros_1: bool = False) -> None:
     """Make further types known: name -> definition."""
     for name, text in definitions.items():
-        ROS2.register(get_types_from_msg(text, name))
+        for store in (ROS1, ROS2) if ros_1 else (ROS2,):
+            store.register(get_types_from_msg(text, name))
 
 
 define(EXTRA)
@@ -191,14 +192,24 @@ def write_bag(file: Path, rows: Iterable[Row], compression: str = "none", chunk_
     return file
 
 
-def write_rosbag2(folder: Path, rows: Iterable[Row], storage: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
+def write_rosbag2(
+    folder: Path,
+    rows: Iterable[Row],
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    packed: CompressionMode | None = None,
+    store: Typestore = ROS2,
+) -> Path:
     """Write messages in the order given, into one part."""
-    with Writer2(folder, version=8, storage_plugin=storage) as writer:
+    writer = Writer2(folder, version=9 if packed else 8, storage_plugin=storage)
+    if packed:
+        writer.set_compression(packed, CompressionFormat.ZSTD)
+    with writer:
         connections = {}
         for log_ns, topic, type_name, values in rows:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, type_name, typestore=ROS2)
-            writer.write(connections[topic], log_ns, ROS2.serialize_cdr(message(type_name, values), type_name))
+                connections[topic] = writer.add_connection(topic, type_name, typestore=store)
+            data = store.serialize_cdr(message(type_name, values, store), type_name)
+            writer.write(connections[topic], log_ns, data)
     return folder
 
 
@@ -239,6 +250,10 @@ def point(time_ns: int, x: float, y: float, z: float = 0.0, delay_s: float = 0.0
 def fix(time_ns: int, lat: float, lon: float, status: int = 0, topic: str = "/gps/fix") -> Row:
     values = {"header.stamp": time_ns, "latitude": lat, "longitude": lon, "status.status": status}
     return time_ns, topic, FIX, values
+
+
+def pressure(time_ns: int, pascals: float) -> Row:
+    return time_ns, "/pressure", PRESSURE, {"header.stamp": time_ns, "fluid_pressure": pascals}
 
 
 def short_dive() -> list[Row]:

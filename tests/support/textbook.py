@@ -110,6 +110,13 @@ def grid_posterior(m: float, P: float, z: float, noise: Noise) -> tuple[float, f
     return mean, float(np.trapezoid((x - mean) ** 2 * joint, x)) / evidence, evidence
 
 
+def radii_m(lat_deg: float) -> tuple[float, float]:
+    """Return the radii of WGS 84 along the meridian and across it, the radius of its parallel over cos(latitude)."""
+    a, e2 = 6378137.0, 0.00669437999014
+    w = math.sqrt(1 - e2 * math.sin(math.radians(lat_deg)) ** 2)
+    return a * (1 - e2) / w**3, a / w
+
+
 def utm_m(lat_deg: float, lon_deg: float, zone: int) -> tuple[float, float]:
     """Return easting and northing by Krueger's series (Karney 2011, doi:10.1007/s00190-011-0445-3)."""
     f = 1 / 298.257223563
