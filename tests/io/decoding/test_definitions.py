@@ -1,5 +1,6 @@
 """Recordings that do not define their messages: what is known, what a user's folder adds, and other languages."""
 
+import random
 import sqlite3
 import struct
 import zlib
@@ -9,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.interfaces import Nodetype
-from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from chance import anything
 from commands import run
-from recordings import SECOND, T0, execute, write_payloads
+from recordings import SECOND, T0, Row, define, execute, message, saved, write_payloads, write_rosbag2
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import RosDecoder, ros_decoder
 from usbldr.io.decoding.collected import read_whole
@@ -35,22 +36,18 @@ OF_2025 = START + (
 def undefined_dvl(folder: Path, layout: str) -> Path:
     """Write ten messages of dvl_msgs/DVL, x counting up, into a db3 that does not define them."""
     store = get_typestore(Stores.ROS2_FOXY)
-    store.register(get_types_from_msg(BEAM, "dvl_msgs/msg/DVLBeam"))
-    store.register(get_types_from_msg(layout, "dvl_msgs/msg/DVL"))
-    types: Any = store.types
-    with Writer(folder, version=8) as bag:
-        connection = bag.add_connection("/dvl/data", "dvl_msgs/msg/DVL", typestore=store)
-        for k in range(10):
-            stamp = types["builtin_interfaces/msg/Time"](T0 // SECOND + k, 0)
-            header = types["std_msgs/msg/Header"](stamp, "dvl_link")
-            velocity = types["geometry_msgs/msg/Vector3"](float(k), 0.5, 0.25)
-            beams = [types["dvl_msgs/msg/DVLBeam"](i, 0.1, 5.0, -40.0, -90.0, True) for i in range(4)]
-            covariance = [np.arange(9.0)] if "covariance" in layout else []
-            times = [T0 // 1000, T0 // 1000 + 189_000] if "covariance" in layout else []
-            made: Any = types["dvl_msgs/msg/DVL"](
-                header, 0.2, velocity, 0.01, *covariance, 12.0, beams, True, 0, *times, "json_v3"
-            )
-            bag.write(connection, T0 + k * SECOND, store.serialize_cdr(made, "dvl_msgs/msg/DVL"))
+    store.register(get_types_from_msg(BEAM, "dvl_msgs/msg/DVLBeam") | get_types_from_msg(layout, "dvl_msgs/msg/DVL"))
+    beam = message("dvl_msgs/msg/DVLBeam", {"velocity": 0.1, "distance": 5.0, "rssi": -40.0, "valid": True}, store)
+    values = {"header.frame_id": "dvl_link", "time": 0.2, "velocity.y": 0.5, "fom": 0.01, "altitude": 12.0}
+    values |= {"beams": [beam] * 4, "velocity_valid": True, "form": "json_v3"}
+    if "covariance" in layout:
+        clocks = {"time_of_validity": T0 // 1000, "time_of_transmission": T0 // 1000 + 189_000}
+        values |= {"covariance": np.arange(9.0), **clocks}
+    times = [T0 + k * SECOND for k in range(10)]
+    own = [values | {"header.stamp": t, "velocity.x": float(k)} for k, t in enumerate(times)]
+    write_rosbag2(
+        folder, [(t, "/dvl/data", "dvl_msgs/msg/DVL", one) for t, one in zip(times, own, strict=True)], store=store
+    )
     (file,) = folder.glob("*.db3")
     execute(file, "DROP TABLE message_definitions")
     return file
@@ -134,7 +131,9 @@ def test_layouts_of_an_instrument_are_told_apart_by_their_bytes(name: str) -> No
     for types in SHIPPED.layouts(name):
         store = get_typestore(Stores.EMPTY)
         store.register(dict(types))
-        samples = [bytes(store.serialize_cdr(random_message(store, name, k), name)) for k in range(5)]
+        rng = random.Random(name)
+        made = [anything(store, (Nodetype.NAME, name), rng, 4) for _ in range(5)]
+        samples = [bytes(store.serialize_cdr(one, name)) for one in made]
 
         decoder = decoder_without_definition(name, SHIPPED, samples)
 
@@ -142,39 +141,19 @@ def test_layouts_of_an_instrument_are_told_apart_by_their_bytes(name: str) -> No
         assert decoder.fields == RosDecoder(name, types).fields
 
 
-def random_message(store: Any, name: str, seed: int) -> Any:
-    """Return a message with numbers by chance, and a frame of some letters."""
-    rng = np.random.default_rng(seed)
-    values: list[Any] = []
-    for _, (node, what) in store.fielddefs[name][1]:
-        if node is Nodetype.NAME:
-            values.append(random_message(store, what, seed))
-        elif what[0] == "string":
-            values.append("frame"[: seed % 5])
-        else:
-            values.append(bool(rng.integers(2)) if what[0] == "bool" else int(rng.integers(100)))
-    return store.types[name](*values)
-
-
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
     """Return a recording of messages that only its maker knows."""
-    text = "std_msgs/Header header\nour_msgs/Angle heading\n"
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg("float64 degrees\n", "our_msgs/msg/Angle"))
-    store.register(get_types_from_msg(text, "our_msgs/msg/Compass"))
-    types = store.types
-    with Writer(tmp_path / "own", version=8) as bag:
-        connection = bag.add_connection("/compass", "our_msgs/msg/Compass", typestore=store)
-        for k in range(5):
-            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](k, 0), "")
-            made = types["our_msgs/msg/Compass"](header, types["our_msgs/msg/Angle"](float(k)))
-            bag.write(connection, T0 + k, store.serialize_cdr(made, "our_msgs/msg/Compass"))
+    texts = {"Angle": "float64 degrees\n", "Compass": "std_msgs/Header header\nour_msgs/Angle heading\n"}
+    define({f"our_msgs/msg/{name}": text for name, text in texts.items()})
+    values = [{"header.stamp": k * SECOND, "heading.degrees": float(k)} for k in range(5)]
+    rows: list[Row] = [(T0 + k, "/compass", "our_msgs/msg/Compass", one) for k, one in enumerate(values)]
+    write_rosbag2(tmp_path / "own", rows)
     execute(tmp_path / "own" / "own.db3", "DROP TABLE message_definitions")
     messages = tmp_path / "src" / "our_msgs" / "msg"
     messages.mkdir(parents=True)
-    (messages / "Compass.msg").write_text("# ours\n" + text)
-    (messages / "Angle.msg").write_text("float64 degrees\n")
+    for name, text in texts.items():
+        saved(messages / f"{name}.msg", "# ours\n", text)
     return tmp_path
 
 
@@ -219,17 +198,14 @@ def test_every_command_that_reads_a_log_has_the_option_for_it(own: Path) -> None
     assert str(wrong.exception) == (f"--msg-path {own / 'gone'}: no such folder; expected PACKAGE/msg/TYPE.msg")
 
 
-@pytest.mark.parametrize("content", [b"float64 = =", b"\xff\xfe\x00"])
-def test_a_definition_that_makes_no_sense_is_named(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"float64 = =", b"\xff\xfe\x00", None])
+def test_a_definition_that_makes_no_sense_or_none_is_named(tmp_path: Path, content: bytes | None) -> None:
     (tmp_path / "our_msgs").mkdir()
-    (tmp_path / "our_msgs" / "Bad.msg").write_bytes(content)
+    if content:
+        (tmp_path / "our_msgs" / "Bad.msg").write_bytes(content)
 
-    with pytest.raises(UsageError, match=r"our_msgs/Bad\.msg: is not a message definition \("):
-        with_folders([str(tmp_path)])
-
-
-def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"holds no \.msg file"):
+    said = r"our_msgs/Bad\.msg: is not a message definition \(" if content else r"holds no \.msg file"
+    with pytest.raises(UsageError, match=said):
         with_folders([str(tmp_path)])
 
 

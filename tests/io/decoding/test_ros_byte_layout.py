@@ -11,38 +11,19 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from chance import anything
+from recordings import fields
 from usbldr.io.decoding.cdr import RosDecoder, ros_decoder
 from usbldr.io.decoding.columns import concatenated
 
-ODD = """\
-bool flag
-int16 small
-string first
-float64 wide
-uint8[3] three
-float32[] many
-string[] names
-geometry_msgs/Point[] points
-time_free_msgs/Inner[] inners
-builtin_interfaces/Time[] times
-int64 last
-uint64 huge
-string second
-time_free_msgs/Inner inner
-builtin_interfaces/Time when
-"""
+ODD = fields("bool flag", "int16 small", "string first", "float64 wide", "uint8[3] three", "float32[] many")
+ODD += fields("string[] names", "geometry_msgs/Point[] points", "time_free_msgs/Inner[] inners")
+ODD += fields("builtin_interfaces/Time[] times", "int64 last", "uint64 huge", "string second")
+ODD += fields("time_free_msgs/Inner inner", "builtin_interfaces/Time when")
 INNER = "uint8 a\nfloat64 b\nstring[2] pair\nchar c\nbyte d\nfloat32[] row\nbuiltin_interfaces/Time t\nstring s\n"
-TYPES = [
-    "sensor_msgs/msg/Imu",
-    "sensor_msgs/msg/NavSatFix",
-    "nav_msgs/msg/Odometry",
-    "sensor_msgs/msg/JointState",
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "std_msgs/msg/String",
-    "std_msgs/msg/Float64MultiArray",
-    "sensor_msgs/msg/BatteryState",
-    "odd_msgs/msg/Odd",
-]
+TYPES = [f"sensor_msgs/msg/{name}" for name in ("Imu", "NavSatFix", "JointState", "BatteryState")]
+TYPES += ["nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"]
+TYPES += ["std_msgs/msg/String", "std_msgs/msg/Float64MultiArray", "odd_msgs/msg/Odd"]
 
 
 def store_of(ros_version: int) -> Typestore:
@@ -53,29 +34,6 @@ def store_of(ros_version: int) -> Typestore:
 
 
 STORES = {1: store_of(1), 2: store_of(2)}
-
-
-def anything(store: Typestore, description: tuple[Any, Any], rng: random.Random, most: int) -> Any:
-    """Make a value of a field by chance; lists and texts have up to ``most`` parts."""
-    node, what = description
-    if node is Nodetype.NAME:
-        fields = store.fielddefs[str(what)][1]
-        return store.types[str(what)](*(anything(store, kind, rng, most) for _, kind in fields))
-    if node is Nodetype.BASE:
-        if what[0] == "string":
-            return "".join(rng.choice("abcé") for _ in range(rng.randint(0, most)))
-        if what[0] == "bool":
-            return rng.random() < 0.5
-        if what[0].startswith("float"):
-            return float(np.float32(rng.gauss(0, 1e3)))
-        return rng.randint(0, 100)
-    element, count = what
-    count = count if node is Nodetype.ARRAY else rng.randint(0, most)
-    values = [anything(store, element, rng, most) for _ in range(count)]
-    base = str(element[1][0])
-    if element[0] is Nodetype.NAME or base == "string":
-        return values
-    return np.array(values, dtype={"byte": "uint8", "char": "uint8"}.get(base, base))
 
 
 def messages(ros_version: int, type_name: str, count: int, most: int) -> tuple[RosDecoder, list[bytes], list[Any]]:
