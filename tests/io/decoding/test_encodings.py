@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf import timestamp_pb2
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import Writer
 
 from logs import only
+from protobuf_recordings import defined
 from recordings import SECOND, T0, write_payloads
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -38,10 +36,9 @@ def field(
     return made
 
 
-def descriptors() -> FileDescriptorSet:
+def described() -> FileDescriptorProto:
     """Return foxglove.LocationFix by its published field numbers, and a DVL report of ours."""
     file = FileDescriptorProto(name="all.proto", package="foxglove", syntax="proto3")
-    file.dependency.append("google/protobuf/timestamp.proto")
     fix = file.message_type.add(name="LocationFix")
     fix.enum_type.add(name="PositionCovarianceType").value.add(name="UNKNOWN", number=0)
     fix.enum_type[0].value.add(name="DIAGONAL_KNOWN", number=2)
@@ -68,17 +65,11 @@ def descriptors() -> FileDescriptorSet:
             field("again", 3, Field.TYPE_MESSAGE, ".foxglove.DVL"),  # definitions may be recursive
         ]
     )
-    stamps = FileDescriptorProto()
-    timestamp_pb2.DESCRIPTOR.CopyToProto(stamps)
-    return FileDescriptorSet(file=[file, stamps])  # an import after what imports it
+    return file
 
 
-DESCRIPTORS = descriptors()
-POOL = DescriptorPool()
-for _file in reversed(DESCRIPTORS.file):
-    POOL.AddSerializedFile(_file.SerializeToString())
-made_at_run_time: Any = GetMessageClass
-LocationFix, Dvl = (made_at_run_time(POOL.FindMessageTypeByName(f"foxglove.{name}")) for name in ("LocationFix", "DVL"))
+DESCRIPTORS, type_of = defined(described(), imports_first=False)
+LocationFix, Dvl = type_of("LocationFix"), type_of("DVL")
 TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 SCHEMA = {
     "title": "foxglove.LocationFix",
@@ -174,15 +165,6 @@ def test_json_without_the_name_of_a_type_is_refused(tmp_path: Path) -> None:
         read_log(tmp_path / "dive.mcap", Request(topics={"gps": "location"}))
 
 
-def test_times_in_json_without_schema_are_known_by_their_look() -> None:
-    sample = {"stamp": "2020-09-13T12:26:40.5Z", "header": {"stamp": {"sec": 5, "nanosec": 7}}, "name": "B01"}
-    decoder = JsonDecoder("x", schema_of([json.dumps(sample).encode()]))
-
-    values = decoder.extractor(["stamp", "header.stamp", "name"])(json.dumps(sample).encode())
-
-    assert values == (T0 + SECOND // 2, 5_000_000_007, "B01")
-
-
 @BOTH
 def test_a_heading_may_be_absent(tmp_path: Path, channel: Channel, encode: Any) -> None:
     payloads = [encode(T0, BERMUDA), encode(T0 + SECOND, BERMUDA | {"heading": math.pi / 2})]
@@ -218,29 +200,38 @@ def test_a_velocity_that_is_not_set_is_not_standing_still(tmp_path: Path) -> Non
     assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "type")
 
 
-TIMES = [
-    ({"sec": 5, "nsec": 7}, {"sec", "nsec"}),
-    ({"secs": 5, "nsecs": 7}, {"secs", "nsecs"}),
-    ({"seconds": 5, "nanos": 7}, {"seconds", "nanos"}),
-    ({"sec": 5, "nanosec": 7}, {"sec", "nanosec"}),
-    ("1970-01-01T00:00:05.000000007Z", None),
-]
+STAMPED = {"stamp": "2020-09-13T12:26:40.5Z", "header": {"stamp": {"sec": 5, "nanosec": 7}}, "name": "B01"}
+WHOLE = {"properties": {"a": {"type": "integer"}, "b": {"type": "number"}}}
 
 
-@pytest.mark.parametrize(("value", "names"), TIMES)
-def test_times_in_json_have_many_spellings(value: object, names: set[str] | None) -> None:
-    inner = {"format": "date-time", "type": "string"} if names is None else {"properties": {n: {} for n in names}}
-    decoder = JsonDecoder("x", json.dumps({"properties": {"header": {"properties": {"stamp": inner}}}}).encode())
-
-    assert decoder.fields == ("header.stamp",)
-    assert decoder.extractor(["header.stamp"])(json.dumps({"header": {"stamp": value}}).encode()) == (5_000_000_007,)
+def stamp_of(inner: Any) -> Any:
+    return {"properties": {"header": {"properties": {"stamp": inner}}}}
 
 
-def test_integers_of_64_bits_keep_all_their_digits_as_text() -> None:
-    decoder = JsonDecoder("x", b'{"properties": {"a": {"type": "integer"}, "b": {"type": "number"}}}')
+@pytest.mark.parametrize(
+    ("schema", "sample", "values"),
+    [
+        *((stamp_of({"properties": {name: {} for name in spelled}}), {"header": {"stamp": spelled}},
+           {"header.stamp": 5_000_000_007})
+          for spelled in ({"sec": 5, "nsec": 7}, {"secs": 5, "nsecs": 7}, {"seconds": 5, "nanos": 7},
+                          {"sec": 5, "nanosec": 7})),
+        (stamp_of({"format": "date-time", "type": "string"}), {"header": {"stamp": "1970-01-01T00:00:05.000000007Z"}},
+         {"header.stamp": 5_000_000_007}),
+        # times without a schema are known by their look
+        (None, STAMPED, {"stamp": T0 + SECOND // 2, "header.stamp": 5_000_000_007, "name": "B01"}),
+        # integers of 64 bits keep all their digits as text
+        (WHOLE, {"a": "1600000000123456789", "b": "1.5"}, {"a": 1600000000123456789, "b": 1.5}),
+        (WHOLE, {"a": "many", "b": "1.5"}, {"a": None, "b": None}),
+    ],
+)  # fmt: skip
+def test_fields_of_json_have_their_values(schema: Any, sample: Any, values: dict[str, Any]) -> None:
+    text = json.dumps(sample).encode()
+    decoder = JsonDecoder("x", schema_of([text]) if schema is None else json.dumps(schema).encode())
 
-    assert decoder.extractor(["a", "b"])(b'{"a": "1600000000123456789", "b": "1.5"}') == (1600000000123456789, 1.5)
-    assert decoder.extractor(["a"])(b'{"a": "many"}') is None
+    found = decoder.extractor(list(values))(text)
+
+    assert found == (None if None in values.values() else tuple(values.values()))
+    assert decoder.fields == tuple(values)
 
 
 def test_json_schemas_may_refer_to_their_own_parts() -> None:
