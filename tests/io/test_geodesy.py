@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from textbook import radii_m
 from usbldr.filters.frames import convergence_rad
 from usbldr.io.geodesy import Origin, OriginKind, to_geodetic, to_plane
 
@@ -12,10 +13,7 @@ ORIGIN = Origin(39.718033330, 2.587106667, OriginKind.MAP)
 
 
 def test_near_the_origin_an_arc_second_has_the_length_of_wgs84_radii() -> None:
-    a, e2 = 6378137.0, 0.00669437999014
-    sine = math.sin(math.radians(ORIGIN.lat_deg))
-    meridian, vertical = a * (1 - e2) / (1 - e2 * sine**2) ** 1.5, a / math.sqrt(1 - e2 * sine**2)
-    second = 1 / 3600
+    (meridian, vertical), second = radii_m(ORIGIN.lat_deg), 1 / 3600
 
     east, north = to_plane(ORIGIN, np.array([ORIGIN.lat_deg + second]), np.array([ORIGIN.lon_deg + second]))
 

@@ -11,6 +11,7 @@ import pytest
 
 from logs import on_map, read_as
 from recordings import saved_lines
+from textbook import radii_m
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.filters.replay.online import OnlineFilter
@@ -29,9 +30,7 @@ LATITUDES = [45.0, -33.0, 80.0]
 
 def parallel_m(lat_deg: float, along_m: float) -> np.ndarray:
     """Return the point of the plane at a distance east of its origin along the origin's parallel."""
-    sine = math.sin(math.radians(lat_deg))
-    radius_m = 6378137.0 / math.sqrt(1 - 0.00669437999014 * sine**2) * math.cos(math.radians(lat_deg))
-    lon = LON_DEG + math.degrees(along_m / radius_m)
+    lon = LON_DEG + math.degrees(along_m / (radii_m(lat_deg)[1] * math.cos(math.radians(lat_deg))))
     return np.concatenate(to_plane(Origin(lat_deg, LON_DEG, OriginKind.MAP), np.array([lat_deg]), np.array([lon])))
 
 

@@ -8,7 +8,8 @@ import pymap3d
 import pytest
 
 from logs import MAP, codes, covariance, logged, logged_csv, places, read_as
-from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, short_dive, yaw
+from recordings import HEADING, IMU, SECOND, T0, Row, fix, point, record, short_dive, yaw
+from textbook import radii_m
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.io.reading.epochs import timeline
@@ -31,13 +32,9 @@ FROM_SHIP = f'{MAP}[usbl]\nhead = {{ topic = "/ship/fix" }}\n'
 BOW = 'frame = "body"\naxes = "FSD"\n'
 BY_IMU = MAP + "[usbl]\n" + BOW + 'head = {{ topic = "/ship/fix", heading_topic = "/ship/imu"{} }}\n'
 EASTWARD = [ship(T0 + k * SECOND, 10.0 * k, 5.0) for k in range(4)]
-SHIP_IMU = T0, "/ship/imu", IMU, {"header.stamp": T0, "orientation.z": 0.0, "orientation.w": 1.0}
-ROLLED_IMU = (
-    T0,
-    "/ship/imu",
-    IMU,
-    {"header.stamp": T0, "orientation.x": math.sin(math.pi / 12), "orientation.w": math.cos(math.pi / 12)},
-)
+SHIP_IMU = record("/ship/imu", IMU, {"orientation.w": 1.0})
+ROLLED = {"orientation.x": math.sin(math.pi / 12), "orientation.w": math.cos(math.pi / 12)}
+ROLLED_IMU = record("/ship/imu", IMU, ROLLED)
 SOUND = "[usbl]\nsound_speed_scale = 0.98\nhead = { east_m = 100.0, north_m = 0.0 }\n"
 
 
@@ -109,11 +106,6 @@ def test_the_ships_receiver_is_no_truth_of_the_vehicle(tmp_path: Path) -> None:
     assert "gps" not in log.tables
     assert log.truth is None
     assert "gps" not in survey(tmp_path / "dive.mcap", Request()).roles
-
-
-def test_what_places_the_head_cannot_judge_the_filter(tmp_path: Path) -> None:
-    rows = [ship(T0, 0.0, 0.0), point(T0, 3.0, 4.0)]
-
     with pytest.raises(UsageError, match="/ship/fix cannot be the ship and the truth at once"):
         logged(tmp_path, rows, f'{FROM_SHIP}[gps]\ntopic = "/ship/fix"')
 
@@ -243,9 +235,8 @@ def test_an_offset_from_a_moving_ship_that_is_sent_again_is_one_fix(tmp_path: Pa
 def test_offsets_from_a_ship_count_from_true_north_where_the_ship_is(tmp_path: Path, bow: bool) -> None:
     """Half a kilometre north of a ship that is 20 km east of the origin lies on the ship's own meridian."""
     ship_lat, ship_lon, _ = pymap3d.enu2geodetic(20e3, 0.0, 0.0, 70.0, 7.0, 0.0)
-    north_m, sine = 500.0, math.sin(math.radians(ship_lat))
-    meridian_m = 6378137.0 * (1 - 0.00669437999014) / (1 - 0.00669437999014 * sine**2) ** 1.5
-    lat = ship_lat + math.degrees(north_m / meridian_m)
+    north_m = 500.0
+    lat = ship_lat + math.degrees(north_m / radii_m(ship_lat)[0])
     expected = pymap3d.geodetic2enu(lat, ship_lon, 0.0, 70.0, 7.0, 0.0)[:2]
     rows = [fix(T0 + k * SECOND, ship_lat, ship_lon, topic="/ship/fix") for k in range(3)]
     rows += [gyro(T0 + k * SECOND, 0.0) for k in range(3)]

@@ -10,6 +10,7 @@ from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.tools import file_interface
 
+from textbook import radii_m
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.types import Trajectory, Truth
 from usbldr.io.geodesy import Origin, OriginKind
@@ -110,11 +111,9 @@ def test_a_plain_track_has_neither_sigma_nor_heading() -> None:
 def test_latitude_and_longitude_grow_north_and_east_by_the_radii_of_the_ellipsoid() -> None:
     table = track_table(TRACK, ORIGIN)
 
-    lat = math.radians(ORIGIN.lat_deg)
-    w = math.sqrt(1 - 0.00669437999014 * math.sin(lat) ** 2)
-    meridian, vertical = 6378137.0 * (1 - 0.00669437999014) / w**3, 6378137.0 / w
+    meridian, vertical = radii_m(ORIGIN.lat_deg)
     north = np.radians(table.lat_deg - ORIGIN.lat_deg) * meridian
-    east = np.radians(table.lon_deg - ORIGIN.lon_deg) * vertical * math.cos(lat)
+    east = np.radians(table.lon_deg - ORIGIN.lon_deg) * vertical * math.cos(math.radians(ORIGIN.lat_deg))
     assert north.to_numpy() == pytest.approx(table.north_m.to_numpy(), abs=0.03)
     assert east.to_numpy() == pytest.approx(table.east_m.to_numpy(), abs=0.03)
 
