@@ -1,15 +1,17 @@
 """Logs of IMC messages, written and decoded by imcpy; units and signs are those that IMC.xml states."""
 
 import gzip
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from imc_recordings import COUNT, definitions, imcpy, messages, sent, write_lsf, write_messages
-from logs import codes
+from imc_recordings import COUNT, imcpy, messages, sent, write_lsf, write_messages
+from logs import codes, columns
 from recordings import SECOND, T0
+from textbook import radii_m
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -84,14 +86,11 @@ def test_definitions_that_are_missing_or_broken_are_named(tmp_path: Path, text: 
 @pytest.mark.parametrize("bits", [1, 2, 4, 7])
 def test_a_velocity_is_valid_if_its_horizontal_part_is(tmp_path: Path, bits: int) -> None:
     valid = imcpy.GroundVelocity.ValidityBits
-    (tmp_path / "IMC.xml").write_text(definitions())
-    sequence = [
-        sent("GroundVelocity", T0 / SECOND + k, 5, validity=valid(bits if k == 2 else 7), x=1.0 + k, y=2.0)
-        for k in range(9)
-    ]
-    (tmp_path / "Data.lsf").write_bytes(b"".join(sequence))
+    speeds = [{"validity": valid(bits if k == 2 else 7), "x": 1.0 + k, "y": 2.0} for k in range(9)]
 
-    assert list(read_log(tmp_path / "Data.lsf").tables["dvl"]["valid"]) == [k != 2 or bits == 7 for k in range(9)]
+    dvl = dive(tmp_path, "GroundVelocity", *speeds).tables["dvl"]
+
+    assert list(dvl["valid"]) == [k != 2 or bits == 7 for k in range(9)]
 
 
 LAT, LON = 0.7184, -0.1519  # [rad] off Porto
@@ -110,14 +109,24 @@ def fix_of_gps(east_rad: float = 0.0, bits: int = 7, kind: int = 0) -> dict[str,
     return place | {"validity": own.ValidityBits(bits), "type": own.TypeEnum(kind)}
 
 
-def test_a_gps_fix_is_in_radians_and_valid_if_its_position_is(tmp_path: Path) -> None:
-    fixes = [fix_of_gps(), fix_of_gps(1e-6), fix_of_gps(9.0, bits=3), fix_of_gps(2e-6, bits=4)]
+FIXES = [fix_of_gps(), fix_of_gps(1e-6), fix_of_gps(9.0, bits=3), fix_of_gps(2e-6, bits=4)]
+PLACES_DEG = {"gps.lat_deg": [math.degrees(LAT)] * 3, "gps.lon_deg": np.degrees(LON + np.array([0, 1e-6, 2e-6]))}
+ANGLES = [{"psi": psi, "psi_magnetic": 3.0, "theta": 0.2, "phi": 0.1} for psi in (0.0, np.pi / 2, -np.pi / 2)]
 
-    table = dive(tmp_path, "GpsFix", *fixes).tables["gps"]
 
-    np.testing.assert_allclose(table["lat_deg"], np.degrees(LAT), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(table["lon_deg"], np.degrees(LON + np.array([0, 1e-6, 2e-6])), rtol=0, atol=1e-12)
-    assert table["time_s"].tolist() == [0.0, 1.0, 3.0]
+@pytest.mark.parametrize(
+    ("kind", "sequence", "wanted"),
+    [
+        # a fix is valid if its position is
+        ("GpsFix", FIXES, PLACES_DEG | {"gps.time_s": [0.0, 1.0, 3.0]}),
+        # clockwise from north
+        ("EulerAngles", ANGLES, {"compass.heading_deg": [0, 90, 270]}),
+    ],
+)
+def test_places_and_headings_are_in_radians(tmp_path: Path, kind: str, sequence: Any, wanted: Any) -> None:
+    found = columns(dive(tmp_path, kind, *sequence), wanted)
+
+    assert found == {name: pytest.approx(np.asarray(values), rel=0, abs=1e-12) for name, values in wanted.items()}
 
 
 @pytest.mark.parametrize(("name", "read"), [("STANDALONE", 1), ("DIFFERENTIAL", 1), ("SIMULATION", 1),
@@ -137,17 +146,8 @@ def test_usbl_fixes_are_in_radians(tmp_path: Path, kind: str, more: dict[str, An
     log = dive(tmp_path, kind, *({"lat": LAT + k * 1e-7, "lon": LON, **more} for k in range(5)))
 
     table = log.tables["usbl"]
-    radius_m = 6_378_137.0 * (1 - 0.00669438) / (1 - 0.00669438 * np.sin(LAT) ** 2) ** 1.5  # of the meridian, WGS 84
-    north_m = table["north_m"].to_numpy()
-    np.testing.assert_allclose(north_m - north_m[0], np.arange(5) * 1e-7 * radius_m, rtol=0, atol=1e-3)
-
-
-def test_a_heading_turns_clockwise_from_north_in_radians(tmp_path: Path) -> None:
-    angles = [{"psi": psi, "psi_magnetic": 3.0, "theta": 0.2, "phi": 0.1} for psi in (0.0, np.pi / 2, -np.pi / 2)]
-
-    table = dive(tmp_path, "EulerAngles", *angles).tables["compass"]
-
-    np.testing.assert_allclose(table["heading_deg"] % 360, [0, 90, 270], rtol=0, atol=1e-12)
+    along_m = np.arange(5) * 1e-7 * radii_m(math.degrees(LAT))[0]
+    np.testing.assert_allclose(table["north_m"] - table["north_m"][0], along_m, rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["WaterVelocity", "EstimatedState"])
