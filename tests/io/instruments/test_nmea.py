@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from logs import HEAD, MAP, codes, covariance, logged, logged_nmea, on_map
-from recordings import SECOND, T0, saved, sentence
+from logs import HEAD, MAP, codes, covariance, logged, logged_nmea, on_map, read_as
+from recordings import SECOND, T0, saved, saved_lines, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
@@ -41,13 +41,38 @@ def timed(*sentences: str) -> list[str]:
     return [f"{1600000000 + k} {one}" for k, one in enumerate(sentences)]
 
 
-def test_a_recorded_gga_is_seventy_degrees_north_on_the_date_of_the_log_time(tmp_path: Path) -> None:
-    log = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}")
+IMPOSSIBLE = GAPS.partition("*")[0].replace("2017", "9999")
+MIDNIGHT = [  # one RMC holds the date; a GGA after midnight is of the next day
+    sentence("GPRMC,235959.00,A,4500.000,N,00700.000,E,1.0,90.0,311219,,,A"),
+    *(sentence(f"GPGGA,{at},4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,") for at in ("235959.50", "000000.50")),
+]
 
-    assert log.tables["gps"]["lat_deg"][0] == pytest.approx(70 + 2.968962 / 60, abs=1e-9)
-    assert log.tables["gps"]["lon_deg"][0] == pytest.approx(29 + 38.350607 / 60, abs=1e-9)
-    assert log.start_ns == np.datetime64("2026-05-23T07:56:17.340", "ns").astype(int)
-    assert log.tables["gps"]["received_s"][0] == pytest.approx(0.56)
+
+@pytest.mark.parametrize(
+    ("lines", "sensor", "start", "times_s"),
+    [
+        ([f"2026-05-23T07:56:17.900Z {RECORDED_GGA}"], "gps", "2026-05-23T07:56:17.340", [0]),
+        ([RECORDED_GGA], "gps", "1970-01-01T07:56:17.340", [0]),
+        ([GAPS], "usbl", "2017-12-18T12:45:44.449", [0]),
+        ([f"2017-12-18T12:45:46Z {IMPOSSIBLE}"], "usbl", "2017-12-18T12:45:44.449", [0]),
+        (MIDNIGHT, "gps", "2019-12-31T23:59:59.500", [0, 1]),
+    ],
+    ids=["of the log time", "none", "its own", "an impossible one", "without log times midnight is a jump back"],
+)
+def test_a_time_of_day_has_the_date_that_is_known(tmp_path, lines, sensor, start, times_s):
+    log = logged_nmea(tmp_path, *lines, toml=MAP if sensor == "usbl" else "")
+
+    assert log.start_ns == np.datetime64(start, "ns").astype(int)
+    np.testing.assert_allclose(log.tables[sensor]["time_s"], times_s)
+    assert ("1970-01-01" in codes(log).get("NMEA-DATE", "")) == start.startswith("1970")
+
+
+def test_a_recorded_gga_is_seventy_degrees_north(tmp_path: Path) -> None:
+    gps = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}").tables["gps"]
+
+    assert gps["lat_deg"][0] == pytest.approx(70 + 2.968962 / 60, abs=1e-9)
+    assert gps["lon_deg"][0] == pytest.approx(29 + 38.350607 / 60, abs=1e-9)
+    assert gps["received_s"][0] == pytest.approx(0.56)
 
 
 def test_times_around_midnight_fall_on_either_side_of_it() -> None:
@@ -55,20 +80,6 @@ def test_times_around_midnight_fall_on_either_side_of_it() -> None:
     of_day, received = np.array([DAY - SECOND, SECOND]), np.array([midnight + 2 * SECOND, midnight - 2 * SECOND])
 
     assert on_nearest_date(of_day, received).tolist() == [midnight - SECOND, midnight + SECOND]
-
-
-def test_without_log_times_midnight_is_the_jump_back_of_the_clock(tmp_path: Path) -> None:
-    """One RMC holds the date; a GGA after midnight is of the next day."""
-    lines = [
-        sentence("GPRMC,235959.00,A,4500.000,N,00700.000,E,1.0,90.0,311219,,,A"),
-        sentence("GPGGA,235959.50,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"),
-        sentence("GPGGA,000000.50,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,"),
-    ]
-
-    log = logged_nmea(tmp_path, *lines)
-
-    assert log.start_ns == np.datetime64("2019-12-31T23:59:59.500", "ns").astype(int)
-    np.testing.assert_allclose(log.tables["gps"]["time_s"], [0, 1])
 
 
 @pytest.mark.parametrize("order", [("GPRMC", "GPGGA"), ("GPGGA", "GPRMC")])
@@ -82,7 +93,7 @@ def test_each_date_is_that_of_sentences_around_it(tmp_path: Path, order: Sequenc
             both = {"GPRMC": f"GPRMC,{at},A,{where},1.0,90.0,{date},,,A"}
             both["GPGGA"] = f"GPGGA,{at},{where},1,10,0.8,1.0,M,48.0,M,,"
             lines += [sentence(both[name]) for name in order]
-    log = open_log(saved(tmp_path / "gps.nmea", "\n".join([*lines, sentence("HEHDT,1.0,T")]) + "\n"))
+    log = open_log(saved_lines(tmp_path / "gps.nmea", [*lines, sentence("HEHDT,1.0,T")]))
     read = read_whole(log, {"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
 
     starts = [
@@ -93,13 +104,6 @@ def test_each_date_is_that_of_sentences_around_it(tmp_path: Path, order: Sequenc
         assert read[topic].received_ns.tolist() == expected
         assert read[topic].columns["header.stamp"].tolist() == expected
     assert read["/HEHDT"].received_ns[0] == pytest.approx(expected[-1], abs=20 * SECOND)
-
-
-def test_without_any_date_the_first_day_is_1970_and_is_reported(tmp_path: Path) -> None:
-    log = logged_nmea(tmp_path, RECORDED_GGA)
-
-    assert log.start_ns == (7 * 3600 + 56 * 60 + 17) * SECOND + 340_000_000
-    assert "1970-01-01" in codes(log)["NMEA-DATE"]
 
 
 def test_sentences_without_a_time_are_spaced_evenly_between_those_with_one() -> None:
@@ -136,46 +140,41 @@ def test_lines_begin_with_their_log_time_in_many_ways(prefix: str, time_ns: int)
     assert prefixed_ns(prefix) == time_ns
 
 
-def test_a_number_that_stays_the_same_before_all_sentences_is_no_time(tmp_path: Path) -> None:
-    bodies = (f"GPGGA,1226{k:02d}.00,4500.0,N,00700.0,E,1,10,0.8,1.0,M,48.0,M,," for k in range(40, 60))
-    lines = [f"COM3 1234567890 {sentence(body)}" for body in bodies]
+TENTHS = [*range(30), *range(50, 60)]
+OF_DAY = [f"[23:59:{57 + k // 10}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in TENTHS if k < 30]
+OF_DAY += [f"[00:00:{k // 10 - 3:02d}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in TENTHS if k >= 30]
+BODIES = (f"GPGGA,1226{k:02d}.00,4500.0,N,00700.0,E,1,10,0.8,1.0,M,48.0,M,," for k in range(40, 60))
+SAME = [f"COM3 1234567890 {sentence(body)}" for body in BODIES]  # a number that is no time
+BY_DAY = {"NMEA-TIME": "timed by the time of day before them", "NMEA-DATE": "no sentence contains a date"}
 
-    assert read_times(tmp_path, lines, "/GPGGA") == [(12 * 3600 + 26 * 60 + 40 + k) * SECOND for k in range(20)]
 
-
-def test_lines_with_a_time_of_day_are_timed_by_it(tmp_path: Path) -> None:
-    tenths = [*range(30), *range(50, 60)]
-    lines = [f"[23:59:{57 + k // 10}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in tenths if k < 30]
-    lines += [f"[00:00:{k // 10 - 3:02d}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in tenths if k >= 30]
-
-    start = DAY - 3 * SECOND
-    assert read_times(tmp_path, lines, "/HEHDT") == [start + k * SECOND // 10 for k in tenths]
-    texts = {finding.code: finding.text for finding in open_log(tmp_path / "a.nmea").findings()}
-    assert "timed by the time of day before them" in texts["NMEA-TIME"]
-    assert "no sentence contains a date" in texts["NMEA-DATE"]
+def scs(form: str, day: int) -> list[str]:
+    """Return lines as SCS of NOAA writes them: 09/13/2020,23:59:58.100,$HEHDT."""
+    times = [datetime(2020, 9, day, 23, 59, 58, tzinfo=UTC) + timedelta(seconds=k) for k in range(4)]
+    dates = [form.format(m=time.month, d=time.day, y=time.year) for time in times]
+    return [f"{date},{time:%H:%M:%S}.100,{sentence('HEHDT,30.0,T')}" for date, time in zip(dates, times, strict=True)]
 
 
 @pytest.mark.parametrize(
-    ("form", "day", "code"),
-    [("{m:02}/{d:02}/{y}", 13, None), ("{d}/{m}/{y}", 13, None), ("{m:02}/{d:02}/{y}", 5, "DATE-ORDER")],
+    ("lines", "first", "spaced_ns", "said"),
+    [
+        (SAME, "1970-01-01T12:26:40", np.arange(20) * SECOND, {"NMEA-DATE": "", "NMEA-TIME": ""}),
+        (OF_DAY, "1970-01-01T23:59:57", np.array(TENTHS) * (SECOND // 10), BY_DAY),
+        (scs("{m:02}/{d:02}/{y}", 13), "2020-09-13T23:59:58.1", np.arange(4) * SECOND, {}),
+        (scs("{d}/{m}/{y}", 13), "2020-09-13T23:59:58.1", np.arange(4) * SECOND, {}),
+        (scs("{m:02}/{d:02}/{y}", 5), "2020-09-05T23:59:58.1", np.arange(4) * SECOND, {"DATE-ORDER": ""}),
+    ],
+    ids=["a number that stays the same", "of the day", "month first", "day first", "either"],
 )
-def test_a_date_before_the_sentences_of_a_ship_dates_them(tmp_path, form, day, code):
-    """As SCS of NOAA writes it: 09/13/2020,23:59:58.100,$HEHDT."""
-    begin = datetime(2020, 9, day, 23, 59, 58, tzinfo=UTC)
-    times = [begin + timedelta(seconds=k) for k in range(4)]
-    dates = [form.format(m=time.month, d=time.day, y=time.year) for time in times]
-    lines = [f"{date},{time:%H:%M:%S}.100,{sentence('HEHDT,30.0,T')}" for date, time in zip(dates, times, strict=True)]
+def test_lines_are_timed_by_what_stands_before_their_sentences(tmp_path, lines, first, spaced_ns, said):
+    log = open_log(saved_lines(tmp_path / "a.nmea", lines))
 
-    first = round(begin.timestamp()) * SECOND + SECOND // 10
-    assert read_times(tmp_path, lines, "/HEHDT") == [first + k * SECOND for k in range(4)]
-    assert [one.code for one in open_log(tmp_path / "a.nmea").findings()] == ([code] if code else [])
-
-
-def read_times(folder: Path, lines: Sequence[str], topic: str) -> list[int]:
-    """Return the log times of a file of such lines."""
-    (folder / "a.nmea").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    times: list[int] = read_whole(open_log(folder / "a.nmea"), {topic: ["1"]})[topic].received_ns.tolist()
-    return times
+    (topic,) = log.topics()
+    times = read_whole(log, {topic.name: ["1"]})[topic.name].received_ns
+    np.testing.assert_array_equal(times, np.datetime64(first, "ns").astype(int) + spaced_ns)
+    found = {one.code: one.text for one in log.findings()}
+    assert found.keys() == said.keys()
+    assert all(text in found[code] for code, text in said.items())
 
 
 @pytest.mark.parametrize(
@@ -310,13 +309,6 @@ def test_the_ellipse_of_ranger_is_along_its_direction(tmp_path: Path) -> None:
     assert along @ R @ across == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize("line", [GAPS, f"2017-12-18T12:45:46Z {GAPS.partition('*')[0].replace('2017', '9999')}"])
-def test_gaps_holds_the_date_and_an_impossible_one_is_none(tmp_path: Path, line: str) -> None:
-    log = logged_nmea(tmp_path, line, toml=MAP)
-
-    assert log.start_ns == np.datetime64("2017-12-18T12:45:44.449", "ns").astype(int)
-
-
 def test_sentences_in_a_topic_of_text_are_topics_of_their_own(tmp_path: Path) -> None:
     gga = sentence("GPGGA,122640.25,4500.000,N,00700.000,E,1,10,0.8,1.0,M,48.0,M,,")
     both = gga + "\r\n" + sentence("HEHDT,12.5,T") + "\r\n"
@@ -365,12 +357,11 @@ def test_flipped_bytes_end_in_a_log_or_in_a_sentence(tmp_path: Path, seed: int) 
     text = bytearray("".join(f"{1600000000 + k} {line}\n" for k, line in enumerate(unchecked * 3)), "ascii")
     for _ in range(rng.choice([1, 10, 100])):
         text[rng.randrange(len(text))] = rng.randrange(256)
-    (tmp_path / "noisy.txt").write_bytes(text[: rng.randrange(200, len(text))])
-    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
+    file = saved(tmp_path / "noisy.txt", text[: rng.randrange(200, len(text))])
 
     for usbl in ("/PSONLLD", "/PTSAG", "/PSIMSSB_C_N", "none"):
         with contextlib.suppress(UsbldrError):
-            read_log(tmp_path / "noisy.txt", Request(topics={"usbl": usbl}))
+            read_as(file, MAP, Request(topics={"usbl": usbl}))
 
 
 @settings(max_examples=25, deadline=None)
@@ -380,8 +371,7 @@ def test_a_receiver_with_several_talkers_is_one_topic_and_two_are_two(talkers: S
     if twice:  # a second receiver states a time of the first one
         bodies.append(bodies[0].replace(talkers[0], "GQ", 1))
     with TemporaryDirectory() as folder:
-        (file := Path(folder) / "a.nmea").write_text("".join(f"{sentence(body)}\n" for body in bodies), "ascii")
-        log = open_log(file)
+        log = open_log(saved_lines(Path(folder) / "a.nmea", map(sentence, bodies)))
         counts = {topic.name: topic.count for topic in log.topics()}
 
     if twice:
