@@ -7,7 +7,7 @@ import pytest
 
 from logs import losses, read_as
 from moos_recordings import COUNT, HEAD, line, write_alog
-from recordings import SECOND, T0
+from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.doctor.draft import draft
@@ -28,11 +28,6 @@ columns = { lat_deg = "GPS_LATITUDE", lon_deg = "GPS_LONGITUDE" }
 """
 
 
-def saved(folder: Path, *postings: str) -> Path:
-    (folder / "a.alog").write_text(HEAD + "".join(postings))
-    return folder / "a.alog"
-
-
 def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:
     log = read_as(write_alog(tmp_path / "a.alog"), COLUMNS)
 
@@ -47,7 +42,7 @@ def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:
     assert not any(finding.lost_data for finding in log.findings)
 
 
-def test_topics_are_applications_and_fields_their_numbers(tmp_path: Path) -> None:
+def test_topics_are_applications_and_fields_their_numbers_which_are_proposed_by_usual_names(tmp_path: Path) -> None:
     topics = {topic.name: topic for topic in open_log(write_alog(tmp_path / "a.alog")).topics()}
 
     assert topics.keys() == {"/iCompass", "/iDVL", "/gGPS"}
@@ -55,8 +50,6 @@ def test_topics_are_applications_and_fields_their_numbers(tmp_path: Path) -> Non
     assert topics["/iDVL"].count == COUNT
     assert topics["/iDVL"].type == "moos/iDVL"
 
-
-def test_columns_are_proposed_for_the_usual_names(tmp_path: Path) -> None:
     found = draft(write_alog(tmp_path / "a.alog"), Request()).proposals
 
     assert {role: dict(one.columns) for role, one in found.items()} == {
@@ -69,8 +62,8 @@ def test_columns_are_proposed_for_the_usual_names(tmp_path: Path) -> None:
 def test_types_may_be_marked_and_times_may_count_from_1970(tmp_path: Path) -> None:
     texts = ["D:1.5", "S:2.5", "TRUE", "D:3.5"]
     rows = "".join(line(T0 / SECOND + k, "V", "app", text) for k, text in enumerate(texts))
-    (tmp_path / "a.alog").write_text(f"%% LOGSTART {T0 // SECOND}.00\n%% DATATYPE MARKING ON\n{rows}")
-    records = read_whole(open_log(tmp_path / "a.alog"), {"/app": ["V"]})["/app"]
+    file = saved(tmp_path / "a.alog", f"%% LOGSTART {T0 // SECOND}.00\n%% DATATYPE MARKING ON\n{rows}")
+    records = read_whole(open_log(file), {"/app": ["V"]})["/app"]
 
     assert records.columns["V"].tolist() == [1.5, 2.5, 1.0, 3.5]
     assert (records.received_ns - T0).tolist() == [k * SECOND for k in range(4)]
@@ -83,7 +76,9 @@ def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
     report = f"NAME=alpha,TYPE=UUV,{numbers},MODE=MODE@ACTIVE:LOITERING"
     texts = [("NODE_REPORT_LOCAL", report), ("USBL_FIX", "S:who=7, x = 1.5 ,y=-2,ok=true,x=9"), ("USBL_FIX", "x=2.5")]
     texts += [("POLYGON", "pts={0,0:10,20},label=one,edge=3"), ("EMPTY", "a=,=5,b,c==1,1=2,-d=3")]
-    log = open_log(saved(tmp_path, *(line(k, name, "app", value) for k, (name, value) in enumerate(texts))))
+    log = open_log(
+        saved(tmp_path / "a.alog", HEAD, *(line(k, name, "app", value) for k, (name, value) in enumerate(texts)))
+    )
 
     (topic,) = log.topics()
     records = read_whole(log, {"/app": topic.fields})["/app"].columns
@@ -104,7 +99,7 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
     """Of five readings the second lacks Y, the third X; the others are 5 ms apart: no record has values of two."""
     rows = [(0.0, "X", 1), (0.001, "Y", 2), (0.1, "X", 3), (0.2, "Y", 4)]
     rows += [(0.3, "X", 5), (0.3, "Y", 6), (0.305, "X", 7), (0.305, "Y", 8)]
-    file = saved(tmp_path, *(line(time_s, name, "app", value) for time_s, name, value in rows))
+    file = saved(tmp_path / "a.alog", HEAD, *(line(time_s, name, "app", value) for time_s, name, value in rows))
 
     columns = read_whole(open_log(file), {"/app": ["X", "Y"]})["/app"].columns
 
@@ -113,15 +108,16 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
 
 
 def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:
-    (tmp_path / "a.alog").write_text(HEAD[:-5])
-    log = alog_log(tmp_path / "a.alog")
+    log = alog_log(saved(tmp_path / "a.alog", HEAD[:-5]))
 
     assert log.topics() == ()
     assert any(finding.lost_data for finding in log.findings())
 
 
 def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
-    log = open_log(saved(tmp_path, line(0, "X", "app", 1.5), "a text\nof two lines\n", line(1, "X", "app", 2.5)))
+    log = open_log(
+        saved(tmp_path / "a.alog", HEAD, line(0, "X", "app", 1.5), "a text\nof two lines\n", line(1, "X", "app", 2.5))
+    )
 
     assert read_whole(log, {"/app": ["X"]})["/app"].columns["X"].tolist() == [1.5, 2.5]
     assert losses(log.findings()) == {
@@ -133,8 +129,7 @@ def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
     whole, value = write_alog(tmp_path / "a.alog").read_text(), "iDVL:driver     1.500000"
     text = whole.replace(value, value.replace(".", "x"), 1)
     assert text != whole
-    (tmp_path / "a.alog").write_text(text)
-    log = open_log(tmp_path / "a.alog")
+    log = open_log(saved(tmp_path / "a.alog", text))
 
     values = read_whole(log, {"/iDVL": ["DVL_VEL_X"]})["/iDVL"].columns["DVL_VEL_X"]
     assert values.tolist() == [1 + k / 64 for k in range(COUNT) if k != 32]
@@ -144,11 +139,11 @@ def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
 def test_a_variable_of_texts_that_seldom_is_a_number_is_no_number(tmp_path: Path) -> None:
     rows = [line(k, "MODE", "app", "1" if k == 3 else "survey") + line(k, "X", "app", k) for k in range(9)]
 
-    assert open_log(saved(tmp_path, *rows)).topics()[0].fields == ("X",)
+    assert open_log(saved(tmp_path / "a.alog", HEAD, *rows)).topics()[0].fields == ("X",)
 
 
 def test_variables_without_end_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = saved(tmp_path, *(line(k, f"V{k}", "app", k) for k in range(2001)))
+    file = saved(tmp_path / "a.alog", HEAD, *(line(k, f"V{k}", "app", k) for k in range(2001)))
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match="has more than 2000 variables; --limits 10 raises the limits tenfold"):

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dvl_recordings import pd0_ensemble
+from logs import read_as
 from recordings import SECOND, saved
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
-from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
 COUNT = 40
@@ -51,26 +52,9 @@ def fix(utc_s: int, flags: int = 0b110_0110_0011) -> bytes:
     """
     day, of_day = divmod(utc_s, 86_400)
     north, west = round(48.125 / 180 * 2**31), -round(123 / 180 * 2**31)
-    return navigation(
-        day=19 + day,
-        month=8,
-        year=2020,
-        first=of_day * 10_000 - 5_000,
-        offset=ZONE_S * 1000,
-        last=of_day * 10_000,
-        latitude=north + utc_s % 1000,
-        longitude=west,
-        flags=flags,
-    )
-
-
-def pd0_ensemble(parts: list[bytes]) -> bytes:
-    """Return an ensemble of PD0: header, places of its parts, the parts, the sum of all bytes."""
-    starts = [6 + 2 * len(parts) + sum(map(len, parts[:k])) for k in range(len(parts))]
-    size = starts[-1] + len(parts[-1])
-    whole = b"\x7f\x7f" + size.to_bytes(2, "little") + bytes([0, len(parts)])
-    whole += b"".join(start.to_bytes(2, "little") for start in starts) + b"".join(parts)
-    return whole + (sum(whole) % 65536).to_bytes(2, "little")
+    clock = {"day": 19 + day, "month": 8, "year": 2020, "first": of_day * 10_000 - 5_000, "last": of_day * 10_000}
+    place = {"latitude": north + utc_s % 1000, "longitude": west, "flags": flags}
+    return navigation(**clock, **place, offset=ZONE_S * 1000)
 
 
 def leaders(local_s: int, heading_cdeg: int) -> list[bytes]:
@@ -84,9 +68,8 @@ def leaders(local_s: int, heading_cdeg: int) -> list[bytes]:
 
 def write_enx(file: Path, first_utc_s: int = 50_220) -> Path:
     """Write ensembles of each second without bottom track, each a quarter of a second after its last fix."""
-    parts = [pd0_ensemble([*leaders(first_utc_s + k + ZONE_S, 23_405 + k), fix(first_utc_s + k)]) for k in range(COUNT)]
-    file.write_bytes(b"".join(parts))
-    return file
+    blocks = ((*leaders(first_utc_s + k + ZONE_S, 23_405 + k), fix(first_utc_s + k)) for k in range(COUNT))
+    return saved(file, *(pd0_ensemble(*parts) for parts in blocks))
 
 
 MIDNIGHT = 1_597_795_200 * SECOND  # 2020-08-19
@@ -113,29 +96,25 @@ def test_positions_have_the_utc_of_the_last_fix_and_headings_the_instruments_clo
 
 
 def test_the_clock_of_a_time_zone_is_brought_to_that_of_the_headings(tmp_path: Path) -> None:
-    log = read_log(write_enx(tmp_path / "a.ENX"))
-    by_log = tmp_path / "log.toml"
-    by_log.write_text('[gps]\ntime = "log"\n', encoding="utf-8")
+    file = write_enx(tmp_path / "a.ENX")
+    log, of_ensembles = read_log(file), read_as(file, '[gps]\ntime = "log"\n')
 
     np.testing.assert_allclose(log.tables["gps"]["time_s"], log.tables["compass"]["time_s"], atol=0.5)
     assert "CLOCK-SHIFTED" in {finding.code for finding in log.findings}
-    of_ensembles = read_log(tmp_path / "a.ENX", Request(configuration=str(by_log)))
     np.testing.assert_array_equal(of_ensembles.tables["gps"]["time_s"], of_ensembles.tables["compass"]["time_s"])
 
 
 def test_fixes_without_a_valid_position_or_time_are_marked(tmp_path: Path) -> None:
     flags = [0b10_0010, 0b10_0000, 0b00_0010, 0]
-    parts = [pd0_ensemble([*leaders(k, k), fix(k + 1, flags=flag)]) for k, flag in enumerate(flags)]
-    parts.append(pd0_ensemble([*leaders(9, 9), navigation(day=0, month=0, year=0)]))  # before the first fix
-    (tmp_path / "a.STA").write_bytes(b"".join(parts))
-
-    places = read_whole(open_log(tmp_path / "a.STA"), {"/navigation": ["valid"]})["/navigation"]
+    parts = [pd0_ensemble(*leaders(k, k), fix(k + 1, flags=flag)) for k, flag in enumerate(flags)]
+    parts.append(pd0_ensemble(*leaders(9, 9), navigation(day=0, month=0, year=0)))  # before the first fix
+    places = read_whole(open_log(saved(tmp_path / "a.STA", b"".join(parts))), {"/navigation": ["valid"]})["/navigation"]
     assert places.columns["valid"].tolist() == [1, 0, 0, 0]
 
 
 def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
     block = navigation(day=31, month=12, year=2020, first=863_990_000, last=10_000, latitude=1, longitude=1, flags=34)
-    (tmp_path / "a.LTA").write_bytes(b"".join([pd0_ensemble([*leaders(k, k), block]) for k in range(2)]))
+    (tmp_path / "a.LTA").write_bytes(b"".join([pd0_ensemble(*leaders(k, k), block) for k in range(2)]))
 
     stamps = read_whole(open_log(tmp_path / "a.LTA"), {"/navigation": [STAMP]})["/navigation"].columns[STAMP]
     assert set(stamps.tolist()) == {int(np.datetime64("2021-01-01T00:00:01", "ns").astype(np.int64))}
@@ -162,7 +141,7 @@ def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path
     parts: list[bytes] = []
     for k, clock in enumerate(clocks):
         fixed, variable = leaders(0, k)
-        parts.append(pd0_ensemble([fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)]))
+        parts.append(pd0_ensemble(fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)))
     log = open_log(saved(tmp_path / "a.ENX", *parts))
     found = read_whole(log, {"/heading": ["heading_deg"], "/navigation": ["latitude"]})
 
