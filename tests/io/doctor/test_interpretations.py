@@ -1,7 +1,6 @@
 """Conventions and clocks are judged by what the messages say, and not by fixes that no interpretation fits."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,8 @@ import pytest
 
 from commands import findings, run
 from curved import CONVENTIONS, FLIPPED, changed, curved_dive, stating, written
-from recordings import HEADER, SECOND, T0, Row, define
+from logs import with_table
+from recordings import HEADER, SECOND, T0, Row, define, fields
 from usbldr.filters.errors import UsageError
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.findings import Finding
@@ -29,7 +29,7 @@ def through_the_water(log: Log, from_s: float, to_s: float, east_mps: float, nor
     forward_mps = there * (east_mps * np.sin(heading) + north_mps * np.cos(heading))
     starboard_mps = there * (east_mps * np.cos(heading) - north_mps * np.sin(heading))
     seen = {"forward_mps": table["forward_mps"] - forward_mps, "starboard_mps": table["starboard_mps"] - starboard_mps}
-    return replace(log, tables={**log.tables, "dvl": table.assign(**seen)})
+    return with_table(log, "dvl", table.assign(**seen))
 
 
 @pytest.mark.parametrize(
@@ -72,11 +72,10 @@ def test_a_heading_that_turns_the_fixes_of_a_beacon_is_judged_with_them(tmp_path
     assert {*cured}.isdisjoint(CONVENTIONS)
 
 
-DEPTH_M = 12.0
+DEPTH_M, PLACE = 12.0, "position_easting position_northing position_depth"
 TYPES = {
-    "seatrac_of_doctor/msg/ModemRec": HEADER
-    + "uint8 src_id\nbool includes_position\nint16 position_easting\nint16 position_northing\nint16 position_depth\n",
-    "usbllong_of_doctor/msg/AcousticModemUSBLLONG": HEADER + "float32 E\nfloat32 N\nfloat32 D\n",
+    "seatrac_of_doctor/msg/ModemRec": HEADER + fields("uint8 src_id", "bool includes_position", f"int16 {PLACE}"),
+    "usbllong_of_doctor/msg/AcousticModemUSBLLONG": HEADER + fields("float32 E N D"),
     "riptide_of_doctor/msg/Depth": HEADER + "float32 depth\n",
 }
 define(TYPES)

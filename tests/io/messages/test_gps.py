@@ -1,7 +1,6 @@
 """Every kind of GPS message and of depth message, by a record that its own driver could have written."""
 
 import math
-import struct
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -12,8 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rosbags.rosbag2 import StoragePlugin
 
-from autopilot_recordings import DEFINITIONS, fmt, write_bin
-from autopilot_recordings import row as values_row
+from autopilot_recordings import DEFINITIONS, write_packets, write_rows
 from blueos_recordings import write_blueos
 from dvl_recordings import ensemble
 from imc_recordings import imcpy, sent, write_messages
@@ -28,9 +26,11 @@ from recordings import (
     T0,
     Row,
     define,
+    fields,
     fix,
     record,
     saved,
+    saved_lines,
     sentence,
     stamp,
     write_bag,
@@ -50,7 +50,7 @@ TYPES = {
     "nmea_msgs/msg/Gpgga": HEADER + "float64 lat\nfloat64 lon\nstring lat_dir\nstring lon_dir\nuint32 gps_qual\n",
     "cola2_msgs/msg/GPSData": HEADER
     + PLACE
-    + "int32 fix_quality\nfloat32 latitude_stdev\nfloat32 longitude_stdev\nfloat32 heading\n",
+    + fields("int32 fix_quality", "float32 latitude_stdev longitude_stdev heading"),
     "ds_sensor_msgs/msg/UbloxNav": HEADER + PLACE + "float32 accuracy_horz\nstring fixtype\n",
     "foxglove_msgs/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n" + PLACE + COVARIANCE,
     "smarc_msgs/msg/LatLonStamped": HEADER + PLACE,
@@ -81,6 +81,7 @@ FIXES: dict[str, tuple[Mapping[str, Any], Mapping[str, Any], str]] = {  # in Ber
     "sensor_msgs/msg/NavSatFix": (BERMUDA, {"position_covariance": np.full(9, -1.0)}, "of negative variance"),
     "mavros_msgs/msg/GPSRAW": ({"lat": 322500000, "lon": -647500000, "fix_type": 3}, {"fix_type": 1}, NO_FIX),
     "nmea_msgs/msg/Gpgga": (GGA, {"gps_qual": 0}, NO_FIX),
+    "nmea_msgs/msg/Gpgga ": (GGA | {"lat": 32.25, "lon": 64.75}, {"gps_qual": 0}, NO_FIX),  # decimal degrees
     "cola2_msgs/msg/GPSData": ({**BERMUDA, "fix_quality": 1}, {"fix_quality": 0}, NO_FIX),
     "ds_sensor_msgs/msg/UbloxNav": ({**BERMUDA, "fixtype": "3D"}, {"fixtype": "NO_FIX"}, NO_FIX),
     "foxglove_msgs/msg/LocationFix": (BERMUDA, NOWHERE, AT_ZERO),
@@ -118,6 +119,7 @@ def test_angles_that_can_only_be_degrees_and_minutes_are_read_as_such(tmp_path, 
 @pytest.mark.parametrize("kind", FIXES)
 def test_each_kind_of_fix_is_a_latitude_and_a_longitude_unless_it_calls_itself_none(tmp_path: Path, kind: str) -> None:
     good, change, cause = FIXES[kind]
+    kind = kind.strip()
     topics = {"gps": "/gps"} if kind == "mavros_msgs/msg/GPSRAW" else {}
 
     log = logged(tmp_path, [row(kind, good), row(kind, {**good, **change}, 1)], topics=topics)
@@ -125,14 +127,6 @@ def test_each_kind_of_fix_is_a_latitude_and_a_longitude_unless_it_calls_itself_n
     assert log.tables["gps"][["lat_deg", "lon_deg"]].to_numpy() == pytest.approx(np.array([[32.25, -64.75]]), abs=1e-9)
     assert only(log, "GPS-INVALID") == f"/gps: 1 of 2 records are invalid and left out (1 {cause})"
     assert log.truth.kind == "gps"
-
-
-def test_decimal_degrees_of_a_gga_message_are_read_as_such(tmp_path: Path) -> None:
-    values = {"lat": 32.25, "lon": 64.75, "lat_dir": "S", "lon_dir": "W", "gps_qual": 1}
-
-    table = logged(tmp_path, [row("nmea_msgs/msg/Gpgga", values)]).tables["gps"]
-
-    assert (table["lat_deg"].iloc[0], table["lon_deg"].iloc[0]) == (-32.25, -64.75)
 
 
 def fixes(**bad: Any) -> Iterator[Row]:
@@ -151,49 +145,34 @@ def tables(name: str, good: int | str, bad: int | str) -> Mapping[str, Mapping[s
 
 
 def telemetry(folder: Path) -> Path:
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    parts: list[bytes] = []
-    for k, good in enumerate(GOOD):
-        fix_of = mavlink.MAVLink_gps_raw_int_message(k, 3 if good else 1, 322500000 + k, -647500000, 0, 1, 1, 0, 0, 9)
-        parts.append(struct.pack(">Q", (T0 + k * SECOND) // 1000) + bytes(fix_of.pack(sender)))
-    return saved(folder / "a.tlog", *parts)
+    made = mavlink.MAVLink_gps_raw_int_message
+    kinds = [3 if good else 1 for good in GOOD]
+    sent_ns = [T0 + k * SECOND for k in range(len(GOOD))]
+    fixes = (made(k, kind, 322500000 + k, -647500000, 0, 1, 1, 0, 0, 9) for k, kind in enumerate(kinds))
+    return write_packets(folder / "a.tlog", zip(sent_ns, fixes, strict=True))
 
 
 def onboard(folder: Path) -> Path:
-    number, name, codes, columns, _ = DEFINITIONS[1]
-    parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"), fmt(number, name, codes, columns)]
-    for k, good in enumerate(GOOD):
-        week = 10**6 * (5 + k), 0, 3 if good else 1, 100_000 + 1000 * k, 2200
-        parts.append(values_row(number, codes, *week, 9, 80, 322500000 + k, -647500000, 0))
-    return write_bin(folder / "a.BIN", parts)
+    weeks = [(10**6 * (5 + k), 0, 3 if good else 1, 100_000 + 1000 * k, 2200) for k, good in enumerate(GOOD)]
+    rows = ((*week, 9, 80, 322500000 + k, -647500000, 0) for k, week in enumerate(weeks))
+    return write_rows(folder / "a.BIN", DEFINITIONS[1], rows)
 
 
 def vehicle(folder: Path) -> Path:
-    valid = imcpy.GpsFix.ValidityBits
-    return write_messages(
-        folder,
-        [
-            sent("GpsFix", T0 / SECOND + k, 6, validity=valid(0xFFFF if good else 3), lat=0.56 + k * 1e-7, lon=-1.13)
-            for k, good in enumerate(GOOD)
-        ],
-    )
+    flags = [imcpy.GpsFix.ValidityBits(0xFFFF if good else 3) for good in GOOD]
+    places = [{"validity": flag, "lat": 0.56 + k * 1e-7, "lon": -1.13} for k, flag in enumerate(flags)]
+    return write_messages(folder, (sent("GpsFix", T0 / SECOND + k, 6, **one) for k, one in enumerate(places)))
 
 
 def ensembles(folder: Path) -> Path:
-    """Write ensembles of PD0, in whose fixes the quality is the last byte but twenty of their block."""
-    parts = [bytearray(ensemble(k, 1, (250, -1500, 10, 0))) for k in range(len(GOOD))]
-    for part, good in zip(parts, GOOD, strict=True):
-        part[-23] = 2 if good else 0
-        part[-2:] = struct.pack("<H", sum(part[:-2]) & 0xFFFF)
+    parts = (ensemble(k, 1, (250, -1500, 10, 0), quality=2 if good else 0) for k, good in enumerate(GOOD))
     return saved(folder / "a.pd0", *parts)
 
 
 def receiver(folder: Path, body: str, good: str, bad: str) -> Path:
-    lines = [
-        f"{T0 // SECOND + k} {sentence(body.format(f'1226{40 + k}.00,3215.{k:03d},N,06445.0,W', good if ok else bad))}"
-        for k, ok in enumerate(GOOD)
-    ]
-    return saved(folder / "a.nmea", "\n".join(lines) + "\n")
+    places = [f"1226{40 + k}.00,3215.{k:03d},N,06445.0,W" for k in range(len(GOOD))]
+    bodies = [body.format(place, good if ok else bad) for place, ok in zip(places, GOOD, strict=True)]
+    return saved_lines(folder / "a.nmea", (f"{T0 // SECOND + k} {sentence(one)}" for k, one in enumerate(bodies)))
 
 
 GOOD = [k % 4 != 1 for k in range(10)]
@@ -260,11 +239,11 @@ def test_a_location_fix_is_timed_by_its_own_timestamp(tmp_path: Path) -> None:
 
 
 def test_the_raw_fix_of_mavros_comes_before_its_estimate(tmp_path: Path) -> None:
-    names = ("/mavros/global_position/global", "/mavros/global_position/raw/fix")
+    names = [f"/mavros/global_position/{name}" for name in ("global", "raw/fix")]
 
     log = logged(tmp_path, [fix(T0, 32.25, -64.75, topic=name) for name in names])
 
-    assert log.provenance["gps"].topic == "/mavros/global_position/raw/fix"
+    assert log.provenance["gps"].topic == names[1]
 
 
 FLOAT32 = "std_msgs/msg/Float32"
