@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import logs
 from logs import MAP, codes, logged_nmea
-from recordings import SECOND, T0, saved, sentence
+from recordings import SECOND, T0, saved, saved_lines, sentence
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_lines import WORD_LINE
@@ -64,40 +64,35 @@ def test_columns_name_any_field(tmp_path, line, section, columns, wanted):
 
 def test_a_type_in_the_first_field_makes_a_topic(tmp_path: Path) -> None:
     lines = [sentence("PIXSE,ATITUD,-1.641,-0.490"), sentence("PIXSE,POSITI,60.1,10.2,3.0")]
-    (tmp_path / "a.txt").write_text("\n".join(lines), encoding="utf-8")
+    log = open_log(saved_lines(tmp_path / "a.txt", lines))
 
-    assert [topic.name for topic in open_log(tmp_path / "a.txt").topics()] == ["/PIXSE_ATITUD", "/PIXSE_POSITI"]
-
-
-def test_a_line_of_water_linkeds_serial_protocol_is_a_dvl_record(tmp_path: Path) -> None:
-    stamped = WRZ.replace(",7,14,", f",{T0 // 1000},{T0 // 1000 + 100},").partition("*")[0]
-    bad = stamped.replace(",y,", ",n,").replace(str(T0 // 1000), str(T0 // 1000 + 200_000), 1)
-
-    log = logged_nmea(tmp_path, f"1600000000.1 {stamped}", f"1600000000.3 {bad}")
-
-    dvl = log.tables["dvl"]
-    assert dvl[["forward_mps", "starboard_mps", "up_mps"]].to_numpy()[0] == pytest.approx([0.12, -0.4, -2.0])
-    assert dvl["valid"].tolist() == [True, False]
-    assert log.start_ns == T0
-    assert "water_linked_dvl.toml (usbldr, sha256 " in codes(log)["LAYOUT-FILE"]
+    assert [topic.name for topic in log.topics()] == ["/PIXSE_ATITUD", "/PIXSE_POSITI"]
 
 
-def test_an_evologics_fix_is_east_and_north_of_the_head(tmp_path: Path) -> None:
-    line = "USBLLONG,1600000001.0,1600000000.5,2,1,2,3,30.0,40.0,-5.0,0.0,0.0,1.57,20000,-30,200,0.25"
-
-    log = logged_nmea(tmp_path, f"1600000001 {line}", toml=MAP + "[usbl]\n" + HEAD)
-
-    usbl = log.tables["usbl"]
-    assert usbl[["east_m", "north_m"]].to_numpy()[0] == pytest.approx([30, 40])
-    assert usbl["cov_ee_m2"][0] == pytest.approx(0.25**2, rel=1e-3)
-    assert log.start_ns == T0 + SECOND // 2
+STAMPED = WRZ.replace(",7,14,", f",{T0 // 1000},{T0 // 1000 + 100},").partition("*")[0]
+INVALID = STAMPED.replace(",y,", ",n,").replace(str(T0 // 1000), str(T0 // 1000 + 200_000), 1)
+USBLLONG = "USBLLONG,1600000001.0,1600000000.5,2,1,2,3,30.0,40.0,-5.0,0.0,0.0,1.57,20000,-30,200,0.25"
 
 
-def test_the_example_of_nortek_has_its_velocity(tmp_path: Path) -> None:
-    log = logged_nmea(tmp_path, PNORBT7)
+@pytest.mark.parametrize(
+    ("lines", "toml", "start_ns", "wanted"),
+    [
+        ([f"1600000000.1 {STAMPED}", f"1600000000.3 {INVALID}"], "", T0,
+         {"dvl.forward_mps": [0.12] * 2, "dvl.starboard_mps": [-0.4] * 2, "dvl.up_mps": [-2] * 2,
+          "dvl.valid": [True, False]}),
+        ([f"1600000001 {USBLLONG}"], f"{MAP}[usbl]\n{HEAD}", T0 + SECOND // 2,
+         {"usbl.east_m": pytest.approx([30]), "usbl.north_m": pytest.approx([40]),
+          "usbl.cov_ee_m2": pytest.approx([0.25**2], rel=1e-3)}),
+        ([PNORBT7], "", pytest.approx(1_452_244_916_750_800_000, abs=1000), {"dvl.forward_mps": [0.1234]}),
+    ],
+    ids=["Water Linked's serial protocol", "a fix of EvoLogics from the head", "Nortek's example"],
+)  # fmt: skip
+def test_a_line_of_an_instrument_is_its_record(tmp_path, lines, toml, start_ns, wanted):
+    log = logged_nmea(tmp_path, *lines, toml=toml)
 
-    assert log.tables["dvl"]["forward_mps"].tolist() == [0.1234]
-    assert abs(log.start_ns - 1_452_244_916_750_800_000) < 1000
+    assert logs.columns(log, wanted) == wanted
+    assert log.start_ns == start_ns
+    assert ("water_linked_dvl.toml (usbldr, sha256 " in codes(log)["LAYOUT-FILE"]) == ("wrz" in lines[0])
 
 
 LAYOUT = '[[layout]]\nsensor = "dvl"\nsentence = "PNORBT7"\ncolumns = { x = "5", y = "4", z = "6" }\naxes = "SFU"\n'
@@ -120,9 +115,9 @@ def test_a_layout_file_of_the_configuration_comes_first(tmp_path: Path) -> None:
 def test_the_users_folder_counts_and_the_logs_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = tmp_path / "config" / "usbldr" / "layouts"
     place.mkdir(parents=True)
-    (tmp_path / "acme.toml").write_text(LAYOUT, encoding="utf-8")
     (tmp_path / "layouts").mkdir()
-    (tmp_path / "layouts" / "acme.toml").write_text(LAYOUT, encoding="utf-8")
+    for folder in (tmp_path, tmp_path / "layouts"):
+        saved(folder / "acme.toml", LAYOUT)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
 
@@ -143,7 +138,7 @@ def test_the_users_folder_counts_and_the_logs_does_not(tmp_path: Path, monkeypat
     ],
 )
 def test_a_layout_file_that_says_anything_else_is_refused(tmp_path: Path, text: str, fault: str) -> None:
-    (tmp_path / "acme.toml").write_text(text, encoding="utf-8")
+    saved(tmp_path / "acme.toml", text)
 
     with pytest.raises(UsageError, match=f"acme.toml.*{fault}"):
         logged_nmea(tmp_path, PNORBT7, toml='layouts = ["acme.toml"]\n')
@@ -167,9 +162,9 @@ def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
 
 def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
     rows = [{"type": "nav", "t": k, "a": {"b": k}} if k % 2 else {"u": k} for k in range(6)]
-    (tmp_path / "a.jsonl").write_text("".join(f"160000000{k} {json.dumps(row)}\n" for k, row in enumerate(rows)))
+    file = saved_lines(tmp_path / "a.jsonl", (f"160000000{k} {json.dumps(row)}" for k, row in enumerate(rows)))
 
-    topics = {topic.name: topic for topic in open_log(tmp_path / "a.jsonl").topics()}
+    topics = {topic.name: topic for topic in open_log(file).topics()}
 
     assert {name: topic.count for name, topic in topics.items()} == {"/object": 3, "/nav": 3}
     assert topics["/nav"].has("a.b")
@@ -187,7 +182,7 @@ def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
 )
 def test_an_object_may_hold_its_time_and_else_objects_are_a_second_apart(tmp_path, name, of, said):
     rows = [{"type": "nav", "x": 1600000001.0, "truth_time": 5, name: of(k)} for k in range(5)]
-    log = open_log(saved(tmp_path / "a.jsonl", "".join(f"{json.dumps(row)}\n" for row in rows)))
+    log = open_log(saved_lines(tmp_path / "a.jsonl", map(json.dumps, rows)))
 
     read = read_whole(log, {"/nav": ["x"]})["/nav"]
     assert np.diff(read.received_ns).tolist() == [10**9] * 4
