@@ -11,6 +11,7 @@ import pytest
 import usbldr
 from checkout import SAMPLES
 from commands import output_of, report_of
+from recordings import saved
 from usbldr.io.reports.locate import read_smoothed_run
 from usbldr.io.reports.run import ScoredTrack
 from usbldr.io.scenarios.files import write_scenario
@@ -109,13 +110,10 @@ def test_a_run_takes_the_dvls_records_earlier_by_the_clock_of_its_parameters() -
     known = dataclasses.replace(log.parameters, calibrate=())
     dvl = log.tables["dvl"].assign(time_s=log.tables["dvl"]["time_s"] + 2.0)
     late = dataclasses.replace(log, tables={**log.tables, "dvl": dvl})
+    settled = dataclasses.replace(known, settled={"dvl_clock": 2.0})
     right, found, wrong = (
         usbldr.replay(one, usbldr.timeline(one), "adf", identification=usbldr.Identification(parameters)).position_m
-        for one, parameters in (
-            (log, known),
-            (late, dataclasses.replace(known, settled={"dvl_clock": 2.0})),
-            (late, known),
-        )
+        for one, parameters in ((log, known), (late, settled), (late, known))
     )
 
     middle = slice(50, len(right) - 50)
@@ -124,14 +122,9 @@ def test_a_run_takes_the_dvls_records_earlier_by_the_clock_of_its_parameters() -
 
 
 def test_a_simulated_log_is_checked_as_a_recorded_one_is(tmp_path: Path) -> None:
-    scenario = tmp_path / "spikes.toml"
-    scenario.write_text(
-        'schema = 1\nlike = "square"\nabout = "a DVL with spikes"\n'
-        "[dvl]\noutlier_share = 0.02\noutlier_mps = [3.0, 4.0]\n",
-        encoding="utf-8",
-    )
+    text = 'schema = 1\nlike = "square"\nabout = "spikes"\n[dvl]\noutlier_share = 0.02\noutlier_mps = [3.0, 4.0]\n'
 
-    log = usbldr.open_log(scenario)
+    log = usbldr.open_log(saved(tmp_path / "spikes.toml", text))
 
     assert "SPIKES" in [finding.code for finding in log.findings]
     assert log.tables["dvl"]["forward_mps"].abs().max() < 2.0
