@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import refusal
+from logs import refusal, with_table
+from recordings import saved
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.simulation.scenario import Leg
 from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged
@@ -127,7 +128,7 @@ def test_a_stuck_sensor_repeats_the_first_record_of_each_span_under_new_stamps()
 
 
 def test_zeros_are_stated_as_valid() -> None:
-    log = dataclasses.replace(LOG, tables={**LOG.tables, "dvl": LOG.tables["dvl"].assign(valid=False)})
+    log = with_table(LOG, "dvl", LOG.tables["dvl"].assign(valid=False))
     hurt = with_faults("zero dvl@10:20", log=log).tables["dvl"]
     inside = (times("dvl") >= 10) & (times("dvl") < 20)
     assert hurt["valid"].tolist() == inside.tolist()
@@ -152,7 +153,7 @@ def test_the_stated_sigma_changes_and_the_records_do_not() -> None:
 
 def test_a_late_stamp_arrives_no_earlier_than_it_says_and_a_clock_moves_both() -> None:
     usbl = LOG.tables["usbl"].assign(received_s=LOG.tables["usbl"]["time_s"] + 5)
-    log = dataclasses.replace(LOG, tables={**LOG.tables, "usbl": usbl})
+    log = with_table(LOG, "usbl", usbl)
     late = with_faults("latency usbl:2s", log=log).tables["usbl"]
     assert np.allclose(late["time_s"] - usbl["time_s"], 2)
     assert np.allclose(late["received_s"], usbl["received_s"])
@@ -212,7 +213,7 @@ def test_a_fault_that_finds_no_record_says_so() -> None:
         with_faults("sd usbl:4", log=without)
     unknown = LOG.tables["dvl"].assign(sd_mps=np.nan)
     with pytest.raises(UsageError, match="state no sigma"):
-        with_faults("sd dvl:4", log=dataclasses.replace(LOG, tables={**LOG.tables, "dvl": unknown}))
+        with_faults("sd dvl:4", log=with_table(LOG, "dvl", unknown))
 
 
 def test_a_fault_has_a_sensor_an_amount_and_places() -> None:
@@ -271,8 +272,7 @@ def test_the_suite_that_is_shipped_can_be_read_and_has_every_kind_but_those_of_a
     ],
 )
 def test_a_suite_that_cannot_be_read_names_file_and_drill(tmp_path: Path, content: str, reported: str) -> None:
-    file = tmp_path / "own.toml"
-    file.write_text(content)
+    file = saved(tmp_path / "own.toml", content)
     said = refusal(UsageError, read_suite, str(file))
     assert said.startswith(f"{file}: ")
     assert reported in said

@@ -16,7 +16,7 @@ import damage
 from compressions import PACK
 from damaged_formats import COUNT, FORMATS, dive
 from logs import refusal
-from recordings import SECOND, T0, sentence, short_dive, write_bag, write_csv, write_mcap
+from recordings import SECOND, T0, saved, saved_lines, sentence, short_dive, write_bag, write_csv, write_mcap
 from speed.bombs import in_mcap_in_file
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -30,9 +30,7 @@ DVL = "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0 + k * SECOND},{1 + k
 
 
 def write_nmea(file: Path) -> Path:
-    lines = (f"2020-09-13T12:26:{k:02d}Z {sentence(f'HEHDT,{k}.5,T')}\n" for k in range(60))
-    file.write_text("".join(lines), encoding="ascii")
-    return file
+    return saved_lines(file, (f"2020-09-13T12:26:{k:02d}Z {sentence(f'HEHDT,{k}.5,T')}" for k in range(60)))
 
 
 WRITERS: Mapping[str, tuple[Callable[[Path], Path], Mapping[str, list[str]]]] = {
@@ -69,14 +67,14 @@ def test_a_log_in_any_compression_is_the_log_itself(tmp_path: Path, form: str, e
 
 def test_a_zstd_file_that_begins_with_a_frame_to_skip_is_read(tmp_path: Path) -> None:
     file = write_mcap(tmp_path / "a.mcap", dive())
-    (tmp_path / "a.zst").write_bytes(b"\x50\x2a\x4d\x18\4\0\0\0size" + zstandard.compress(file.read_bytes()))
+    packed = saved(tmp_path / "a.zst", b"\x50\x2a\x4d\x18\4\0\0\0size", zstandard.compress(file.read_bytes()))
 
-    assert open_log(tmp_path / "a.zst").topics() == open_log(file).topics()
+    assert open_log(packed).topics() == open_log(file).topics()
 
 
 def test_a_run_names_the_file_that_the_user_has(tmp_path: Path) -> None:
-    file = tmp_path / "dive.mcap.zst"
-    file.write_bytes(zstandard.compress(write_mcap(tmp_path / "a.mcap", short_dive()).read_bytes()))
+    whole = write_mcap(tmp_path / "a.mcap", short_dive()).read_bytes()
+    file = saved(tmp_path / "dive.mcap.zst", zstandard.compress(whole))
     before = set(Path(tmp_path).iterdir())
     log = read_log(file)
 
@@ -91,8 +89,7 @@ def test_a_run_names_the_file_that_the_user_has(tmp_path: Path) -> None:
 def test_a_compressed_log_with_a_wrong_checksum_is_reported(tmp_path: Path, ending: str) -> None:
     """As those of gzip and zstd, which are among the formats of test_damage."""
     packed, rng = PACK[ending](FORMATS["CSV"].write(tmp_path).read_bytes()), random.Random(ending)
-    file = tmp_path / f"usbl.csv.{ending}"
-    file.write_bytes(packed)
+    file = saved(tmp_path / f"usbl.csv.{ending}", packed)
     right = damage.read(file, "CSV")
     for _ in range(40):
         file.write_bytes(damage.flipped(packed, rng))
@@ -126,15 +123,13 @@ def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> N
     ids=("no zstd data", "no gzip data", "twice", "empty", "unknown"),  # gzip holds the time of day
 )
 def test_what_cannot_be_decompressed_is_named(tmp_path: Path, content: bytes, text: str) -> None:
-    file = tmp_path / "dive.mcap.zst"
-    file.write_bytes(content)
+    file = saved(tmp_path / "dive.mcap.zst", content)
 
     assert refusal(LogError, open_log, file).startswith(f"{file}: {text}")
 
 
 def test_a_disk_that_is_full_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "dvl.csv.gz"
-    file.write_bytes(gzip.compress(DVL.encode()))
+    file = saved(tmp_path / "dvl.csv.gz", gzip.compress(DVL.encode()))
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -164,8 +159,7 @@ def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(
 def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
-    file = tmp_path / "dvl.csv.gz"
-    file.write_bytes(gzip.compress(DVL.encode()))
+    file = saved(tmp_path / "dvl.csv.gz", gzip.compress(DVL.encode()))
     log = open_log(file)
 
     assert len(list((tmp_path / "temporary").iterdir())) == 1
@@ -174,21 +168,17 @@ def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.Monke
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    "empty",
-    [zstandard.compress(b""), gzip.compress(b""), lz4.frame.compress(b"")],
-    ids=("zstd", "gzip", "lz4"),  # gzip holds the time of day
-)
-def test_frames_without_end_are_refused(tmp_path: Path, empty: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.csv.z").write_bytes(empty * 1500)
+@pytest.mark.parametrize("compress", [zstandard.compress, gzip.compress, lz4.frame.compress])
+def test_frames_without_end_are_refused(tmp_path, compress, monkeypatch):
+    file = saved(tmp_path / "a.csv.z", compress(b"") * 1500)
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match="holds too many frames for its size"):
-        open_log(tmp_path / "a.csv.z")
+        open_log(file)
 
 
 def test_frames_of_several_compressions_are_read(tmp_path: Path) -> None:
-    text = "".join(f"{T0 + k},{k}\n" for k in range(9)).encode()
-    (tmp_path / "compass.csv").write_bytes(zstandard.compress(b"time_ns,heading_deg\n") + gzip.compress(text))
+    rows = gzip.compress("".join(f"{T0 + k},{k}\n" for k in range(9)).encode())
+    file = saved(tmp_path / "compass.csv", zstandard.compress(b"time_ns,heading_deg\n"), rows)
 
-    assert [topic.count for topic in open_log(tmp_path / "compass.csv").topics()] == [9]
+    assert [topic.count for topic in open_log(file).topics()] == [9]

@@ -11,7 +11,7 @@ import scipy.io
 from damage import recorded
 from damaged_formats import FORMATS as RECORDINGS
 from logs import refusal
-from recordings import write_csv
+from recordings import saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED
 from usbldr.io.formats.detect import BEGIN_BYTES, open_log
@@ -94,8 +94,7 @@ ECHO = "is what ros2 topic echo prints; read the recording that it came from, or
     ],
 )  # fmt: skip
 def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) -> None:
-    file = tmp_path / "dive.mcap"
-    file.write_bytes(content)
+    file = saved(tmp_path / "dive.mcap", content)
 
     assert refusal(LogError, open_log, file) == f"{file}: {sentence}"
 

@@ -17,9 +17,8 @@ from pathlib import Path
 import pytest
 import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from mcap.writer import Writer
 
-from recordings import FLOAT64, T0, execute, saved, short_dive, write_mcap, write_rosbag2
+from recordings import HEADING, T0, execute, saved, short_dive, write_mcap, write_payloads, write_rosbag2
 from speed.bombs import bz2_of, in_bag, in_db3, in_file, in_mcap, in_mcap_in_file, lz4_of, zstd_of
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.collected import read_whole
@@ -155,37 +154,26 @@ def test_a_definition_without_end_is_named(sentence: str) -> None:
     assert problem.startswith(f"the definition of its type {name} is not valid ({sentence.strip()}")
 
 
-@pytest.mark.parametrize(("factor_text", "what"), [("0.01", "has more than 20 topics"), ("0.0001", "more than 0 kB")])
-def test_too_many_topics_or_definitions_are_refused(tmp_path, factor_text, what, monkeypatch):
-    count = 21 if "topics" in what else 0
-    file = tmp_path / "a.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        for k in range(max(1, count)):
-            text = FLOAT64[2] if count else "".join(f"float64 f{i}\n" for i in range(20)).encode()
-            schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", text)
-            channel = writer.register_channel(f"/t{k}", "cdr", schema)
-            writer.add_message(channel, T0 + k, b"\0\1\0\0" + bytes(8), T0 + k)
-        writer.finish()
-    monkeypatch.setenv(VARIABLE, factor_text)
+def test_too_many_topics_or_definitions_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = write_mcap(tmp_path / "a.mcap", [(T0 + k, f"/t{k}", HEADING, {}) for k in range(21)])
+    long = (HEADING, "ros2msg", "".join(f"float64 f{i}\n" for i in range(20)).encode())
+    definitions = write_payloads(tmp_path / "b.mcap", "/t", "cdr", long, [b"\0\1\0\0" + bytes(8)])
 
-    if count:
-        with pytest.raises(LogError, match=what):
-            open_log(file).topics()
-    else:
-        monkeypatch.setattr("usbldr.io.decoding.decoder_set.TOPICS", 1 << 20)
-        assert what in open_log(file).topics()[0].problem
+    monkeypatch.setenv(VARIABLE, "0.01")
+    with pytest.raises(LogError, match="has more than 20 topics"):
+        open_log(topics).topics()
+    monkeypatch.setenv(VARIABLE, "0.0001")
+    monkeypatch.setattr("usbldr.io.decoding.decoder_set.TOPICS", 1 << 20)
+    assert "more than 0 kB" in open_log(definitions).topics()[0].problem
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.nmea"])
 def test_a_line_without_end_is_refused(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "time_ns,heading_deg\n1," if name == "a.csv" else "$HEHDT,1.0,T\n" * 9 + "$HEHDT,"
-    (tmp_path / name).write_text(text + "9" * 20_000 + "\n", encoding="utf-8")
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match=r"line \d+ is longer than 10486 characters, too long for a log"):
-        open_log(tmp_path / name).topics()
+        open_log(saved(tmp_path / name, text, "9" * 20_000 + "\n")).topics()
 
 
 @pytest.fixture
