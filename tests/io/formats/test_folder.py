@@ -62,9 +62,13 @@ def dive(folder: Path) -> Path:
     )
 
 
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return dive(tmp_path / "dive")
+
+
 @pytest.mark.parametrize("what", UNSPOILT)
-def test_what_surrounds_or_encodes_a_table_costs_none_of_it(tmp_path: Path, what: str) -> None:
-    folder = dive(tmp_path / "dive")
+def test_what_surrounds_or_encodes_a_table_costs_none_of_it(folder: Path, what: str) -> None:
     (folder / "gps.csv").write_bytes(UNSPOILT[what](GPS))
 
     log = read_log(folder)
@@ -107,8 +111,7 @@ def test_a_table_without_rows_is_not_asked_for_its_unit(tmp_path: Path, writer: 
          "it is a folder of files like those of a log; --with gps.csv adds them"),
     ],
 )  # fmt: skip
-def test_what_is_no_file_but_named_like_one_is_named(tmp_path: Path, make: Callable[[Path], object], why: str) -> None:
-    folder = dive(tmp_path / "dive")
+def test_what_is_no_file_but_named_like_one_is_named(folder: Path, make: Callable[[Path], object], why: str) -> None:
     (folder / "gps.csv").unlink()
     make(folder / "gps.csv")
     (folder / "photos").mkdir()
@@ -123,8 +126,7 @@ def test_what_is_no_file_but_named_like_one_is_named(tmp_path: Path, make: Calla
 @pytest.mark.parametrize(
     "name", ["gps.csv~", "gps.csv.bak", "gps.csv.OLD", "#gps.csv#", "gps.csv.gz.tmp", "gps_latest.csv"]
 )
-def test_a_backup_or_a_link_is_passed_over_unless_it_is_all_there_is(tmp_path: Path, name: str) -> None:
-    folder = dive(tmp_path / "dive")
+def test_a_backup_or_a_link_is_passed_over_unless_it_is_all_there_is(folder: Path, name: str) -> None:
     (folder / "~$gps.csv").write_text(GPS, encoding="utf-8")
     if "latest" in name:
         (folder / name).symlink_to("gps.csv")
@@ -143,8 +145,7 @@ def test_a_backup_or_a_link_is_passed_over_unless_it_is_all_there_is(tmp_path: P
     assert len(open_log(folder).topics()) == 3 + ("latest" not in name)
 
 
-def test_what_is_no_text_before_a_table_is_named(tmp_path: Path) -> None:
-    folder = dive(tmp_path / "dive")
+def test_what_is_no_text_before_a_table_is_named(folder: Path) -> None:
     (folder / "gps.csv").write_bytes(b"\7\1\2of another file\n" + GPS.encode())
 
     (lost,) = read_log(folder).findings
@@ -154,8 +155,7 @@ def test_what_is_no_text_before_a_table_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("before", [b"", b"# exported\n", bytes(512), b"\7" * 9000])
-def test_tables_of_several_kinds_are_one_log(tmp_path: Path, before: bytes) -> None:
-    folder = dive(tmp_path / "dive")
+def test_tables_of_several_kinds_are_one_log(folder: Path, before: bytes) -> None:
     (folder / "gps.csv").unlink()
     parquet.write_table(pa.table({"time_ns": TIMES, "lat_deg": [45.0] * COUNT, "lon_deg": [7.0] * COUNT}), "g.parquet")
     (folder / "gps.parquet").write_bytes(before + Path("g.parquet").read_bytes())
@@ -167,8 +167,7 @@ def test_tables_of_several_kinds_are_one_log(tmp_path: Path, before: bytes) -> N
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_a_recording_of_any_format_beside_a_dive_is_read_or_named(tmp_path: Path, form: str) -> None:
-    folder = dive(tmp_path / "dive")
+def test_a_recording_of_any_format_beside_a_dive_is_read_or_named(folder: Path, form: str) -> None:
     with recorded(form) as (file, _, whole, _):
         (folder / f"usbl_2{file.suffix}").write_bytes(whole)
         for definitions in file.parent.glob("IMC.xml"):
@@ -193,8 +192,7 @@ def test_a_recording_of_any_format_beside_a_dive_is_read_or_named(tmp_path: Path
         ("day1/raw/gps.csv", "it is a folder of files like those of a log; --with day1/raw adds them"),
     ],
 )
-def test_a_file_like_a_sensor_is_named_unless_its_ending_rules_it_out(tmp_path: Path, name: str, why: str) -> None:
-    folder = dive(tmp_path / "dive")
+def test_a_file_like_a_sensor_is_named_unless_its_ending_rules_it_out(folder: Path, name: str, why: str) -> None:
     for beside in ("dvl.png", "usbl.py", "._gps.csv", ".gitignore", ".git/dvl.csv", "dvl_photos/usbl.jpg"):
         (folder / beside).parent.mkdir(exist_ok=True)
         (folder / beside).write_bytes(b"\1\2")
@@ -212,8 +210,7 @@ def test_a_file_like_a_sensor_is_named_unless_its_ending_rules_it_out(tmp_path: 
     assert lost.lost_data
 
 
-def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(tmp_path: Path) -> None:
-    folder = dive(tmp_path / "dive")
+def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(folder: Path) -> None:
     parquet.write_table(pa.table({"time_ns": TIMES, "depth_m": [1.0] * COUNT}), folder / "depth.pq")
     (folder / "profile.svp").write_bytes(b"\1\2")
 
@@ -224,8 +221,7 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(t
     assert {topic.name: topic.count for topic in log.topics()}["/depth"] == COUNT
 
 
-def test_a_folder_named_parquet_is_one_table_in_parts(tmp_path: Path) -> None:
-    folder = dive(tmp_path / "dive")
+def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:
     (folder / "gps.csv").unlink()
     (folder / "gps.parquet").mkdir()
     (folder / "gps.parquet" / "_SUCCESS").touch()
@@ -290,8 +286,7 @@ def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: 
     assert [(topic.name, topic.count) for topic in log.topics()] == [("/GPGGA", 27)]
 
 
-def test_sentences_of_a_sensor_that_the_tables_lack_are_part_of_the_dive(tmp_path: Path) -> None:
-    folder = dive(tmp_path / "dive")
+def test_sentences_of_a_sensor_that_the_tables_lack_are_part_of_the_dive(folder: Path) -> None:
     bodies = [f"PNORBT7,{T0 / 1e9 + k:.1f},1,-3,{k / 100:.2f},0.25,-0.5,0.003,25,25,25,25" for k in range(COUNT)]
     (folder / "nortek.log").write_text("".join(sentence(body) + "\n" for body in bodies), encoding="ascii")
     (beside_a_table,) = open_log(folder).findings()
