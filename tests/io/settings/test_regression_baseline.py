@@ -99,24 +99,31 @@ def test_the_direction_of_every_metric_and_of_its_statistics_over_seeds_is_the_d
         assert {usual_direction(f"{metric.name}{end}") for end in ("", "_se", "_seed_median")} == {metric.direction}
 
 
-def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path: Path) -> None:
-    baseline = read_baseline(saved(tmp_path / "baseline.toml", GOOD))
-
-    values = {"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}
-
-    assert _updated(baseline, *values) == _signed(
-        GOOD.replace("value = 0.25,", "value = 0.261235,")
-        .replace("value = -1e-3,", "value = 2,")
-        .replace("value = 3\n", "value = 4.5e-07\n")
-        .replace("value = 1.0\n", "value = 0.9\n")
-    )
+CHANGED = _signed(
+    GOOD.replace("value = 0.25,", "value = 0.261235,")
+    .replace("value = -1e-3,", "value = 2,")
+    .replace("value = 3\n", "value = 4.5e-07\n")
+    .replace("value = 1.0\n", "value = 0.9\n")
+)
+PLAIN = GOOD.replace("-1e-3", "-0.001").replace("value = 1.0", "value = 1")
 
 
-def test_an_update_without_a_change_keeps_its_date(tmp_path: Path) -> None:
-    same = {"mean_abs_east_m": 0.25, "nees_mean": -1e-3}, {"rmse_horizontal_m": 3.0, "coverage": 1.0}
-    plain = GOOD.replace("-1e-3", "-0.001").replace("value = 1.0", "value = 1")
+@pytest.mark.parametrize(
+    ("before", "values", "after"),
+    [
+        (GOOD, ({"mean_abs_east_m": 0.2612345678, "nees_mean": 2.0}, {"rmse_horizontal_m": 4.5e-7, "coverage": 0.9}),
+         CHANGED),
+        # without a change it keeps its date
+        (PLAIN, ({"mean_abs_east_m": 0.25, "nees_mean": -1e-3}, {"rmse_horizontal_m": 3.0, "coverage": 1.0}), PLAIN),
+        # a value that was not known
+        (GOOD.replace("{ value = 0.25, rel", "{ rel"), ({"mean_abs_east_m": 0.25}, {}), _signed(GOOD)),
+    ],
+)  # fmt: skip
+def test_an_update_puts_new_values_in_place_and_leaves_all_else(tmp_path, before, values, after):
+    baseline = read_baseline(saved(tmp_path / "baseline.toml", before))
 
-    assert _updated(read_baseline(saved(tmp_path / "baseline.toml", plain)), *same) == plain
+    assert (baseline.rows[0].metrics["mean_abs_east_m"].value is None) == ("{ rel" in before)
+    assert _updated(baseline, *values) == after
 
 
 def test_a_file_by_hand_gets_its_digests_its_tool_and_its_date(tmp_path: Path) -> None:
@@ -128,13 +135,6 @@ def test_a_file_by_hand_gets_its_digests_its_tool_and_its_date(tmp_path: Path) -
     assert text == _signed(GOOD).replace("first digest", "new").replace("second digest", "new")
     again = read_baseline(saved(tmp_path / "baseline.toml", text))
     assert (again.tool, again.date, again.rows[1].log_sha256) == ("usbldr 0.3.0", TODAY, "new")
-
-
-def test_an_update_fills_in_a_value_that_was_not_known(tmp_path: Path) -> None:
-    baseline = read_baseline(saved(tmp_path / "baseline.toml", GOOD.replace("{ value = 0.25, rel", "{ rel")))
-    assert baseline.rows[0].metrics["mean_abs_east_m"].value is None
-
-    assert _updated(baseline, {"mean_abs_east_m": 0.25}, {}) == _signed(GOOD)
 
 
 def test_an_update_follows_any_layout(tmp_path: Path) -> None:
