@@ -11,6 +11,7 @@ import pytest
 
 from checkout import FIELD_CONFIGURATIONS, ROOT
 from logs import refusal
+from recordings import saved
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Mixture, StudentT
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
@@ -22,10 +23,9 @@ from usbldr.io.settings.validation import read_document
 FIELD = sorted(FIELD_CONFIGURATIONS.glob("*.toml"))
 
 
-def written(tmp_path: Path, text: str) -> Path:
-    file = tmp_path / "usbldr.toml"
-    file.write_text(text, encoding="utf-8")
-    return file
+def parsed(tmp_path: Path, text: str) -> Configuration:
+    file = saved(tmp_path / "usbldr.toml", text)
+    return parse_configuration(read_document(file), file)
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,7 @@ def written(tmp_path: Path, text: str) -> Path:
     ],
 )  # fmt: skip
 def test_a_key_that_would_not_act_is_refused_by_name(tmp_path: Path, text: str, sentence: str) -> None:
-    file = written(tmp_path, text)
-
-    assert refusal(UsageError, parse_configuration, read_document(file), file) == f"{file}: {sentence}"
+    assert refusal(UsageError, parsed, tmp_path, text) == f"{tmp_path / 'usbldr.toml'}: {sentence}"
 
 
 @pytest.mark.parametrize("file", FIELD, ids=lambda file: file.stem)
@@ -84,7 +82,7 @@ def test_letters_name_the_directions_of_x_y_and_z() -> None:
     assert axis_signs("UBL") == ((2, 1), (1, -1), (0, -1))
 
 
-def test_the_named_configuration_beats_the_one_of_the_folder(tmp_path: Path) -> None:
+def test_the_named_configuration_beats_the_one_of_the_folder_or_within_the_log(tmp_path: Path) -> None:
     log = tmp_path / "dive7.mcap"
     log.touch()
     assert find_configuration(log, None) is None
@@ -96,28 +94,21 @@ def test_the_named_configuration_beats_the_one_of_the_folder(tmp_path: Path) -> 
     assert find_configuration(log, str(other)) == other
     assert find_configuration(log, "none") is None
 
-
-def test_a_folder_may_carry_its_configuration_inside(tmp_path: Path) -> None:
-    log = tmp_path / "dive7"
-    log.mkdir()
-    beside, inside = tmp_path / "dive7.usbldr.toml", log / "usbldr.toml"
-    beside.touch()
-    assert find_configuration(log, None) == beside
-
+    folder, inside = tmp_path / "dive7", tmp_path / "dive7" / "usbldr.toml"
+    folder.mkdir()
+    assert find_configuration(folder, None) == own
     inside.touch()
-    assert find_configuration(log, None) == inside
+    assert find_configuration(folder, None) == inside
 
 
 def test_without_keys_a_run_has_the_default_assumptions(tmp_path: Path) -> None:
     """And the sensor errors that are observable in the log are estimated."""
-    empty = written(tmp_path, "")
-    assert parameters(parse_configuration(read_document(empty), empty)) == Parameters(calibrate=("auto",))
-    none = written(tmp_path, "[calibrate]\nstates = []")
-    assert parameters(parse_configuration(read_document(none), none)) == Parameters()
+    assert parameters(parsed(tmp_path, "")) == Parameters(calibrate=("auto",))
+    assert parameters(parsed(tmp_path, "[calibrate]\nstates = []")) == Parameters()
 
 
 def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
-    file = written(
+    found = parsed(
         tmp_path,
         """
         [dvl]
@@ -154,7 +145,7 @@ def test_every_key_of_the_model_reaches_the_assumptions(tmp_path: Path) -> None:
         """,
     )
 
-    assert parameters(parse_configuration(read_document(file), file)) == replace(
+    assert parameters(found) == replace(
         Parameters(),
         process=ProcessNoise(0.1, math.pi / 100, 0.2, math.pi / 50, 0.4),
         calibrate=("scale", "latency"),
@@ -195,14 +186,11 @@ def test_every_key_is_explained_in_its_section_of_the_document(section: str, key
     assert f"`{key}`" in own + common
 
 
-def test_the_examples_of_the_document_are_accepted() -> None:
+def test_the_examples_and_the_noises_of_the_document_are_accepted() -> None:
     blocks = re.findall(r"```toml\n(.*?)```", DOCUMENT, flags=re.DOTALL)
+    noises = [f"[usbl]\nnoise = {noise}" for noise in re.findall(r"`(\{ kind = .*?\})`", DOCUMENT)]
 
     assert blocks
-    for block in blocks:
-        parse_configuration(tomllib.loads(block), Path("example.toml"))
-
-
-def test_the_noises_of_the_document_are_accepted() -> None:
-    for noise in re.findall(r"`(\{ kind = .*?\})`", DOCUMENT):
-        parse_configuration(tomllib.loads(f"[usbl]\nnoise = {noise}"), Path("example.toml"))
+    assert noises
+    for text in (*blocks, *noises):
+        parse_configuration(tomllib.loads(text), Path("example.toml"))
