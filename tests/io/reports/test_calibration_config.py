@@ -192,8 +192,7 @@ def test_without_an_error_to_write_it_says_so_before_it_runs(dive, tmp_path, opt
 
 
 def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> None:
-    file = tmp_path / "next.toml"
-    file.write_text("mine", encoding="utf-8")
+    file = saved(tmp_path / "next.toml", "mine")
 
     asked = ("replay", dive, "--calibrate", "scale", "--write-calibration", file, "-o", tmp_path / "r")
     said = f"{file} exists already: choose another file for --write-calibration, or --force"
@@ -203,13 +202,9 @@ def test_no_file_is_overwritten_without_force(dive: Path, tmp_path: Path) -> Non
 
 def test_lever_arm_of_the_dvl_and_clocks_are_stated_for_the_next_dive() -> None:
     log = read_log(SAMPLES / "lawnmower_csv")
+    lever = ErrorEstimate("dvl_lever_starboard_m", 0.1, 0.02), ErrorEstimate("dvl_lever_forward_m", 2.0, 0.05)
     evidence = (
-        SensorErrorEvidence(
-            "dvl-lever",
-            20.0,
-            True,
-            (ErrorEstimate("dvl_lever_starboard_m", 0.1, 0.02), ErrorEstimate("dvl_lever_forward_m", 2.0, 0.05)),
-        ),
+        SensorErrorEvidence("dvl-lever", 20.0, True, lever),
         SensorErrorEvidence("dvl-clock", 9.0, True, (ErrorEstimate("dvl_clock_s", 0.5, 0.1),)),
         SensorErrorEvidence("compass-clock", 9.0, True, (ErrorEstimate("compass_clock_s", 0.25, 0.1),)),
     )

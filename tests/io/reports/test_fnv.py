@@ -14,6 +14,7 @@ import pytest
 from checkout import SAMPLES
 from commands import output_of, report_of, run
 from logs import refusal
+from recordings import saved
 from usbldr.filters.errors import UsageError
 
 LOG = SAMPLES / "lawnmower_turn_db3"
@@ -63,9 +64,7 @@ def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path) -> None:
 def test_lines_of_mblist_are_read_as_a_truth(tmp_path: Path) -> None:
     start = int(datetime(2026, 1, 1, 0, 1, tzinfo=UTC).timestamp())
     lines = [LINE.format(k=k, t=start + k) + "\t-29.99999\t45.00001" * 2 for k in range(60)]
-    (tmp_path / "ship.fnv").write_text("\n".join(lines) + "\n")
-
-    options = ("-f", "dr", "--truth", tmp_path / "ship.fnv", "--plots", "none", "-q")
+    options = ("-f", "dr", "--truth", saved(tmp_path / "ship.fnv", "\n".join(lines) + "\n"), "--plots", "none", "-q")
     output_of("replay", LOG, *options, "-o", tmp_path / "run")
 
     report = report_of(tmp_path / "run")

@@ -48,7 +48,7 @@ def written(tmp_path: Path, run: Run) -> Path:
     return tmp_path / "out"
 
 
-def test_a_run_directory_holds_the_files_of_the_design(tmp_path: Path) -> None:
+def test_a_run_directory_holds_the_files_of_the_design_and_a_track_with_its_errors(tmp_path: Path) -> None:
     out = written(tmp_path, a_run())
 
     assert sorted(path.name for path in out.iterdir()) == [
@@ -56,6 +56,12 @@ def test_a_run_directory_holds_the_files_of_the_design(tmp_path: Path) -> None:
         *("track.tum", "track_5hz.csv", "truth.tum"),
     ]
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+    track = pd.read_csv(out / "track_5hz.csv").iloc[::5].reset_index()
+    errors = pd.read_csv(out / "errors_1hz.csv")
+
+    assert (track.east_m - LOG.truth.position_m[:, 0]).to_numpy() == pytest.approx(errors.error_east_m, abs=2e-4)
+    assert track.sd_north_m.to_numpy() == pytest.approx(errors.sd_north_m, abs=2e-4)
 
 
 def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> None:
@@ -128,16 +134,6 @@ def test_report_json_tells_what_was_made_of_fixes_in_doubt(tmp_path: Path) -> No
     assert report["reacquisitions"] == [
         {"since_s": 12.0, "outage_s": None, "resolved_s": 15.0, "refused": 3, "jump_m": 20.5, "accepted": True}
     ]
-
-
-def test_the_written_track_minus_the_truth_is_the_error(tmp_path: Path) -> None:
-    out = written(tmp_path, a_run())
-
-    track = pd.read_csv(out / "track_5hz.csv").iloc[::5].reset_index()
-    errors = pd.read_csv(out / "errors_1hz.csv")
-
-    assert (track.east_m - LOG.truth.position_m[:, 0]).to_numpy() == pytest.approx(errors.error_east_m, abs=2e-4)
-    assert track.sd_north_m.to_numpy() == pytest.approx(errors.sd_north_m, abs=2e-4)
 
 
 def test_a_longer_table_is_written_for_other_rates(tmp_path: Path) -> None:
@@ -214,7 +210,7 @@ def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path, fault: type[Ba
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_replacement_leaves_the_old_run_alone(tmp_path: Path) -> None:
+def test_an_old_run_is_replaced_only_by_force_and_by_a_whole_one(tmp_path: Path) -> None:
     leave_a_run(tmp_path / "out")
 
     with pytest.raises(KeyboardInterrupt), run_directory(tmp_path / "out", force=True):
@@ -222,10 +218,6 @@ def test_an_interrupted_replacement_leaves_the_old_run_alone(tmp_path: Path) -> 
 
     assert (tmp_path / "out" / "track.csv").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_an_old_run_is_replaced_only_by_force(tmp_path: Path) -> None:
-    leave_a_run(tmp_path / "out")
 
     with pytest.raises(UsageError, match="--force"):
         leave_a_run(tmp_path / "out", "new")
@@ -237,26 +229,19 @@ def test_an_old_run_is_replaced_only_by_force(tmp_path: Path) -> None:
 
 
 def test_force_never_deletes_what_no_run_wrote(tmp_path: Path) -> None:
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter.tex").write_text("years")
+    others = {"thesis/chapter.tex": "years", "out/notes.txt": "mine", "other/report.json": '{"tool": "a", "files": []}'}
     leave_a_run(tmp_path / "out")
-    (tmp_path / "out" / "notes.txt").write_text("mine")
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "report.json").write_text('{"tool": "another", "files": []}')
-    (tmp_path / "file").write_text("a file")
+    for name, text in others.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        saved(tmp_path / name, text)
+    saved(tmp_path / "file", "a file")
 
-    for name, sentence in {
-        "thesis": "holds chapter.tex",
-        "out": "holds notes.txt",
-        "other": "holds report.json",
-        "file": "is a file",
-    }.items():
+    said = {"thesis": "holds chapter.tex", "out": "holds notes.txt", "other": "holds report.json", "file": "is a file"}
+    for folder, sentence in said.items():
         with pytest.raises(UsageError, match=sentence):
-            leave_a_run(tmp_path / name, force=True)
+            leave_a_run(tmp_path / folder, force=True)
 
-    assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years"
-    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
-    assert (tmp_path / "other" / "report.json").exists()
+    assert {name: (tmp_path / name).read_text() for name in others} == others
 
 
 def test_an_empty_folder_may_become_a_run(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from checkout import ROOT, SAMPLES
 from commands import output_of, report_of
 from logs import refusal
-from recordings import decoded
+from recordings import decoded, saved
 from usbldr.filters.errors import LogError, StorageError, UsageError
 from usbldr.io.reading.read import read_log
 
@@ -127,16 +127,14 @@ def test_topics_of_an_earlier_run_are_no_sensors(folder: Path) -> None:
     assert {one.topic for role, one in read.provenance.items() if role != "truth"} == topics
 
 
-def test_only_an_mcap_file_is_merged(tmp_path: Path) -> None:
-    asked = ("replay", SAMPLES / "lawnmower.bag", "--mcap", "merge", "-o", tmp_path / "run")
-    assert "usbldr export" in refusal(UsageError, output_of, *asked)
+@pytest.mark.parametrize(
+    ("log", "fault", "said"), [("lawnmower.bag", UsageError, "usbldr export"), ("cut", LogError, "leave merge out")]
+)
+def test_only_a_whole_mcap_file_is_merged(tmp_path, log, fault, said):
+    file = saved(tmp_path / "cut.mcap", LOG.read_bytes()[:150_000]) if log == "cut" else SAMPLES / log
 
-
-def test_a_damaged_log_is_not_merged_but_judged(tmp_path: Path) -> None:
-    (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:150_000])
-
-    asked = ("replay", tmp_path / "cut.mcap", "-f", "dr", "--mcap", "merge", "-o", tmp_path / "run")
-    assert "leave merge out" in refusal(LogError, output_of, *asked)
+    asked = ("replay", file, "-f", "dr", "--mcap", "merge", "-o", tmp_path / "run")
+    assert said in refusal(fault, output_of, *asked)
     assert not (tmp_path / "run").exists()
 
 
