@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import logged
+from logs import logged, texts
 from recordings import SECOND, T0, Row, short_dive
-from usbldr.io.log import Log
 
 HOUR = 3600 * SECOND
 
@@ -20,10 +19,6 @@ def restamped(topics: dict[str, int]) -> list[Row]:
         stamped = {**values, "header.stamp": values["header.stamp"] + topics.get(topic, 0)}
         rows.append((time_ns + 20_000_000 + 10_000_000 * (k % 3), topic, kind, stamped))
     return rows
-
-
-def said(log: Log) -> list[str]:
-    return [finding.text for finding in log.findings if finding.code == "CLOCK-SHIFTED"]
 
 
 @pytest.mark.parametrize("other", [-T0 + 5 * SECOND, -HOUR, HOUR], ids=["since power-on", "zone west", "zone east"])
@@ -38,7 +33,9 @@ def test_a_clock_of_its_own_is_moved_to_log_time_and_keeps_its_spacing(tmp_path:
     assert absolute == pytest.approx(0.02)  # the least delay, which cannot be distinguished from the clock's offset
     clocks = "stamps come from another clock than the log's and other sensors'"
     shift_s = f"{0.02 - other / 1e9:.3f} s"
-    assert said(log) == [f"/dvl: {clocks}; shifted by {shift_s}, the smallest delay from stamp to log"]
+    assert texts(log, "CLOCK-SHIFTED") == [
+        f"/dvl: {clocks}; shifted by {shift_s}, the smallest delay from stamp to log"
+    ]
 
 
 def test_two_sensors_of_one_other_clock_are_moved_alike(tmp_path: Path) -> None:
@@ -46,7 +43,7 @@ def test_two_sensors_of_one_other_clock_are_moved_alike(tmp_path: Path) -> None:
 
     apart = log.tables["compass"]["time_s"] - log.tables["dvl"]["time_s"]
     np.testing.assert_allclose(apart, 0.1, atol=1e-9)
-    assert len(said(log)) == 2
+    assert len(texts(log, "CLOCK-SHIFTED")) == 2
 
 
 def test_stamps_that_all_run_on_one_clock_stay(tmp_path: Path) -> None:
@@ -54,17 +51,15 @@ def test_stamps_that_all_run_on_one_clock_stay(tmp_path: Path) -> None:
 
     simulated = logged(tmp_path, restamped(dict.fromkeys(("/dvl", "/imu", "/usbl"), -T0 + SECOND)))
 
-    assert said(simulated) == []
+    assert texts(simulated, "CLOCK-SHIFTED") == []
     assert simulated.start_ns == SECOND
     pd.testing.assert_series_equal(simulated.tables["dvl"]["time_s"], true.tables["dvl"]["time_s"])
 
 
-def test_late_fixes_are_no_other_clock(tmp_path: Path) -> None:
-    assert said(logged(tmp_path, restamped({"/usbl": -5 * SECOND}))) == []
+def test_late_fixes_and_a_sensor_that_is_timed_by_the_log_are_no_other_clock(tmp_path: Path) -> None:
+    by_log = logged(tmp_path, restamped({"/dvl": -T0}), '[dvl]\ntime = "log"')
 
+    late = logged(tmp_path, restamped({"/usbl": -5 * SECOND}))
 
-def test_a_sensor_that_is_timed_by_the_log_has_no_clock(tmp_path: Path) -> None:
-    log = logged(tmp_path, restamped({"/dvl": -T0}), '[dvl]\ntime = "log"')
-
-    assert said(log) == []
-    assert log.tables["dvl"]["time_s"].iloc[0] == pytest.approx(0.02)
+    assert texts(by_log, "CLOCK-SHIFTED") == texts(late, "CLOCK-SHIFTED") == []
+    assert by_log.tables["dvl"]["time_s"].iloc[0] == pytest.approx(0.02)

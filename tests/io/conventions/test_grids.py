@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commands import output_of, run
+from commands import drafted, output_of, run
 from logs import MAP, codes, logged, logged_csv
 from recordings import T0, Row, point
 from textbook import utm_m
@@ -109,6 +109,4 @@ def test_a_zone_in_the_names_of_columns_is_proposed_as_the_grid(tmp_path: Path, 
     rows = "".join(f"{1_600_000_000 + k},{500_000 + k},{5_000_000 + k}\n" for k in range(9))
     (tmp_path / "usbl.csv").write_text(f"Time [s],{easting},{northing}\n{rows}", encoding="utf-8")
 
-    run("init", tmp_path / "usbl.csv", "--output", tmp_path / "found.toml", "--dvl", "none", "--compass", "none")
-
-    assert '\ngrid = "EPSG:32632"' in (tmp_path / "found.toml").read_text(encoding="utf-8")
+    assert '\ngrid = "EPSG:32632"' in drafted(tmp_path / "usbl.csv", "--dvl", "none", "--compass", "none")

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from logs import codes, logged
+from logs import codes, logged, with_table
 from recordings import SECOND, T0, short_dive, yaw
 from usbldr.filters.types import Mask, Truth, Vector
 from usbldr.io.conventions import spikes
@@ -30,10 +30,6 @@ VELOCITY, PLACE = ["starboard_mps", "forward_mps"], ["east_m", "north_m"]
 def dive() -> Log:
     """Simulate 900 s at 1 m/s: DVL at 5 Hz, compass at 10 Hz, USBL at 1 Hz, noise in all of them."""
     return simulated_log(find_scenario("square"), seed=1)
-
-
-def with_table(log: Log, role: str, table: pd.DataFrame) -> Log:
-    return replace(log, tables={**log.tables, role: table})
 
 
 def changed(log: Log, role: str, columns: list[str], values: NDArray[Any]) -> Log:

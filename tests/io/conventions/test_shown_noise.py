@@ -1,13 +1,13 @@
 """Sigmas of DVL and compass that are smaller than their records scatter."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import usbldr
+from logs import with_table
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.io.conventions.shown_noise import examined, with_shown_noise
 from usbldr.io.drills.drill import Drill, damaged
@@ -21,10 +21,6 @@ def dive() -> Log:
     return usbldr.open_log("lawnmower")
 
 
-def with_table(log: Log, role: str, **columns: Any) -> Log:
-    return replace(log, tables={**log.tables, role: log.tables[role].assign(**columns)})
-
-
 @pytest.mark.parametrize("role", ["compass", "dvl"])
 @pytest.mark.parametrize("factor", [5.0, 20.0])
 def test_records_that_scatter_more_get_that_sigma(dive: Log, role: str, factor: float) -> None:
@@ -36,7 +32,7 @@ def test_records_that_scatter_more_get_that_sigma(dive: Log, role: str, factor: 
     noisy = (t > begin_s) & (t < end_s)
     extra = np.random.default_rng(7).normal(0, sd * np.sqrt(factor**2 - 1), (len(t), len(columns)))
     values = table[columns].to_numpy() + np.where(noisy[:, None], extra, 0)
-    log = with_table(dive, role, **dict(zip(columns, values.T, strict=True)))
+    log = with_table(dive, role, table.assign(**dict(zip(columns, values.T, strict=True))))
     found = with_shown_noise(log)
     raised = found.tables[role][name].to_numpy() / sd
     inside = noisy & (t > t[-1] / 3 + 20) & (t < t[-1] * 2 / 3 - 20)
@@ -71,16 +67,15 @@ def test_sigmas_that_are_right_stay(name: str) -> None:
     assert "NOISE-LARGER" not in [one.code for one in log.findings]
 
 
-def test_unknown_sigmas_and_short_logs_stay(dive: Log) -> None:
-    unknown = with_table(dive, "dvl", sd_mps=np.nan)
+def test_unknown_sigmas_short_logs_headings_about_north_and_stamps_that_repeat_stay(dive: Log) -> None:
+    unknown = with_table(dive, "dvl", dive.tables["dvl"].assign(sd_mps=np.nan))
     short = replace(dive, tables={role: table.head(99) for role, table in dive.tables.items()})
-    loud = with_table(short, "compass", heading_deg=np.random.default_rng(1).uniform(0, 360, 99))
+    headings = np.random.default_rng(1).uniform(0, 360, 99)
+    loud = with_table(short, "compass", short.tables["compass"].assign(heading_deg=headings))
 
     assert with_shown_noise(unknown) is unknown
     assert with_shown_noise(loud) is loud
 
-
-def test_headings_about_north_and_stamps_that_repeat_are_no_noise(dive: Log) -> None:
     t = np.repeat(np.arange(500) / 5, 2)
     heading = (360 + np.random.default_rng(3).normal(0, 0.3, len(t))) % 360
     table = pd.DataFrame({"time_s": t, "received_s": t, "heading_deg": heading, "sd_deg": 0.3})

@@ -57,7 +57,6 @@ def test_fixes_along_three_axes_are_the_same_survey(folder):
 
 
 def test_replay_places_fixes_by_the_same_keys_as_the_calibration(folder):
-    """The fixes that replay makes of the true installation, against the geometry of the calibration."""
     true = dict(zip(NAMES, BOX.true_values, strict=True))
     names = {"mount_roll_deg": "mount_roll_deg", "mount_pitch_deg": "mount_pitch_deg"}
     names |= {"mount_deg": "mount_heading_deg", "sound_speed_scale": "scale"}
