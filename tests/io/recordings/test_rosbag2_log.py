@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 import logs
 from logs import TWIST_X, refusal
-from recordings import ROS2, SECOND, T0, TWIST, Row, execute, message, short_dive, twist, write_rosbag2
+from recordings import SECOND, T0, Row, execute, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -152,21 +151,10 @@ def test_a_folder_that_is_no_recording_is_named(tmp_path: Path, files: list[str]
     assert refusal(LogError, open_log, folder) == f"{folder}: {sentence}"
 
 
-def compressed(folder: Path, storage: StoragePlugin, mode: CompressionMode) -> Path:
-    """Write ten messages as rosbag2 compresses them."""
-    writer = Writer2(folder, version=9, storage_plugin=storage)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        connection = writer.add_connection("/dvl", TWIST, typestore=ROS2)
-        for time_ns, _, _, values in stretch(0, 10):
-            writer.write(connection, time_ns, ROS2.serialize_cdr(message(TWIST, values), TWIST))
-    return folder
-
-
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 def test_a_compressed_recording_is_read(tmp_path: Path, storage: StoragePlugin, mode: CompressionMode) -> None:
-    folder = compressed(tmp_path / "dive", storage, mode)
+    folder = write_rosbag2(tmp_path / "dive", stretch(0, 10), storage, mode)
     (part,) = (file for file in folder.iterdir() if file.name != "metadata.yaml")
     assert part.name.endswith(".zstd") == (mode is CompressionMode.FILE)
 
@@ -178,7 +166,7 @@ def test_a_compressed_recording_is_read(tmp_path: Path, storage: StoragePlugin, 
 
 
 def test_a_compressed_part_beside_its_copy_is_read_once(tmp_path: Path) -> None:
-    folder = compressed(tmp_path / "dive", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    folder = write_rosbag2(tmp_path / "dive", stretch(0, 10), packed=CompressionMode.FILE)
     packed = folder / "dive.db3.zstd"
     packed.with_suffix("").write_bytes(zstandard.ZstdDecompressor().decompressobj().decompress(packed.read_bytes()))
 
