@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from logs import MAP, only, read_as, refusal
-from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, short_dive, turned, write_mcap
+from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, saved, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Truth, Vector
 from usbldr.io.conventions.sanity import truth_jump_findings
@@ -53,6 +53,14 @@ POSES = [pose(T0 + k * SECOND, 10.0 + k, 20.0) for k in range(3)]
 AFTER = "timestamp,x,y\ns,m,m\n1600000000.1,1,2\n1600000001.1,3,4\n"  # whose first row need hold no numbers
 NORTH_M = 1.1113
 OF_TUM = [1.5, 2.5], [[3, 4], [5, 6]]
+BY_USUAL_NAMES = [
+    f"% timestamp, frame id, x, y, z\n{T0 // SECOND + 1},7,1,2,-3",
+    f"stamp_ns,x_m,y_m\n{T0 + SECOND},1,2",
+    "time_s,tx,ty\n1,1,2",
+    "time,east_m,north_m\n2020-09-13T12:26:41.000Z,1,2",
+    f"timestamp,heading,east_m,north_m,x,y\n{T0 // SECOND + 1},9,1,2,99,99",
+    f"time_ns  east_m north_m\n{T0 + SECOND}   1 2",
+]
 
 
 @pytest.mark.parametrize(
@@ -64,9 +72,9 @@ OF_TUM = [1.5, 2.5], [[3, 4], [5, 6]]
         (NED_FILE + "skip_rows = 1", [], "t.csv", AFTER, [0.1, 1.1], [[2, 1], [4, 3]], "t.csv", "other"),
         (LATLON, [], "t.csv", "t,lat,lon\n1.25,45.00001,7.0\n", [1.25], [[0, NORTH_M]], "t.csv", "other"),
         ("", [], "t.csv", f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", [1], [[1, 2]], "t.csv", "other"),
-        ("", [], "t.tum", TUM_LINES, *OF_TUM, "t.tum", "other"),
-        ("", [], "t.tum", TUM_LINES.split("\n", 1)[1], *OF_TUM, "t.tum", "other"),
-        ("", [], "t.tum", TUM_LINES.rstrip("\n"), *OF_TUM, "t.tum", "other"),
+        *(("", [], "t.tum", text, *OF_TUM, "t.tum", "other")
+          for text in (TUM_LINES, TUM_LINES.split("\n", 1)[1], TUM_LINES.rstrip("\n"))),
+        *(("", [], "t.csv", f"{text}\n", [1], [[1, 2]], "t.csv", "other") for text in BY_USUAL_NAMES),
         # a topic of poses or of odometry; an option beats the configured file, whose frame it keeps
         *(('[truth]\ntopic = "/slam"\nframe = "NED"\nskip_rows = 1\nkind = "slam"',
            [pose(T0 + k * SECOND, 10.0 + k, 20.0, kind) for k in range(3)], None, "", [1, 2], [[20, 11], [20, 12]],
@@ -80,19 +88,10 @@ OF_TUM = [1.5, 2.5], [[3, 4], [5, 6]]
     ],
 )  # fmt: skip
 def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
-    tmp_path: Path,
-    toml: str,
-    more: Sequence[Row],
-    option: str | None,
-    text: str,
-    time_s: list[float],
-    position_m: list[list[float]],
-    source: str,
-    kind: str,
-) -> None:
+    tmp_path, toml, more, option, text, time_s, position_m, source, kind
+):
     if text:
-        (tmp_path / str(option)).write_text(text, encoding="utf-8")
-        option = str(tmp_path / str(option))
+        option = str(saved(tmp_path / option, text))
 
     log = dive(tmp_path, toml, more, Request(truth=option))
 
@@ -112,38 +111,29 @@ def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_
     assert log.truth.max_gap_s == 12.0
     assert only(log, "TRUTH-REPEATED") == "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
     assert len(log.tables["gps"]) == 3
-    (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n", encoding="utf-8")
-    assert dive(tmp_path, request=Request(truth=str(tmp_path / "t.csv"))).truth.sd_m[0] == 0.25
+    file = saved(tmp_path / "t.csv", f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n")
+    assert dive(tmp_path, request=Request(truth=str(file))).truth.sd_m[0] == 0.25
 
 
-@pytest.mark.parametrize("frame", ["NED", "ENU"])
-def test_a_frame_that_the_columns_rule_out_is_said_to_be_unused(tmp_path: Path, frame: str) -> None:
-    (tmp_path / "t.csv").write_text(f"time_ns,east_m,north_m\n{T0 + SECOND},1,2\n", encoding="utf-8")
-
-    found = dive(tmp_path, f'[truth]\nfile = "t.csv"\nframe = "{frame}"').findings
-
-    said = 't.csv: frame = "NED" of the configuration is not used; its columns are ENU'
-    assert [one.text for one in found] == [said] * (frame == "NED")
+BY_COLUMNS = 't.csv: frame = "NED" of the configuration is not used; its columns are ENU'
+BY_GPS = "frame of [truth] is not used: the truth is the log's GPS"
 
 
 @pytest.mark.parametrize(
-    ("header", "row"),
+    ("toml", "more", "said"),
     [
-        ("% timestamp, frame id, x, y, z", f"{T0 // SECOND + 1},7,1,2,-3"),
-        ("stamp_ns,x_m,y_m", f"{T0 + SECOND},1,2"),
-        ("time_s,tx,ty", "1,1,2"),
-        ("time,east_m,north_m", "2020-09-13T12:26:41.000Z,1,2"),
-        ("timestamp,heading,east_m,north_m,x,y", f"{T0 // SECOND + 1},9,1,2,99,99"),
-        ("time_ns  east_m north_m", f"{T0 + SECOND}   1 2"),
+        ('[truth]\nfile = "t.csv"\nframe = "NED"', [], [BY_COLUMNS]),
+        ('[truth]\nfile = "t.csv"\nframe = "ENU"', [], []),
+        ('[truth]\nframe = "NED"', FIXES, [BY_GPS]),
+        ('[gps]\nframe = "latlon"', FIXES, []),
     ],
 )
-def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str) -> None:
-    file = tmp_path / "t.csv"
-    file.write_text(f"{header}\n{row}\n", encoding="utf-8")
+def test_a_frame_that_columns_or_the_gps_rule_out_is_said_to_be_unused(tmp_path, toml, more, said):
+    saved(tmp_path / "t.csv", f"time_ns,east_m,north_m\n{T0 + SECOND},1,2\n")
 
-    truth = dive(tmp_path, request=Request(truth=str(file))).truth
+    found = [one.text for one in dive(tmp_path, toml, more).findings if one.code == "KEY-UNUSED" or not more]
 
-    assert (truth.time_s.tolist(), truth.position_m.tolist()) == ([1.0], [[1.0, 2.0]])
+    assert [text[: len(start)] for text, start in zip(found, said, strict=True)] == said
 
 
 @pytest.mark.parametrize(
@@ -176,8 +166,7 @@ def test_usual_names_of_columns_are_known(tmp_path: Path, header: str, row: str)
     ],
 )  # fmt: skip
 def test_a_truth_that_cannot_be_read_is_one_sentence(tmp_path, toml, text, option, fault, said):
-    file = tmp_path / ("slam.tum" if text.startswith("#") else "t.csv")
-    file.write_text(text, encoding="utf-8")
+    file = saved(tmp_path / ("slam.tum" if text.startswith("#") else "t.csv"), text)
     names = {"log": "dive.mcap", "toml": "usbldr.toml", "gone": "gone.txt", "file": file.name}
     gps = FIXES if "/gps/fix" in toml else []
 
@@ -210,14 +199,6 @@ def test_poses_that_are_all_turned_alike_state_no_heading(tmp_path: Path) -> Non
 
     assert truth.yaw_rad is None
     assert truth.velocity_mps is None
-
-
-def test_a_frame_for_the_truth_where_the_gps_is_the_truth_is_said_not_to_be_used(tmp_path: Path) -> None:
-    said = {f.code: f.text for f in dive(tmp_path, '[truth]\nframe = "NED"', FIXES).findings}
-    silent = {f.code for f in dive(tmp_path, '[gps]\nframe = "latlon"', FIXES).findings}
-
-    assert said["KEY-UNUSED"].startswith("frame of [truth] is not used: the truth is the log's GPS")
-    assert "KEY-UNUSED" not in silent
 
 
 @pytest.mark.parametrize(("toml", "option"), [("", "none"), ('[truth]\ntopic = "none"', None)])
