@@ -10,18 +10,18 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from logs import codes, logged, logged_csv, only, read_as, refusal
+from logs import codes, logged, logged_csv, read_as, refusal
 from recordings import (
     DVL,
     HEADING,
     IMU,
     MARINE,
     ODOMETRY,
-    PRESSURE,
     SECOND,
     T0,
     TWIST_COVARIANCE,
     Row,
+    pressure,
     record,
     twist,
     write_csv,
@@ -50,10 +50,6 @@ def water_linked(time_ns: int, more: Mapping[str, Any]) -> Row:
 
 def number(value: float, topic: str = "/heading") -> Row:
     return T0, topic, HEADING, {"data": value}
-
-
-def pressure(value: float, k: int = 0) -> Row:
-    return T0 + k, "/pressure", PRESSURE, {"header.stamp": T0 + k, "fluid_pressure": value}
 
 
 def tilted(*yaw_pitch_roll_deg: float) -> Row:
@@ -98,9 +94,9 @@ SPEED = "[dvl]\nsound_speed_mps = 1545.0"
         (tilted(40, -20, 10), "", [50]),
         (number(361.0), "[compass]\nbias_deg = 2.0", [359]),
         (number(350.0), "[compass]\ndeclination_deg = 15.6", [5.6]),
-        (pressure(201325.0), "", [BAR_M]),
+        (pressure(T0, 201325.0), "", [BAR_M]),
         *(
-            (pressure(201325.0 / pascals), f'[depth]\nunit = "{unit}"', [BAR_M])
+            (pressure(T0, 201325.0 / pascals), f'[depth]\nunit = "{unit}"', [BAR_M])
             for unit, pascals in (("Pa", 1), ("hPa", 100), ("dbar", 1e4), ("bar", 1e5))
         ),
         (number(-4.0, "/depth"), '[depth]\npositive = "up"', [4]),
@@ -124,23 +120,35 @@ def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> No
     assert log.start_ns == T0
 
 
-def test_numbers_that_could_be_radians_are_pointed_out(tmp_path: Path) -> None:
-    log = logged(tmp_path, [number(3.0)])
+IN_RADIANS = '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
+NO_HEADER = "/heading: its type has no header, so it is timed by log time"
+UNKNOWN = {"orientation_covariance": np.array([-1.0] + [0.0] * 8)}
+NO_ORIENTATION = [(T0 + k, "/imu", IMU, {**yaw(T0 + k, 10)[3], **UNKNOWN}) for k in range(2)]
+NO_LOCK = [twist(T0 + k * SECOND, *((327.67, 327.67) if k % 3 else (1.0, 0.1))) for k in range(12)]
 
-    said = '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
-    assert codes(log)["HEADING-UNIT"] == said
-    assert codes(log)["NO-HEADER"] == "/heading: its type has no header, so it is timed by log time"
 
+@pytest.mark.parametrize(
+    ("rows", "toml", "used", "said"),
+    [
+        ([number(3.0)], "", {"compass": 1}, {"HEADING-UNIT": IN_RADIANS, "NO-HEADER": NO_HEADER}),
+        ([*NO_ORIENTATION, (T0 + 5, "/imu", IMU, {"header.stamp": T0 + 5}), yaw(T0 + 9, 10)], "", {"compass": 1},
+         {"COMPASS-INVALID": "/imu: 3 of 4 records are invalid and left out "
+         "(2 without orientation (covariance -1), 1 zero quaternion)"}),
+        ([yaw(T0 + k * SECOND, 30.0) for k in range(3)], '[compass]\nunit = "rad"', {"compass": 3},
+         {"KEY-UNUSED": "/imu: unit of the configuration is not used; its records are not plain angles"}),
+        # one number for no bottom lock is no velocity in mm/s
+        (NO_LOCK, "", {"dvl": 12},
+         {"DVL-INVALID": "/dvl: 8 of 12 records are invalid and not used (8 faster than 20 m/s)"}),
+        ([pressure(T0, 1013.0)], "", {},
+         {"DEPTH-UNIT": "/pressure: not used as depth: a median of 1013 cannot be Pa; state unit under [depth]"}),
+    ],
+    ids=["perhaps radians", "no orientation", "a quaternion", "no bottom lock", "no pascals"],
+)  # fmt: skip
+def test_numbers_that_are_in_doubt_are_pointed_out_or_left_out(tmp_path, rows, toml, used, said):
+    log = logged(tmp_path, rows, toml)
 
-def test_imu_messages_without_orientation_are_left_out(tmp_path: Path) -> None:
-    none = np.array([-1.0] + [0.0] * 8)
-    bad = [(T0 + k, "/imu", IMU, {**yaw(T0 + k, 10)[3], "orientation_covariance": none}) for k in range(2)]
-    log = logged(tmp_path, [*bad, (T0 + 5, "/imu", IMU, {"header.stamp": T0 + 5}), yaw(T0 + 9, 10)])
-
-    assert len(log.tables["compass"]) == 1
-    assert codes(log)["COMPASS-INVALID"] == (
-        "/imu: 3 of 4 records are invalid and left out (2 without orientation (covariance -1), 1 zero quaternion)"
-    )
+    assert {role: len(table) for role, table in log.tables.items()} == used
+    assert said.items() <= codes(log).items()
 
 
 def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path) -> None:
@@ -180,12 +188,6 @@ def test_a_csv_folder_in_millimetres_or_radians_is_told_how_its_columns_are_name
     advice = said.partition("state ")[2].removesuffix(" under [dvl]").replace(", axes", "\naxes")
     log = read_as(folder, "[dvl]\n" + advice.replace(" and unit", "\nunit"))
     assert log.tables["dvl"]["forward_mps"].tolist() == [0.2] * 5
-
-
-def test_a_unit_for_a_quaternion_is_said_not_to_be_used(tmp_path: Path) -> None:
-    log = logged(tmp_path, [yaw(T0 + k * SECOND, 30.0) for k in range(3)], '[compass]\nunit = "rad"')
-
-    assert only(log, "KEY-UNUSED") == "/imu: unit of the configuration is not used; its records are not plain angles"
 
 
 def test_with_water_track_bottom_track_is_not_used_and_without_it_the_key_is_named(tmp_path: Path) -> None:
@@ -241,9 +243,9 @@ SECTION, LOG = "{folder}/usbldr.toml: [{section}] ", "{folder}/dive.mcap: "
          SECTION.replace("] ", "]: ") + "assumed_sound_speed_mps needs the true one beside it: state sound_speed_mps"),
         ([twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3", UsageError,
          SECTION + "min_good_beams: /dvl (geometry_msgs/msg/TwistStamped) has no such field"),
-        ([pressure(201325.0)], '[depth]\nunit = "m"', UsageError,
+        ([pressure(T0, 201325.0)], '[depth]\nunit = "m"', UsageError,
          SECTION + 'unit = "m": /pressure holds pressures (Pa, hPa, dbar, bar)'),
-        ([pressure(201325.0)], '[depth]\npositive = "up"', UsageError,
+        ([pressure(T0, 201325.0)], '[depth]\npositive = "up"', UsageError,
          SECTION + "positive: /pressure holds pressures, to which it does not apply"),
         ([number(4.0, "/depth")], '[depth]\ntopic = "/depth"\nunit = "Pa"', UsageError,
          SECTION + 'unit = "Pa": /depth holds depths in m'),
@@ -269,33 +271,14 @@ def test_a_dvl_in_millimetres_is_refused_though_it_lay_still_at_first(tmp_path: 
     assert log.tables["dvl"]["forward_mps"].max() == pytest.approx(0.909)
 
 
-def test_a_dvl_that_writes_one_number_for_no_bottom_lock_is_not_in_millimetres(tmp_path: Path) -> None:
-    rows = [twist(T0 + k * SECOND, *((327.67, 327.67) if k % 3 else (1.0, 0.1))) for k in range(12)]
-
-    log = logged(tmp_path, rows)
-
-    assert codes(log)["DVL-INVALID"].endswith("8 of 12 records are invalid and not used (8 faster than 20 m/s)")
-
-
-def test_the_dvl_noise_is_left_open_unless_somebody_states_it(tmp_path: Path) -> None:
-    open_log = logged(tmp_path, [twist(T0, 1.0, 0.0)])
-    stated = logged(tmp_path, [twist(T0, 1.0, 0.0)], "[dvl]\nsd_mps = 0.1")
-
-    assert open_log.tables["dvl"]["sd_mps"].isna().all()
-    assert stated.tables["dvl"]["sd_mps"].iloc[0] == 0.1
-
-
-def test_pressures_that_cannot_be_pascals_are_not_used(tmp_path: Path) -> None:
-    log = logged(tmp_path, [pressure(1013.0)])
-
-    assert "depth" not in log.tables
-    said = "/pressure: not used as depth: a median of 1013 cannot be Pa; state unit under [depth]"
-    assert codes(log)["DEPTH-UNIT"] == said
+@pytest.mark.parametrize(("toml", "sd_mps"), [("", math.nan), ("[dvl]\nsd_mps = 0.1", 0.1)])
+def test_the_dvl_noise_is_left_open_unless_somebody_states_it(tmp_path: Path, toml: str, sd_mps: float) -> None:
+    np.testing.assert_array_equal(logged(tmp_path, [twist(T0, 1.0, 0.0)], toml).tables["dvl"]["sd_mps"], sd_mps)
 
 
 def test_gauge_pressures_are_not_taken_for_absolute_ones(tmp_path: Path) -> None:
     """From the surface down to 19.9 m: all but the first ten metres could be absolute pressures."""
-    rows = [pressure(k * 1025 * 9.80665 / 10, k) for k in range(200)]
+    rows = [pressure(T0 + k, k * 1025 * 9.80665 / 10) for k in range(200)]
 
     unsaid, said = logged(tmp_path, rows), logged(tmp_path, rows, "[depth]\nsurface_pa = 0")
 

@@ -11,32 +11,30 @@ import pandas as pd
 import pytest
 
 from logs import logged, only, refusal
-from recordings import HEADER, IMU, ODOMETRY, POSE, POSE_COVARIANCE, T0, Row, define, fix, record, turned
+from recordings import HEADER, IMU, ODOMETRY, POSE, POSE_COVARIANCE, T0, Row, define, fields, fix, record, turned
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
 from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.log import Log
 from usbldr.io.provenance import Convention
 
+TURN, PLACE = "geometry_msgs/Quaternion orientation", "float64 latitude longitude"
+STAMP = "builtin_interfaces/Time timestamp"
 TYPES = {
-    "compass_msgs/msg/Azimuth": HEADER
-    + "float64 azimuth\nfloat64 variance\nuint8 unit\nuint8 orientation\nuint8 reference\n",
-    "ds_sensor_msgs/msg/Compass": HEADER + "float64 heading\nfloat64 heading_covar\nbool is_true_heading\n",
-    "ds_sensor_msgs/msg/Gyro": HEADER
-    + "float64 roll\nfloat64 pitch\nfloat64 heading\nfloat64 heading_covar\ngeometry_msgs/Quaternion orientation\n",
-    "old_ds_sensor_msgs/msg/Gyro": HEADER + "float64 roll\nfloat64 pitch\nfloat64 heading\n",
-    "ds_sensor_msgs/msg/Ins": HEADER
-    + "float64 roll\nfloat64 pitch\nfloat64 heading\ngeometry_msgs/Quaternion orientation\n",
-    "cola2_msgs/msg/RPY": "float32 roll\nfloat32 pitch\nfloat32 yaw\n",
-    "cola2_msgs/msg/NavSts": HEADER + "cola2_msgs/RPY orientation\n",
-    "auv_msgs/msg/NavigationStatus": HEADER + "geometry_msgs/Vector3 orientation\n",
-    "beside_position/msg/GPSData": HEADER + "float64 latitude\nfloat64 longitude\nint32 fix_quality\nfloat32 heading\n",
-    "beside_position/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint16 yaw\n",
-    "beside_position/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n"
-    "float64 latitude\nfloat64 longitude\nfloat64 heading\nfloat64 heading_variance\n",
-    "heading_geo/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude\n",
-    "heading_geo/msg/GeoPose": "heading_geo/GeoPoint position\ngeometry_msgs/Quaternion orientation\n",
-    "heading_smarc/msg/LatLonOdometry": HEADER + "heading_geo/GeoPose lat_lon_pose\n",
+    "compass_msgs/msg/Azimuth": HEADER + fields("float64 azimuth variance", "uint8 unit orientation reference"),
+    "ds_sensor_msgs/msg/Compass": HEADER + fields("float64 heading heading_covar", "bool is_true_heading"),
+    "ds_sensor_msgs/msg/Gyro": HEADER + fields("float64 roll pitch heading heading_covar", TURN),
+    "old_ds_sensor_msgs/msg/Gyro": HEADER + fields("float64 roll pitch heading"),
+    "ds_sensor_msgs/msg/Ins": HEADER + fields("float64 roll pitch heading", TURN),
+    "cola2_msgs/msg/RPY": fields("float32 roll pitch yaw"),
+    "cola2_msgs/msg/NavSts": HEADER + fields("cola2_msgs/RPY orientation"),
+    "auv_msgs/msg/NavigationStatus": HEADER + fields("geometry_msgs/Vector3 orientation"),
+    "beside_position/msg/GPSData": HEADER + fields(PLACE, "int32 fix_quality", "float32 heading"),
+    "beside_position/msg/GPSRAW": HEADER + fields("uint8 fix_type", "int32 lat lon", "uint16 yaw"),
+    "beside_position/msg/LocationFix": fields(STAMP, "string frame_id", f"{PLACE} heading heading_variance"),
+    "heading_geo/msg/GeoPoint": fields(f"{PLACE} altitude"),
+    "heading_geo/msg/GeoPose": fields("heading_geo/GeoPoint position", TURN),
+    "heading_smarc/msg/LatLonOdometry": HEADER + fields("heading_geo/GeoPose lat_lon_pose"),
 }
 define(TYPES)
 QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
@@ -117,17 +115,6 @@ def test_a_value_that_means_no_data_is_none(tmp_path: Path, kind: str) -> None:
         logged(tmp_path, [row(kind, NO_HEADING[kind])], topics={"compass": "/heading"})
 
 
-@pytest.mark.parametrize("no_data", [-9999.0, 511.0])
-def test_a_number_that_is_no_angle_of_a_circle_is_left_out(tmp_path: Path, no_data: float) -> None:
-    rows = [row(VECTOR, {"vector.z": angle}, k) for k, angle in enumerate([1.0, no_data, 2.0, no_data, 3.0])]
-
-    log = logged(tmp_path, rows, topics={"compass": "/heading"})
-
-    assert heading(log) == pytest.approx([(90 - math.degrees(angle)) % 360 for angle in (1.0, 2.0, 3.0)])
-    said = "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
-    assert only(log, "COMPASS-INVALID") == said
-
-
 @pytest.mark.parametrize(("circle", "damaged"), [(400, 0), (360, 0), (360, 9)])
 def test_headings_that_go_round_at_400_are_gon(tmp_path: Path, circle: int, damaged: int) -> None:
     angles = [395.0] * damaged + [float(k % circle) for k in range(0, 1200, 2)]
@@ -137,6 +124,28 @@ def test_headings_that_go_round_at_400_are_gon(tmp_path: Path, circle: int, dama
 
     gon = "/heading: its headings go round at 400, as gon do, not at 360; multiply them by 0.9"
     assert said == ([gon] if circle == 400 else [])
+
+
+NO_TURN = "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"
+NEVER = "/heading: all 100 headings are 90.0 deg; check the sensor"
+OF_VECTOR = [(90 - math.degrees(angle)) % 360 for angle in (1.0, 2.0, 3.0)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "headings", "code", "said"),
+    [
+        *((VECTOR, [{"vector.z": angle} for angle in (1.0, no_data, 2.0, no_data, 3.0)], OF_VECTOR, "COMPASS-INVALID",
+           NO_TURN) for no_data in (-9999.0, 511.0)),
+        (IMU, [{"orientation.w": 1.0}] * 100, [90.0] * 100, "HEADING-CONSTANT", NEVER),
+    ],
+)  # fmt: skip
+def test_numbers_that_are_no_angles_and_an_imu_that_never_turns_are_pointed_out(
+    tmp_path, kind, values, headings, code, said
+):
+    log = logged(tmp_path, [row(kind, one, k) for k, one in enumerate(values)], topics={"compass": "/heading"})
+
+    assert heading(log) == pytest.approx(headings)
+    assert only(log, code) == said
 
 
 def test_headings_of_which_most_are_beyond_a_turn_are_of_another_unit(tmp_path: Path) -> None:
@@ -188,11 +197,8 @@ def test_the_model_gives_the_values_that_noaa_publishes(lat: float, lon: float, 
 
 SEATTLE = "[map]\norigin_lat_deg = 47.6205\norigin_lon_deg = -122.3493\n"
 
-UNKNOWN, TRUE, MAGNETIC = (
-    row(QUATERNION, turned("quaternion", 0.0)),
-    row(WHOI, {"heading": 10.0, "is_true_heading": True}),
-    row(WHOI, {"heading": 10.0}, 1),
-)
+UNKNOWN = row(QUATERNION, turned("quaternion", 0.0))
+TRUE, MAGNETIC = row(WHOI, {"heading": 10.0, "is_true_heading": True}), row(WHOI, {"heading": 10.0}, 1)
 BY_3 = "[compass]\ndeclination_deg = 3.0"
 
 
@@ -271,9 +277,3 @@ def test_a_declination_that_cannot_be_computed_is_refused(tmp_path: Path) -> Non
         f"{tmp_path / 'dive.mcap'}: /heading: no magnetic model for 2000-09-18 (available: 2010 to 2029); "
         "state declination_deg under [compass] as a number"
     )
-
-
-def test_an_imu_that_never_turns_is_pointed_out(tmp_path: Path) -> None:
-    still = [(T0 + k, "/imu", IMU, {"header.stamp": T0 + k, "orientation.w": 1.0}) for k in range(100)]
-
-    assert only(logged(tmp_path, still), "HEADING-CONSTANT") == "/imu: all 100 headings are 90.0 deg; check the sensor"

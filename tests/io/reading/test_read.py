@@ -38,18 +38,27 @@ def test_a_missing_sensor_is_an_error_only_for_who_needs_it(tmp_path: Path) -> N
     )
 
 
-@pytest.mark.parametrize(
-    ("rows", "cut", "why"),
-    [
-        ([], None, ""),
-        (short_dive(), 60, " (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"),
-    ],
+FIRST, LATER = (T0, T0 + SECOND), T0 + 3600 * SECOND
+APART = [*(twist(t, 1, 0) for t in FIRST), *(yaw(t, 0) for t in FIRST), point(LATER, 0, 0)]
+SPANS = (
+    "the sensors do not overlap in time: "
+    "dvl 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
+    "compass 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
+    "usbl 2020-09-13T13:26:40.000Z to 2020-09-13T13:26:40.000Z; "
+    'if a clock is wrong, try time = "log" or state latency_s (3600 under [usbl], if these times are of a time '
+    "zone 1 h ahead)"
 )
-def test_a_log_without_messages_says_so_and_if_it_was_cut(tmp_path, rows, cut, why):
+CUT = "holds no messages (the file is truncated or damaged at byte 36 of 60: 0 messages could be read)"
+
+
+@pytest.mark.parametrize(
+    ("rows", "cut", "said"), [([], None, "holds no messages"), (short_dive(), 60, CUT), (APART, None, SPANS)]
+)
+def test_a_log_without_messages_or_one_moment_of_all_sensors_says_so_and_if_it_was_cut(tmp_path, rows, cut, said):
     file = write_mcap(tmp_path / "dive.mcap", rows)
     file.write_bytes(file.read_bytes()[:cut])
 
-    assert refusal(LogError, read_log, file) == f"{file}: holds no messages{why}"
+    assert refusal(LogError, read_log, file) == f"{file}: {said}"
 
 
 def test_sensors_of_another_time_zone_are_named_together(tmp_path: Path) -> None:
@@ -59,21 +68,6 @@ def test_sensors_of_another_time_zone_are_named_together(tmp_path: Path) -> None
     said = refusal(LogError, read_log, write_mcap(tmp_path / "dive.mcap", rows))
 
     assert "(7200 under [dvl] and [compass], if these times are of a time zone 2 h ahead)" in said
-
-
-def test_sensors_that_share_no_moment_are_an_error_with_their_spans(tmp_path: Path) -> None:
-    later = T0 + 3600 * SECOND
-    rows = [twist(T0, 1, 0), twist(T0 + SECOND, 1, 0), yaw(T0, 0), yaw(T0 + SECOND, 0), point(later, 0, 0)]
-    file = write_mcap(tmp_path / "dive.mcap", rows)
-
-    assert refusal(LogError, read_log, file) == (
-        f"{file}: the sensors do not overlap in time: "
-        "dvl 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
-        "compass 2020-09-13T12:26:40.000Z to 2020-09-13T12:26:41.000Z, "
-        "usbl 2020-09-13T13:26:40.000Z to 2020-09-13T13:26:40.000Z; "
-        'if a clock is wrong, try time = "log" or state latency_s (3600 under [usbl], if these times are of a time '
-        "zone 1 h ahead)"
-    )
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP, logged_csv, lost, only, refusal
+from logs import MAP, logged_csv, lost, refusal
 from recordings import T0, saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
@@ -65,33 +65,33 @@ def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, name: str, t
     assert refusal(LogError, read_log, folder if "{folder}" in said else file) == expected
 
 
+NO_TIME = 'compass.csv: 1 of 3 rows are left out: line 4: time_ns is "{}", not a whole number of nanoseconds'
+NO_END = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
+INSERTED = "3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"
+
+
 @pytest.mark.parametrize(
-    ("cell", "shown"),
-    [("1.5e3", "1.5e3"), ("", ""), ("9" * 20, "9" * 20), ("9" * 5000, "9" * 60), ("1_0", "1_0")],
-    ids=["exponent", "empty", "late", "endless", "underscore"],
-)
-def test_a_row_with_a_broken_time_is_left_out_and_named_by_its_line(tmp_path: Path, cell: str, shown: str) -> None:
-    folder = write_csv(tmp_path / "dive", compass=f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6")
+    ("text", "left", "said"),
+    [
+        *((f"time_ns,heading_deg\n1,2\n\n{cell},4\n3,6\n", [2, 6], NO_TIME.format(cell[:60]))
+          for cell in ("1.5e3", "", "9" * 20, "9" * 5000, "1_0")),
+        ("time_ns,heading_deg\n1,2\n2,3\n3,44", [2, 3], f"compass.csv: {NO_END}"),
+        # behind a column that was inserted, also if the last cell is blank
+        ("time_ns,heading_deg,sd_deg\n1,0,1\n2,1,1\n3,2,1\n4,12.4,,\n5,12.4,4,\n6,12.4,5,1\n", [0, 1, 2],
+         f"compass.csv: {INSERTED}"),
+        ('time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n', [1.5, 3.5],
+         "compass.csv: 2 of 4 rows are left out: line 2: a quotation mark is missing; so are lines 4"),
+    ],
+    ids=["exponent", "empty", "late", "endless", "underscore", "the last", "inserted", "quotation mark"],
+)  # fmt: skip
+def test_a_row_that_is_broken_is_left_out_and_named_by_its_line(tmp_path, text, left, said):
+    log = read_text(tmp_path, text)
 
-    log = read_log(folder)
-
-    assert list(log.tables["compass"]["heading_deg"]) == [2, 6]
+    assert log.tables["compass"]["heading_deg"].tolist() == left
     (finding,) = [finding for finding in log.findings if finding.lost_data]
-    said = f'line 4: time_ns is "{shown}", not a whole number of nanoseconds'
-    assert finding.text == f"compass.csv: 1 of 3 rows are left out: {said}"
-    assert finding.topic == "/compass"
-
-
-def test_rows_behind_a_column_that_was_inserted_are_left_out_also_if_their_last_cell_is_blank(tmp_path: Path) -> None:
-    before = [f"{T0 + k},{k},0" for k in range(3)]
-    after = [f"{T0 + 3},12.4,,", f"{T0 + 4},12.4,4,", f"{T0 + 5},12.4,5,0"]
-
-    log = logged_csv(tmp_path, "", dvl="\n".join(["time_ns,forward_mps,starboard_mps", *before, *after]))
-
-    assert log.tables["dvl"]["forward_mps"].tolist() == [0, 1, 2]
-    assert lost(log) == [
-        "dvl.csv: 3 of 6 rows are left out: line 5: it has 4 cells, the first line 3; so are lines 6, 7"
-    ]
+    assert finding.text == said
+    assert finding.code == ("TRUNCATED" if NO_END in said else "UNDECODED")
+    assert finding.topic == ("/compass" if "time_ns is" in said else "")
 
 
 def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
@@ -109,22 +109,6 @@ def test_one_bad_cell_costs_one_row(tmp_path: Path) -> None:
         'compass.csv: 2 of 100 rows are left out: line 9: heading_deg is "north", not a number; so are lines 52',
         "compass.csv: 3 of 100 rows are left out: line 92: it has 1 cells, the first line 2; so are lines 93, 94",
     ]
-
-
-def test_the_last_line_without_a_line_end_is_named(tmp_path: Path) -> None:
-    log = read_text(tmp_path, "time_ns,heading_deg\n1,2\n2,3\n3,44")
-
-    assert list(log.tables["compass"]["heading_deg"]) == [2, 3]
-    said = "line 4, the last, has no line end and is left out: it may be cut; append a line end if it is whole"
-    assert [only(log, "TRUNCATED")] == lost(log) == [f"compass.csv: {said}"]
-
-
-def test_a_missing_quotation_mark_costs_its_own_row_alone(tmp_path: Path) -> None:
-    log = read_text(tmp_path, 'time_ns,heading_deg,remark\n1,0.5,"lost\n2,1.5,\n3,2.5,lost"\n4,3.5,\n')
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 3.5]
-    (text,) = lost(log)
-    assert "line 2: a quotation mark is missing; so are lines 4" in text
 
 
 @pytest.mark.parametrize("when", ["1e30", "1e15", "nan"])
@@ -148,14 +132,6 @@ def test_semicolons_part_columns_with_decimal_commas(tmp_path: Path, text: str) 
     np.testing.assert_array_equal(dvl["forward_mps"], [-0.125, 3])
 
 
-def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
-    text = "time_ns,forward_mps,starboard_mps\n1,0,995617,-0,006023\n2,1,01,0,03\n"
-
-    said = refusal(LogError, read_text, tmp_path, text, "dvl")
-
-    assert "line 2: it has 5 cells, the first line 3; decimal commas need another separator" in said
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -175,25 +151,30 @@ def test_marks_prefixes_a_named_separator_and_quoted_line_breaks_cost_no_row(tmp
     assert not lost(log)
 
 
-def read_column(folder: Path, cells: Sequence[str]) -> Log:
-    """Read a file with one of the columns, which are parted by semicolons."""
-    rows = "".join(f"{k};{cell};6\n" for k, cell in enumerate(cells, start=1))
-    return read_text(folder, f"time_ns;east_m;north_m\n{rows}", "usbl")
+def column(*cells: str) -> str:
+    """Return a file with one of the columns, which are parted by semicolons."""
+    return "time_ns;east_m;north_m\n" + "".join(f"{k};{cell};6\n" for k, cell in enumerate(cells, start=1))
+
+
+ASKED = "line 2: east_m holds {}: is that a thousands separator or a decimal point?"
 
 
 @pytest.mark.parametrize(
-    ("east", "shown"),
-    [(["1.170", "788", "849"], '"1.170" and "788"'), (["0", "1,170", "-788", "849"], '"1.170" and "-788"')],
-)
-def test_a_point_that_may_part_thousands_is_asked_about(tmp_path: Path, east: Sequence[str], shown: str) -> None:
-    said = refusal(LogError, read_column, tmp_path, east)
-
-    assert f"line 2: east_m holds {shown}: is that a thousands separator or a decimal point?" in said
+    ("name", "text", "said"),
+    [
+        ("usbl", column("1.170", "788", "849"), ASKED.format('"1.170" and "788"')),
+        ("usbl", column("0", "1,170", "-788", "849"), ASKED.format('"1.170" and "-788"')),
+        ("dvl", "time_ns,forward_mps,starboard_mps\n1,0,995617,-0,006023\n2,1,01,0,03\n",
+         "line 2: it has 5 cells, the first line 3; decimal commas need another separator"),
+    ],
+)  # fmt: skip
+def test_marks_that_may_be_decimal_or_not_are_asked_about(tmp_path: Path, name: str, text: str, said: str) -> None:
+    assert said in refusal(LogError, read_text, tmp_path, text, name)
 
 
 @pytest.mark.parametrize("east", [["1.170", "788", "849", "0.5"], ["1,170", "0,788", "2"], ["1,170", "2", "2"]])
 def test_a_point_beside_other_decimals_parts_no_thousands(tmp_path: Path, east: Sequence[str]) -> None:
-    read = read_column(tmp_path, east).tables["usbl"]["east_m"]
+    read = read_text(tmp_path, column(*east), "usbl").tables["usbl"]["east_m"]
 
     assert read.tolist() == [float(cell.replace(",", ".")) for cell in east]
 
@@ -223,11 +204,11 @@ def test_times_may_be_dates(tmp_path: Path) -> None:
 
 
 def test_words_may_state_whether_a_record_is_valid(tmp_path: Path) -> None:
-    text = "time_ns,starboard_mps,forward_mps,valid\n1,0,1,True\n2,0,1,False\n3,0,1,1\n4,0,1,0\n5,0,0,true"
+    rows = "".join(f"{k},0,1,{word}\n" for k, word in enumerate(("True", "False", "1", "0", "true"), start=1))
 
-    log = read_log(write_csv(tmp_path / "dive", dvl=text))
+    dvl = read_text(tmp_path, f"time_ns,starboard_mps,forward_mps,valid\n{rows}", "dvl").tables["dvl"]
 
-    assert list(log.tables["dvl"]["valid"]) == [True, False, True, False, True]
+    assert list(dvl["valid"]) == [True, False, True, False, True]
 
 
 def test_gps_may_come_on_the_plane_or_by_latitude(tmp_path: Path) -> None:
