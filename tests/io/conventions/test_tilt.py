@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from logs import logged
-from recordings import IMU, PRESSURE, SECOND, T0, Row, point, twist
+from recordings import IMU, SECOND, T0, Row, point, pressure, twist
 from usbldr.filters.errors import UsageError
 from usbldr.filters.replay.dead_reckoning import dr
 from usbldr.io.log import Log
@@ -51,8 +51,7 @@ def dive(
         x, y, z = (level if levelled else body).inv().apply(world) + 0.01 * rng.normal(size=3)
         rows.append(twist(t, x, y, z))
         if depth:
-            pascals = 101325.0 + 1025.0 * 9.80665 * (100.0 - up_mps * k / 5)
-            rows.append((t, "/pressure", PRESSURE, {"header.stamp": t, "fluid_pressure": pascals}))
+            rows.append(pressure(t, 101325.0 + 1025.0 * 9.80665 * (100.0 - up_mps * k / 5)))
     return rows
 
 

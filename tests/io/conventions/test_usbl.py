@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from logs import MAP, codes, covariance, logged, logged_csv, places
-from recordings import FIX, POSE, POSE_COVARIANCE, PRESSURE, SECOND, T0, Row, fix, point, record
+from recordings import FIX, POSE, POSE_COVARIANCE, SECOND, T0, Row, fix, point, pressure, record
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 
@@ -157,27 +157,29 @@ def test_the_noise_of_a_fix_is_that_of_the_configuration_or_else_of_the_record(t
     np.testing.assert_allclose(covariance(log), [[ee, en], [en, nn]], atol=1e-12)
 
 
-@pytest.mark.parametrize("matrix", [(-1.0, 0.0, 1.0), (-4.0, 0.0, -4.0)])
-def test_a_fix_of_negative_variance_is_left_out(tmp_path: Path, matrix: tuple[float, float, float]) -> None:
-    log = logged(tmp_path, [with_covariance(*matrix), with_covariance(4.0, 1.0, 9.0, 1)])
-
-    assert places(log).tolist() == [[10, 0]]
-    assert "1 of 2 records are invalid and left out (1 of negative variance)" in codes(log)["USBL-INVALID"]
+NEGATIVE = "1 of 2 records are invalid and left out (1 of negative variance)"
+INDEFINITE = "1 of 2 covariances are negative or not positive semidefinite"
 
 
-def test_a_matrix_that_is_no_covariance_counts_as_unknown_and_the_fix_is_used(tmp_path: Path) -> None:
-    log = logged(tmp_path, [with_covariance(1.0, 2.0, 1.0), with_covariance(4.0, 1.0, 9.0, 1)])
+@pytest.mark.parametrize(
+    ("matrix", "second", "east_m", "said"),
+    [
+        ((-1.0, 0.0, 1.0), (4.0, 1.0, 9.0), [10], NEGATIVE),
+        ((-4.0, 0.0, -4.0), (4.0, 1.0, 9.0), [10], NEGATIVE),
+        ((1.0, 2.0, 1.0), (4.0, 1.0, 9.0), [0, 10], INDEFINITE),  # counts as unknown
+        *((flat, flat, [0, 10], "") for flat in ((-1.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 3.0, 9.0))),
+    ],
+)
+def test_a_fix_of_negative_variance_is_left_out_and_no_unknown_flat_or_impossible_covariance(
+    tmp_path, matrix, second, east_m, said
+):
+    log = logged(tmp_path, [with_covariance(*matrix), with_covariance(*second, k=1)])
 
-    assert covariance(log) == pytest.approx(np.eye(2))  # the sigma of a fix that states none is 1 m
-    assert places(log).tolist() == [[0, 0], [10, 0]]
-    assert "1 of 2 covariances are negative or not positive semidefinite" in codes(log)["COVARIANCE-INVALID"]
-
-
-@pytest.mark.parametrize("matrix", [(-1.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 3.0, 9.0)])
-def test_unknown_and_flat_covariances_are_no_fault(tmp_path: Path, matrix: tuple[float, float, float]) -> None:
-    log = logged(tmp_path, [with_covariance(*matrix), with_covariance(*matrix, k=1)])
-
-    assert "COVARIANCE-INVALID" not in codes(log)
+    assert places(log).tolist() == [[east, 0] for east in east_m]
+    assert said in codes(log).get("USBL-INVALID", "") + codes(log).get("COVARIANCE-INVALID", "")
+    assert said or "COVARIANCE-INVALID" not in codes(log)
+    if said == INDEFINITE:
+        assert covariance(log) == pytest.approx(np.eye(2))  # the sigma of a fix that states none is 1 m
 
 
 def test_without_any_word_the_noise_is_two_per_cent_of_the_range_and_at_least_a_metre(tmp_path: Path) -> None:
@@ -208,13 +210,9 @@ def test_a_fix_is_older_by_its_latency_and_its_arrival_stays_or_is_its_time(tmp_
 
 
 def test_pressure_gives_the_depth_that_slant_ranges_need(tmp_path: Path) -> None:
-    pressure = 101325 + 1025 * 9.80665 * 30
-    rows = [
-        *((T0 + k, "/pressure", PRESSURE, {"header.stamp": T0 + k, "fluid_pressure": pressure}) for k in (0, 2)),
-        point(T0 + 1, 0.0, 30.0, math.nan),
-    ]
+    rows = [pressure(T0 + k, 101325 + 1025 * 9.80665 * 30) for k in (0, 2)]
 
-    R = covariance(logged(tmp_path, rows, POLAR))
+    R = covariance(logged(tmp_path, [*rows, point(T0 + 1, 0.0, 30.0, math.nan)], POLAR))
 
     assert R[0, 0] == pytest.approx((math.hypot(30, 28) * math.pi / 180) ** 2)
 
