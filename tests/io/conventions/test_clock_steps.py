@@ -3,7 +3,6 @@
 import gzip
 import json
 import math
-import struct
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
@@ -17,7 +16,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rosbags.rosbag2 import StoragePlugin
 
-from autopilot_recordings import DEFINITIONS, fmt, row, write_bin
+from autopilot_recordings import DEFINITIONS, write_packets, write_rows
 from blueos_recordings import write_blueos
 from commands import run
 from dvl_recordings import ensemble, velocity
@@ -83,11 +82,9 @@ def as_nmea(folder: Path, times: Times) -> Path:
 
 
 def as_tlog(folder: Path, times: Times) -> Path:
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    angles = [math.radians(90 - k / 10) for k in range(len(times))]
-    packets = (bytes(mavlink.MAVLink_attitude_message(0, 0, 0, yaw, 0, 0, 0).pack(sender)) for yaw in angles)
-    stamps = (struct.pack(">Q", t // 1000) for t in times.tolist())
-    return saved(folder / "a.tlog", *(stamp + packet for stamp, packet in zip(stamps, packets, strict=True)))
+    made, angles = mavlink.MAVLink_attitude_message, [math.radians(90 - k / 10) for k in range(len(times))]
+    attitudes = (made(0, 0, 0, angle, 0, 0, 0) for angle in angles)
+    return write_packets(folder / "a.tlog", zip(times.tolist(), attitudes, strict=True))
 
 
 def as_alog(folder: Path, times: Times) -> Path:
@@ -113,11 +110,9 @@ def as_blueos(folder: Path, times: Times) -> Path:
 
 
 def as_onboard(folder: Path, times: Times) -> Path:
-    number, name, codes, columns, _ = DEFINITIONS[0]
-    parts = [fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"), fmt(number, name, codes, columns)]
-    for k, us in enumerate(((times - T0) // 1000 + 2 * 10**12).tolist()):
-        parts.append(row(number, codes, us, 0, 0, 0.0, (90 - k / 10) % 360, 0))
-    return write_bin(folder / "a.BIN", parts)
+    clocks = ((times - T0) // 1000 + 2 * 10**12).tolist()
+    rows = ((us, 0, 0, 0.0, (90 - k / 10) % 360, 0) for k, us in enumerate(clocks))
+    return write_rows(folder / "a.BIN", DEFINITIONS[0], rows)
 
 
 def pd_clock(time_ns: int) -> str:
@@ -295,13 +290,22 @@ def test_three_recordings_are_three_parts_and_each_has_its_few_fixes(tmp_path: P
     assert parts == [[4, 9, 14, 19], [*range(24, 60, 5)], [*range(64, COUNT, 5)]]
 
 
-def test_a_shorter_pause_of_all_sensors_is_said(tmp_path: Path) -> None:
-    times = T0 + np.arange(COUNT) * 60 * SECOND + np.where(np.arange(COUNT) < 20, 0, HOUR)
+PAUSED = T0 + np.arange(COUNT) * 60 * SECOND + np.where(np.arange(COUNT) < 20, 0, HOUR)
+NEWEST_FIRST = T0 + np.arange(COUNT)[::-1] * 5 * SECOND
 
+
+@pytest.mark.parametrize(
+    ("times", "order", "said"),
+    [
+        (PAUSED, [*range(COUNT)], "all sensors pause for 3660 s together after 2020-09-13T12:45:40.000Z"),
+        (NEWEST_FIRST, [*range(COUNT)][::-1], ""),
+    ],
+)
+def test_a_shorter_pause_of_all_sensors_is_said_and_the_newest_row_may_be_the_first(tmp_path, times, order, said):
     log = read_log(as_csv(tmp_path, tables_of(times)))
 
-    assert headings(log) == [*range(COUNT)]
-    assert "all sensors pause for 3660 s together after 2020-09-13T12:45:40.000Z" in codes(log)["PAUSE"]
+    assert headings(log) == order
+    assert said in codes(log).get("PAUSE", "")
 
 
 def test_a_pause_of_one_sensor_is_none(tmp_path: Path) -> None:
@@ -407,12 +411,6 @@ def test_stamps_have_no_step_that_a_gap_hides_in_the_log_times_alone(tmp_path: P
     np.testing.assert_allclose(log.tables["usbl"]["time_s"], log.tables["usbl"]["east_m"] * STEP / SECOND, atol=1e-6)
 
 
-def test_a_table_whose_newest_row_is_the_first_is_in_order(tmp_path: Path) -> None:
-    log = read_log(as_csv(tmp_path, tables_of(T0 + np.arange(COUNT)[::-1] * 5 * SECOND)))
-
-    assert headings(log) == [*range(COUNT)][::-1]
-
-
 def test_stamps_of_delayed_fixes_may_go_back(tmp_path: Path) -> None:
     delays = np.where(np.arange(40) % 3 == 1, 4.0, 0.5)
     rows = [row for k in range(40) for row in (twist(T0 + k * SECOND, 1.0, 0.0), yaw(T0 + k * SECOND, 0.0))]
@@ -451,7 +449,7 @@ def test_a_slow_topic_is_cut_where_the_clock_went_back(tmp_path: Path) -> None:
     assert parts == [[19, 39], [59, 79]]
 
 
-def test_a_part_that_there_is_not_is_refused(tmp_path: Path) -> None:
+def test_a_part_that_there_is_not_is_refused_and_one_without_a_step_is_said(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "a.mcap", rows_of(back(40, 100 * SECOND)))
 
     with pytest.raises(UsageError, match=r"there is no part 3: /dvl, /imu: the clock goes back by 100\.000 s"):
@@ -460,8 +458,6 @@ def test_a_part_that_there_is_not_is_refused(tmp_path: Path) -> None:
     assert "part 2: 2020-09-13T12:25:08.000Z" in run("info", log, "--config", "none").output
     assert "only part 2 is used" in run("info", log, "--config", "none", "--part", "2").output
 
-
-def test_part_without_a_step_is_said(tmp_path: Path) -> None:
     log = read_log(write_mcap(tmp_path / "a.mcap", rows_of(STEADY)), Request(part="2"))
 
     assert "part is not used" in codes(log)["KEY-UNUSED"]
