@@ -37,7 +37,7 @@ def test_a_rov_locator_tells_slant_range_true_bearing_and_elevation_of_what_it_h
     assert "1 not a number" in only(log, "USBL-INVALID")
 
 
-def test_a_locator_with_a_gps_compass_tells_where_and_when_the_vehicle_was(tmp_path: Path) -> None:
+def test_a_locator_with_a_gps_compass_tells_where_and_when_it_heard_the_vehicle(tmp_path: Path) -> None:
     """On 21 June 2025, a ten-thousandth of a degree north of its own antenna."""
     head, turned = "1.0,MkIII,A,T,44.98626600,-93.57618590,90.0", "0.993873,0.009705,-0.001716,0.110093"
     body = f"USTLC,{head},{turned},11.1,0.0,0.0,44.98636600,-93.57618590,34,39,210625 130042.60,"
@@ -47,8 +47,6 @@ def test_a_locator_with_a_gps_compass_tells_where_and_when_the_vehicle_was(tmp_p
     assert places(log)[0] == pytest.approx([0, 1e-4 * METRES_A_DEGREE], abs=1e-3)
     assert log.start_ns == np.datetime64("2025-06-21T13:00:42.600", "ns").astype(int)
 
-
-def test_a_locator_that_cannot_place_the_vehicle_is_left_out(tmp_path: Path) -> None:
     silent = "USTLC,1.0,MkIII,A,T,44.98626600,-93.57618590,,0.993873,0.009705,-0.001716,0.110093,,,,,,34,39,%s,"
 
     with pytest.raises(LogError, match=r"all 1 records of /USTLC .usbl. are invalid: 1 not a number"):
