@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from compressions import PACK
-from logs import refusal
+from logs import read_as, refusal
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -55,24 +55,27 @@ def test_columns_of_a_compressed_file_are_named_by_the_configuration(tmp_path: P
     folder = write_csv(tmp_path / "dive", ahrs="t,psi\n" + "\n".join(f"{t},{t % 7}" for t in TIMES))
     packed(dive(folder), "nav__compass.csv")
     packed(folder, "ahrs.csv")
-    (folder / "usbldr.toml").write_text('[compass]\ncolumns = { time_ns = "t", heading = "psi" }\n')
+    columns = '[compass]\ncolumns = { time_ns = "t", heading = "psi" }\n'
 
-    assert read_log(folder).tables["compass"]["heading_deg"].tolist() == [t % 7 for t in TIMES]
-    (folder / "usbldr.toml").write_text('[compass]\ntopic = "ahrs"\ncolumns = { time_ns = "t", heading = "phi" }\n')
-    assert refusal(UsageError, read_log, folder).startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
+    assert read_as(folder, columns).tables["compass"]["heading_deg"].tolist() == [t % 7 for t in TIMES]
+    named = columns.replace("columns", 'topic = "ahrs"\ncolumns').replace("psi", "phi")
+    assert refusal(UsageError, read_as, folder, named).startswith(f"{folder / 'ahrs.csv.gz'}: /ahrs has no phi")
 
 
-def test_a_file_beside_its_compressed_copy_is_read_once(tmp_path: Path) -> None:
+def test_a_copy_that_is_compressed_and_compressed_files_that_are_no_csv_are_passed_over(tmp_path: Path) -> None:
     folder = dive(tmp_path / "dive")
-    (folder / "dvl.csv.gz").write_bytes(gzip.compress(b"time_ns,forward_mps,starboard_mps\n1,2,3\n"))
+    saved(folder / "dvl.csv.gz", gzip.compress(b"time_ns,forward_mps,starboard_mps\n1,2,3\n"))
+    saved(folder / "photo.gz", gzip.compress(bytes(range(256))))
+    saved(folder / "cut.gz", gzip.compress(b"a,b\n")[:5])
+    saved(folder / ".hidden.csv.gz", gzip.compress(b"time_ns,heading_deg\n1,2\n"))
 
     log = open_log(folder)
 
     assert log.format == "CSV folder"
-    assert {topic.name: topic.count for topic in log.topics()}["/dvl"] == COUNT
+    assert {topic.name: topic.count for topic in log.topics()} == dict.fromkeys(("/dvl", "/gps", "/nav/compass"), COUNT)
 
 
-def test_what_a_compressed_file_lacks_is_reported_with_its_name(tmp_path: Path) -> None:
+def test_what_a_compressed_file_lacks_is_reported_with_its_name_and_an_error_if_it_is_all(tmp_path: Path) -> None:
     file = packed(dive(tmp_path / "dive"), "dvl.csv")
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) * 3 // 4])
@@ -82,12 +85,7 @@ def test_what_a_compressed_file_lacks_is_reported_with_its_name(tmp_path: Path) 
     assert len(log.tables["gps"]) == COUNT
     cut = [finding.text for finding in log.findings if finding.code == "TRUNCATED" and finding.lost_data]
     assert cut[0].startswith("dvl.csv.gz: the gzip data end early, at byte ")
-
-
-def test_a_compressed_file_without_one_good_byte_is_an_error(tmp_path: Path) -> None:
-    file = packed(dive(tmp_path / "dive"), "dvl.csv")
-    file.write_bytes(file.read_bytes()[:12])
-
+    file.write_bytes(whole[:12])
     with pytest.raises(LogError, match=r"dvl.csv.gz: is damaged: no gzip data could be decompressed"):
         open_log(tmp_path / "dive")
 
@@ -98,15 +96,6 @@ def test_a_wrong_cell_is_named_with_the_compressed_file(tmp_path: Path) -> None:
 
     said = refusal(LogError, read_whole, open_log(folder), {"/dvl": ["forward_mps"]})
     assert said == f'{file}: line 2: forward_mps is "x", not a number'
-
-
-def test_compressed_files_that_are_no_csv_are_passed_over(tmp_path: Path) -> None:
-    folder = dive(tmp_path / "dive")
-    (folder / "photo.gz").write_bytes(gzip.compress(bytes(range(256))))
-    (folder / "cut.gz").write_bytes(gzip.compress(b"a,b\n")[:5])
-    (folder / ".hidden.csv.gz").write_bytes(gzip.compress(b"time_ns,heading_deg\n1,2\n"))
-
-    assert open_log(folder).format == "CSV folder"
 
 
 def test_a_file_that_decompresses_to_too_much_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
