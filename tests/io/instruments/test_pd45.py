@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import read_as
+from logs import only, read_as, texts
 from pd45_recordings import COUNT, pd45_ensemble, pd45_ensembles, write_pd45
 from recordings import SECOND, T0, saved, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
@@ -15,7 +15,6 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.read import read_log
 
-MIDNIGHT = T0 - T0 % (86_400 * SECOND)  # of 2020-09-13
 FIRST = 44_740_500_000_000  # [ns] 12:25:40.50
 
 
@@ -24,17 +23,13 @@ def dated(file: Path, day: str = "2020-09-13") -> Path:
     return file
 
 
-def no_date(path: Path) -> list[str]:
-    return [finding.text for finding in read_log(path).findings if finding.code == "NO-DATE"]
-
-
-@pytest.mark.parametrize("form", [4, 5])
-def test_velocities_are_those_of_the_instrument_on_the_stated_day(tmp_path: Path, form: int) -> None:
-    log = read_log(dated(write_pd45(tmp_path / "a.bin", form)))
-    dvl = log.tables["dvl"]
+@pytest.mark.parametrize(("form", "day"), [(4, "2020-09-13"), (5, "2020-09-13"), (4, "1970-01-01"), (4, "2115-12-31")])
+def test_velocities_are_those_of_the_instrument_on_the_stated_day(tmp_path: Path, form: int, day: str) -> None:
+    log = read_log(dated(write_pd45(tmp_path / "a.bin", form), day))
+    dvl, days = log.tables["dvl"], (date.fromisoformat(day) - date(1970, 1, 1)).days
 
     assert log.format == f"PD{form}"
-    assert log.start_ns == MIDNIGHT + FIRST
+    assert log.start_ns == days * 86_400 * SECOND + FIRST
     np.testing.assert_array_equal(dvl["time_s"], np.arange(COUNT) / 2)
     assert dvl["valid"].tolist() == [k != 3 for k in range(COUNT)]
     good = dvl[dvl["valid"]]
@@ -44,19 +39,15 @@ def test_velocities_are_those_of_the_instrument_on_the_stated_day(tmp_path: Path
     assert "NO-DATE" not in {finding.code for finding in log.findings}
 
 
-def test_pd5_has_heading_and_depth_and_pd4_has_neither(tmp_path: Path) -> None:
+def test_pd5_has_heading_and_depth_unless_its_heading_is_constant_and_pd4_has_neither(tmp_path: Path) -> None:
     log = read_log(write_pd45(tmp_path / "a.pd5", 5))
 
     np.testing.assert_allclose(log.tables["compass"]["heading_deg"], (355 + np.arange(COUNT) / 2) % 360)
     np.testing.assert_allclose(log.tables["depth"]["depth_m"], 10 + np.arange(COUNT) / 10)
     assert read_log(write_pd45(tmp_path / "a.pd4", 4)).tables.keys() == {"dvl"}
 
-
-def test_a_constant_heading_is_that_of_an_instrument_without_compass(tmp_path: Path) -> None:
     parts = [pd45_ensemble(5, 100 * k, x=1, y=2, z=3, depth=0, heading=0) for k in range(COUNT)]
-    (tmp_path / "a.pd5").write_bytes(b"".join(parts))
-
-    assert [topic.name for topic in open_log(tmp_path / "a.pd5").topics()] == ["/bottom_track"]
+    assert [topic.name for topic in open_log(saved(tmp_path / "a.pd5", b"".join(parts))).topics()] == ["/bottom_track"]
 
 
 def test_without_a_stated_day_it_is_the_first_of_1970_and_a_finding_names_the_key(tmp_path: Path) -> None:
@@ -65,8 +56,8 @@ def test_without_a_stated_day_it_is_the_first_of_1970_and_a_finding_names_the_ke
     assert read_log(file).start_ns == FIRST
     text = "a.pd4: the times have no date; the first day is taken as 1970-01-01; "
     text += "state path and date of each file under [[file]]"
-    assert no_date(file) == [text]
-    assert no_date(dated(file, "1970-01-01")) == []
+    assert only(read_log(file), "NO-DATE") == text
+    assert texts(read_log(dated(file, "1970-01-01")), "NO-DATE") == []
 
 
 def test_days_follow_each_other_at_midnight(tmp_path: Path) -> None:
@@ -120,13 +111,6 @@ def test_what_is_no_day_of_a_dive_is_refused_in_one_sentence(tmp_path: Path, day
     with pytest.raises(UsageError, match=why) as fault:
         read_log(dated(write_pd45(tmp_path / "a.pd4", 4), day))
     assert "\n" not in str(fault.value)
-
-
-@pytest.mark.parametrize("day", ["1970-01-01", "2115-12-31"])
-def test_the_first_and_the_last_day_are_days_like_others(tmp_path: Path, day: str) -> None:
-    days = (date.fromisoformat(day) - date(1970, 1, 1)).days
-
-    assert read_log(dated(write_pd45(tmp_path / "a.pd4", 4), day)).start_ns == days * 86_400 * SECOND + FIRST
 
 
 @pytest.mark.parametrize("block", [1, 87, 88, 1000])
