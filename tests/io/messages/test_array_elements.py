@@ -8,27 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from commands import run
-from logs import read_as, refusal
-from recordings import ROS1, ROS2, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads
+from logs import logged, read_as, refusal
+from protobuf_recordings import defined
+from recordings import ROS2, SECOND, T0, Row, define, write_bag, write_mcap, write_payloads
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.cdr import ros_decoder
-from usbldr.io.reading.read import Request, read_log
 
 TYPES = {
     "ping_msgs/msg/Hit": "string who\nbuiltin_interfaces/Time at\nfloat64[2] place\n",
     "ping_msgs/msg/Pings": "string note\nping_msgs/Hit[] hits\n",
 }
 PINGS = "ping_msgs/msg/Pings"
-define(TYPES)
-for _name, _text in TYPES.items():
-    ROS1.register(get_types_from_msg(_text, _name))
+define(TYPES, ros_1=True)
 
 SECONDS = (1, 3, 0, 2, 2, 3)  # hits of each message
 COLUMNS = """
@@ -65,33 +61,22 @@ def written_in_json(file: Path) -> Path:
 
 def written_in_protobuf(file: Path) -> Path:
     described = FileDescriptorProto(name="pings.proto", package="ping", syntax="proto3")
-    described.dependency.append("google/protobuf/timestamp.proto")
     hit, pings = (described.message_type.add(name=name) for name in ("Hit", "Pings"))
     stamp, many = ".google.protobuf.Timestamp", Field.LABEL_REPEATED
     hit.field.append(Field(name="who", number=1, type=Field.TYPE_STRING, label=Field.LABEL_OPTIONAL))
     hit.field.append(Field(name="at", number=2, type=Field.TYPE_MESSAGE, type_name=stamp, label=Field.LABEL_OPTIONAL))
     hit.field.append(Field(name="place", number=3, type=Field.TYPE_DOUBLE, label=many))
     pings.field.append(Field(name="hits", number=1, type=Field.TYPE_MESSAGE, type_name=".ping.Hit", label=many))
-    files = FileDescriptorSet(file=[timestamp_file(), described])
-    pool = DescriptorPool()
-    for one in files.file:
-        pool.Add(one)
-    made: Any = GetMessageClass(pool.FindMessageTypeByName("ping.Pings"))
+    files, type_of = defined(described, imports_first=True)
     payloads: list[bytes] = []
     for k in range(len(SECONDS)):
-        message = made()
+        message = type_of("Pings")()
         for one in hits(k):
             part = message.hits.add(who=one["who"], place=one["place"])
             part.at.seconds, part.at.nanos = one["at"].values()
         payloads.append(message.SerializeToString())
     definition = ("ping.Pings", "protobuf", files.SerializeToString())
     return write_payloads(file, "/pings", "protobuf", definition, payloads)
-
-
-def timestamp_file() -> FileDescriptorProto:
-    from google.protobuf import timestamp_pb2
-
-    return FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
 
 
 WRITERS: dict[str, Callable[[Path], Path]] = {
@@ -103,21 +88,15 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_the_second_of_several_hits_is_read_if_there_is_one(tmp_path: Path, kind: str) -> None:
-    log = read_as(WRITERS[kind](tmp_path), COLUMNS)
+def test_the_second_of_several_hits_is_read_if_there_is_one_and_the_first_is_shown(tmp_path: Path, kind: str) -> None:
+    file = WRITERS[kind](tmp_path)
+    log, shown = read_as(file, COLUMNS), run("info", file, "--fields", "/pings").output
 
     second = [(k, hits(k)[1]) for k in range(len(SECONDS)) if SECONDS[k] > 1]
     table = log.tables["usbl"]
     np.testing.assert_array_equal(table[["east_m", "north_m"]], [one["place"] for _, one in second])
     assert [log.start_ns + round(t * 1e9) for t in table["time_s"]] == [T0 + k * SECOND + 8 for k, _ in second]
-
-
-@pytest.mark.parametrize("kind", WRITERS)
-def test_the_fields_of_a_topic_show_the_first_element(tmp_path: Path, kind: str) -> None:
-    shown = run("info", WRITERS[kind](tmp_path), "--fields", "/pings").output
-
-    for name in ("hits[0].who", "hits[0].at", "hits[0].place[0]"):
-        assert f"  {name}\n" in shown
+    assert all(f"  {name}\n" in shown for name in ("hits[0].who", "hits[0].at", "hits[0].place[0]"))
 
 
 @pytest.mark.parametrize(
@@ -132,10 +111,8 @@ def test_the_fields_of_a_topic_show_the_first_element(tmp_path: Path, kind: str)
 )
 def test_a_part_that_is_no_field_is_one_sentence(tmp_path: Path, name: str, hint: str) -> None:
     toml = f'[depth]\ntopic = "/pings"\ncolumns = {{ depth_m = "{name}" }}\n'
-    (tmp_path / "other.toml").write_text(toml, encoding="utf-8")
 
-    file, request = write_mcap(tmp_path / "dive.mcap", rows()), Request(configuration=str(tmp_path / "other.toml"))
-    sentence = refusal(UsageError, read_log, file, request)
+    sentence = refusal(UsageError, logged, tmp_path, rows(), toml)
 
     assert f"/pings has no {name} ([depth] columns depth_m)" in sentence
     assert "(it has note, hits[0].who, hits[0].at, hits[0].place[0])" in sentence

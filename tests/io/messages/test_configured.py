@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from damage import recorded
 from damaged_formats import FORMATS
 from logs import logged, logged_csv, read_as, refusal
-from recordings import ROS1, SECOND, T0, Row, define, write_bag, write_mcap, write_rosbag2
+from recordings import HEADER, SECOND, T0, Row, define, fields, write_bag, write_mcap, write_rosbag2
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
@@ -27,22 +27,11 @@ from usbldr.io.settings.sensor_sections import Configuration
 
 DEEPEST_M = 1000.0  # of a field to be read as a depth
 INS = "acme_msgs/msg/InsOutput"
-DEFINITION = """\
-std_msgs/Header header
-acme_msgs/Speeds speeds
-float64[3] position_rad_m
-float32 azimuth
-float64 pressure_bar
-uint8 fault
-uint64 utc_us
-float64 since_1970
-string note
-"""
+DEFINITION = HEADER + fields("acme_msgs/Speeds speeds", "float64[3] position_rad_m", "float32 azimuth")
+DEFINITION += fields("float64 pressure_bar", "uint8 fault", "uint64 utc_us", "float64 since_1970", "string note")
 SPEEDS = "float32[3] along\nbool locked\n"
 TYPES = {"acme_msgs/msg/Speeds": SPEEDS, INS: DEFINITION}
-define(TYPES)
-for _name, _text in TYPES.items():
-    ROS1.register(get_types_from_msg(_text, _name))
+define(TYPES, ros_1=True)
 
 CONFIGURATION = """
 [dvl]
@@ -68,18 +57,11 @@ def rows(count: int = 20) -> list[Row]:
     made: list[Row] = []
     for k in range(count):
         t = T0 + k * SECOND
-        values = {
-            "header.stamp": t - 3,
-            "speeds.along": np.array([100 + k, 1000 - 3 * k, 7.5], dtype=np.float32),
-            "speeds.locked": k != 4,
-            "position_rad_m": np.array([0.75 + k * 1e-7, 0.12 - k * 2e-7, 3.0]),
-            "azimuth": 0.3 + 0.01 * k,
-            "pressure_bar": 1.25 + 0.01 * k,
-            "fault": 17 if k == 9 else 0,
-            "utc_us": t // 1000 + 250_000,
-            "since_1970": t / 1e9 + 0.5,
-        }
-        made.append((t + 5, "/ins", INS, values))
+        along, place = [100 + k, 1000 - 3 * k, 7.5], [0.75 + k * 1e-7, 0.12 - k * 2e-7, 3.0]
+        values = {"speeds.along": np.array(along, dtype=np.float32), "speeds.locked": k != 4}
+        values |= {"position_rad_m": np.array(place), "azimuth": 0.3 + 0.01 * k, "pressure_bar": 1.25 + 0.01 * k}
+        values |= {"fault": 17 if k == 9 else 0, "utc_us": t // 1000 + 250_000, "since_1970": t / 1e9 + 0.5}
+        made.append((t + 5, "/ins", INS, {"header.stamp": t - 3, **values}))
     return made
 
 
@@ -133,11 +115,8 @@ def test_columns_name_every_field_that_a_topic_lists(form: str, data: st.DataObj
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_fields_of_an_unknown_type_have_the_values_that_rosbags_decodes(tmp_path: Path, kind: str) -> None:
-    (tmp_path / "usbldr.toml").write_text(CONFIGURATION, encoding="utf-8")
     file = WRITERS[kind](tmp_path)
-    truth = decoded_by_rosbags(file)
-
-    log = read_log(file)
+    truth, log = decoded_by_rosbags(file), read_as(file, CONFIGURATION)
 
     tables = log.tables
     np.testing.assert_allclose(tables["dvl"]["starboard_mps"], truth["along"][:, 0] / 1000, rtol=1e-12)
@@ -230,12 +209,8 @@ columns = { time_unix_ms = "utc_ms", heading = "hdg" }
 
 
 def test_the_clock_offset_of_a_file_moves_times_in_every_unit(tmp_path: Path) -> None:
-    write_mcap(tmp_path / "dive.mcap", rows())
-    toml = CONFIGURATION + '[[file]]\npath = "dive.mcap"\nclock_offset_s = 1.5\n'
-    (tmp_path / "moved.toml").write_text(toml, encoding="utf-8")
-
-    here = read_as(tmp_path / "dive.mcap", CONFIGURATION)
-    moved = read_log(tmp_path / "dive.mcap", Request(configuration=str(tmp_path / "moved.toml")))
+    here = ins_with(tmp_path, CONFIGURATION)
+    moved = ins_with(tmp_path, CONFIGURATION + '[[file]]\npath = "dive.mcap"\nclock_offset_s = 1.5\n')
 
     for role in ("dvl", "compass", "gps", "depth"):
         apart = np.array(stamps_ns(here, role)) - np.array(stamps_ns(moved, role))
