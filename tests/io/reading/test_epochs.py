@@ -161,14 +161,12 @@ def test_dead_reckoning_takes_good_headings_as_they_are_and_follows_only_where_t
     assert part.dr_yaw_rad[t > 100].std() < good.yaw_rad[t > 100].std() / 2
 
 
-def test_two_headings_either_side_of_north_average_to_north() -> None:
+def test_headings_are_averaged_across_north_and_unwrapped_over_the_whole_log() -> None:
     line = timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0, 0.05], heading_deg=[359.0, 1.0])))
 
     np.testing.assert_allclose(line.yaw_rad, [0.0], atol=1e-12)
     assert line.yaw_count.tolist() == [2]
 
-
-def test_a_spinning_vehicle_is_unwrapped_over_the_whole_log() -> None:
     t = grid(100, 10.0)
     heading = 30.0 * t  # 8.3 turns clockwise
 
@@ -259,7 +257,7 @@ def test_rates_that_do_not_fit_are_refused(fast_hz: float, slow_hz: float) -> No
         timeline(log(dvl=dvl_table([0.0]), compass=compass_table([0.0])), fast_hz, slow_hz)
 
 
-def test_an_unknown_dvl_sigma_is_estimated_from_the_native_records() -> None:
+def test_an_unknown_sigma_is_estimated_from_the_native_records_and_none_is_zero() -> None:
     rng = np.random.default_rng(0)
     t = grid(1000, 1.5)
     noise = rng.normal(0, 0.2, size=(2, len(t)))
@@ -269,8 +267,6 @@ def test_an_unknown_dvl_sigma_is_estimated_from_the_native_records() -> None:
 
     np.testing.assert_allclose(line.dvl_sd_mps, 0.2, rtol=0.1)
 
-
-def test_a_sigma_is_never_zero_nor_unknown() -> None:
     still = dvl_table(grid(10), sd_mps=NAN)
 
     line = timeline(log(dvl=still, compass=compass_table(grid(10), sd_deg=NAN)))
@@ -306,10 +302,7 @@ def test_a_missing_sensor_measures_at_no_epoch() -> None:
     [
         ({}, r"^dive\.mcap: no dvl data \(sensors in this log: none\)"),
         ({"dvl": dvl_table([0.0, 1.0], valid=False), "compass": compass_table([0.0])}, "none of the 2 dvl records is"),
-        (
-            {"dvl": dvl_table([0.0, 1e9]), "compass": compass_table([0.0])},
-            "stamps span 11574 days",
-        ),  # and fill no memory
+        ({"dvl": dvl_table([0.0, 1e9]), "compass": compass_table([0.0])}, "stamps span 11574 days"),  # in no memory
     ],
 )
 def test_a_log_of_no_epochs_or_of_too_many_is_refused(tables: Mapping[str, pd.DataFrame], sentence: str) -> None:
