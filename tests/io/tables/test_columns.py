@@ -60,31 +60,28 @@ def test_columns_are_read_as_the_configuration_names_them(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("changes", "sentence"),
     [
-        (('x = "vx"', 'x = "vxx"'), "{0}: no topic has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]; "
+        ([('x = "vx"', 'x = "vxx"')], "{0}: no topic has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]; "
          "state topic, too"),
-        (('[dvl]', '[dvl]\ntopic = "/velocities"\n#'), None),
-        (('time_unix_s = "epoch", x', "x"), "{0}/velocities.csv: [dvl] columns must name exactly one of time_ns, "
+        ([("[dvl]", '[dvl]\ntopic = "/velocities"\n#')], None),
+        ([("[dvl]", '[dvl]\ntopic = "velocities"'), ('"vx"', '"u"')],
+         "{0}/velocities.csv: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"),
+        ([('time_unix_s = "epoch", x', "x")], "{0}/velocities.csv: [dvl] columns must name exactly one of time_ns, "
          "time_unix_us, time_unix_ms, time_unix_s, time_s, time_datenum, time_excel, time_labview, "
          "time_filetime, time_ticks"),
     ],
 )  # fmt: skip
-def test_columns_that_are_not_there_are_named(tmp_path: Path, change: tuple[str, str], sentence: str | None) -> None:
-    folder = dive(tmp_path / "dive", CONFIGURATION.replace(*change, 1))
+def test_columns_that_are_not_there_are_named(tmp_path, changes, sentence):
+    text = CONFIGURATION
+    for was, now in changes:
+        text = text.replace(was, now, 1)
+    folder = dive(tmp_path / "dive", text)
     if sentence is None:
         assert len(read_log(folder).tables["dvl"]) == 2
         return
 
     assert refusal(UsageError, read_log, folder) == sentence.format(folder)
-
-
-def test_a_column_missing_from_the_file_named_is_an_error_with_its_header(tmp_path: Path) -> None:
-    text = CONFIGURATION.replace("[dvl]", '[dvl]\ntopic = "velocities"').replace('"vx"', '"u"')
-    folder = dive(tmp_path / "dive", text)
-
-    said = "/velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"
-    assert refusal(UsageError, read_log, folder) == f"{folder / 'velocities.csv'}: {said}"
 
 
 WIDE = pd.DataFrame(
@@ -121,16 +118,8 @@ def test_names_and_units_of_several_columns_are_one_name(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("who", ["device", "Source", "instrument", "sensor"])
 def test_values_of_two_devices_are_not_mixed(tmp_path: Path, who: str) -> None:
-    rows = "".join(
-        f"{T0 // SECOND + k},{device},{name},{value + k}\n"
-        for k in range(3)
-        for device, name, value in [
-            ("dvl", "forward [m/s]", 1),
-            ("dvl", "starboard [m/s]", 0),
-            ("usbl", "east [m]", 7),
-            ("usbl", "north [m]", 8),
-        ]
-    )
+    values = {"dvl,forward [m/s]": 1, "dvl,starboard [m/s]": 0, "usbl,east [m]": 7, "usbl,north [m]": 8}
+    rows = "".join(f"{T0 // SECOND + k},{of},{value + k}\n" for k in range(3) for of, value in values.items())
 
     log = logged_csv(tmp_path, "", dive=f"time_s,{who},name,value\n{rows}")
 

@@ -10,13 +10,13 @@ import h5py
 import numpy as np
 import pytest
 
-from recordings import SECOND, T0, Row, define, write_csv, write_mcap
+from logs import read_as
+from recordings import SECOND, T0, Row, define, saved, write_csv, write_mcap
 from table_recordings import WRITERS, Tables, as_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.log import Log
-from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cf_times import clock_of
 
@@ -36,9 +36,7 @@ def day_number(seconds: float) -> float:
 
 def read(log: Path, topic: str = "nav", **columns: str) -> Log:
     named = ", ".join(f'{key} = "{column}"' for key, column in columns.items()) or 'time_datenum = "t", heading = "psi"'
-    own = log.with_name("own.toml")
-    own.write_text(f'[compass]\ntopic = "{topic}"\ncolumns = {{ {named} }}\n', encoding="utf-8")
-    return read_log(log, Request(configuration=str(own)))
+    return read_as(log, f'[compass]\ntopic = "{topic}"\ncolumns = {{ {named} }}\n')
 
 
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
@@ -50,20 +48,18 @@ def test_day_numbers_are_dates_of_the_calendar(tmp_path: Path, write: Callable[[
     np.testing.assert_allclose(log.tables["compass"]["time_s"], seconds, rtol=0, atol=2e-9 * KNOWN_NS)
 
 
-def test_day_numbers_of_whole_numbers_are_midnights(tmp_path: Path) -> None:
-    nav = {"t": np.array([738_047, 738_048], dtype=np.int32), "psi": np.arange(2.0)}  # 2020-09-13 and the day after
-    log = read(WRITERS["HDF5"](tmp_path, {"nav": nav}))
-
-    assert log.start_ns == T0 - T0 % (DAY_S * SECOND)
-    np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, DAY_S])
-
-
-def test_day_numbers_of_csv_files_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
+def test_day_numbers_of_digits_and_of_whole_numbers_are_exact(tmp_path: Path) -> None:
     days = Fraction(T0 + 7, DAY_S * SECOND) + 719_529
     text = f"{days.numerator * 10**20 // days.denominator:021d}"
     folder = write_csv(tmp_path / "dive", nav=f"t,psi\n{text[:-20]}.{text[-20:]},1\n")
 
     assert read(folder).start_ns == T0 + 7
+
+    nav = {"t": np.array([738_047, 738_048], dtype=np.int32), "psi": np.arange(2.0)}  # 2020-09-13 and the day after
+    log = read(WRITERS["HDF5"](tmp_path, {"nav": nav}))
+
+    assert log.start_ns == T0 - T0 % (DAY_S * SECOND)
+    np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, DAY_S])
 
 
 def gyro(numbers: list[float]) -> list[Row]:
@@ -90,8 +86,7 @@ def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str
     first = (FIRST - datetime(1904, 1, 1)).total_seconds()
     head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t,\nTime_Pref\tAbsolute\n***End_of_Header***\n\n"
     rows = "".join(f"{first + k / 4:.2f}\t{k}\n".replace(".", ",") for k in range(8))
-    file = tmp_path / "nav.lvm"
-    file.write_text(f"{head}X_Value\tHeading (deg){comment}\n{rows}", encoding="utf-8")
+    file = saved(tmp_path / "nav.lvm", f"{head}X_Value\tHeading (deg){comment}\n{rows}")
 
     log = read(file, **columns) if columns else read_log(file)
 
@@ -190,11 +185,8 @@ def test_numbers_that_are_no_times_are_left_out(tmp_path: Path, times: list[floa
         "",
     ],
 )
-def test_units_that_state_no_such_clock_are_none(units: str) -> None:
+def test_units_that_state_no_such_clock_are_none_nor_is_the_calendar_of_a_model(units: str) -> None:
     assert clock_of(units) is None
-
-
-def test_the_calendar_of_a_model_is_none() -> None:
     assert clock_of("days since 2000-01-01", "360_day") is None
     assert clock_of("days since 2000-01-01", "Gregorian") is not None
 

@@ -57,14 +57,13 @@ def write_5(file: Path, kind: str, with_vectors: bool) -> Path:
 
 
 @pytest.mark.parametrize("write", [write_5, write_7_3])
-def test_a_datetime_is_named_and_no_column(tmp_path: Path, write: Callable[[Path, str, bool], Path]) -> None:
+def test_an_object_is_named_and_no_column_and_a_file_of_nothing_else_says_so(
+    tmp_path: Path, write: Callable[[Path, str, bool], Path]
+) -> None:
     (topic,) = open_log(write(tmp_path / "dive.mat", "datetime", True)).topics()
 
     assert topic.problem.startswith("its columns match no sensor (heading, t (a datetime: store posixtime)); name them")
 
-
-@pytest.mark.parametrize("write", [write_5, write_7_3])
-def test_a_file_of_nothing_but_objects_says_so(tmp_path: Path, write: Callable[[Path, str, bool], Path]) -> None:
     file = write(tmp_path / "dive.mat", "timetable", False)
     assert refusal(LogError, open_log, file) == f"{file}: holds no vectors of numbers, but t (a timetable, not read)"
 

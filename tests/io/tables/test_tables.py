@@ -14,8 +14,8 @@ import pytest
 import scipy.io
 from pyarrow import parquet
 
-from logs import read_as
-from recordings import SECOND, T0
+from logs import lost, read_as
+from recordings import SECOND, T0, saved
 from table_recordings import COUNT, WRITERS, Tables, as_csv, dive
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -62,9 +62,7 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> N
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [1.5, 4.5])
     np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, 1.0])
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [1.0, 2.0])
-    lost = [finding for finding in log.findings if finding.lost_data]
-    said = [f"/nav/{sensor}: 1 of 4 rows have no time; left out" for sensor in ("compass", "depth")]
-    assert [finding.text for finding in lost] == said
+    assert lost(log) == [f"/nav/{sensor}: 1 of 4 rows have no time; left out" for sensor in ("compass", "depth")]
 
 
 @pytest.mark.parametrize("form", ["Parquet", "HDF5"])
@@ -130,33 +128,17 @@ def test_texts_in_an_array_of_records_are_read(tmp_path: Path) -> None:
     assert log.tables["compass"][["time_s", "heading_deg"]].to_numpy().tolist() == [[0.0, 1.5], [1.0, 2.5]]
 
 
-def test_the_elements_of_lists_in_parquet_are_columns(tmp_path: Path) -> None:
+def test_the_elements_of_lists_in_parquet_are_columns_unless_they_are_texts(tmp_path: Path) -> None:
     columns = {"time_ns": [T0, T0 + SECOND], "velocity": [[1.5, 0.25], [1.75, 0.5]], "beams": [[1.0, 2.0], [3.0]]}
     pd.DataFrame(columns).to_parquet(tmp_path / "dvl.parquet")
     toml = '[dvl]\naxes = "FRD"\ncolumns = { time_ns = "time_ns", x = "velocity.0", y = "velocity.1" }\n'
-    (tmp_path / "dvl.usbldr.toml").write_text(toml, encoding="ascii")
 
-    dvl = read_log(tmp_path / "dvl.parquet").tables["dvl"]
+    dvl = read_as(tmp_path / "dvl.parquet", toml).tables["dvl"]
 
     assert dvl[["forward_mps", "starboard_mps"]].to_numpy().tolist() == [[1.5, 0.25], [1.75, 0.5]]
-    (tmp_path / "dvl.usbldr.toml").write_text(toml.replace("velocity", "beams"), encoding="ascii")
     with pytest.raises(LogError, match="the lists of beams differ in length; write their elements as columns"):
-        read_log(tmp_path / "dvl.parquet")
+        read_as(tmp_path / "dvl.parquet", toml.replace("velocity", "beams"))
 
-
-@pytest.mark.parametrize("of_rows", [False, True])
-def test_columns_in_json_are_tables(tmp_path: Path, of_rows: bool) -> None:
-    frame = pd.DataFrame({"Time": ["2020-09-13 12:26:40", "2020-09-13 12:26:41.5"], "Heading (deg)": [1.5, None]})
-    text = json.dumps({"compass": json.loads(frame.to_json()) if of_rows else frame.to_dict("list")})
-    (tmp_path / "dive.json").write_text(text.replace("NaN", "null"), encoding="ascii")
-
-    records = read_whole(open_log(tmp_path / "dive.json"), {"/compass": ["heading_deg"]})["/compass"]
-
-    assert records.received_ns.tolist() == [1_600_000_000 * SECOND, 1_600_000_001 * SECOND + SECOND // 2]
-    np.testing.assert_array_equal(records.columns["heading_deg"], [1.5, np.nan])
-
-
-def test_a_column_of_lists_of_texts_in_parquet_is_named(tmp_path: Path) -> None:
     velocity = [["a", "b"], ["a"]]
     pd.DataFrame({"time_ns": [T0, T0 + SECOND], "velocity": velocity}).to_parquet(tmp_path / "dvl.parquet")
 
@@ -165,6 +147,18 @@ def test_a_column_of_lists_of_texts_in_parquet_is_named(tmp_path: Path) -> None:
     (found,), (topic,) = log.findings(), log.topics()
     assert found.text == "dvl.parquet: velocity is not read: it holds a list in each row; write the elements as columns"
     assert topic.problem.endswith("; beside these: velocity (a list, not read)")
+
+
+@pytest.mark.parametrize("of_rows", [False, True])
+def test_columns_in_json_are_tables(tmp_path: Path, of_rows: bool) -> None:
+    frame = pd.DataFrame({"Time": ["2020-09-13 12:26:40", "2020-09-13 12:26:41.5"], "Heading (deg)": [1.5, None]})
+    text = json.dumps({"compass": json.loads(frame.to_json()) if of_rows else frame.to_dict("list")})
+    file = saved(tmp_path / "dive.json", text.replace("NaN", "null"))
+
+    records = read_whole(open_log(file), {"/compass": ["heading_deg"]})["/compass"]
+
+    assert records.received_ns.tolist() == [1_600_000_000 * SECOND, 1_600_000_001 * SECOND + SECOND // 2]
+    np.testing.assert_array_equal(records.columns["heading_deg"], [1.5, np.nan])
 
 
 def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> None:
@@ -290,11 +284,8 @@ def test_what_is_in_other_files_or_has_too_many_dimensions_is_named(tmp_path: Pa
 def test_targets_of_a_table_are_texts(tmp_path: Path, form: str) -> None:
     fixes = {"t_s": np.arange(4.0), "e": np.arange(4.0), "n": np.arange(4.0), "who": ["a", "b", "a", "b"]}
     columns = '{ time_s = "t_s", x = "e", y = "n", target = "who" }'
-    (tmp_path / "usbldr.toml").write_text("")
-    own = tmp_path / "own.toml"
-    own.write_text(f'[usbl]\ntarget = "b"\ncolumns = {columns}\n')
 
-    log = read_log(WRITERS[form](tmp_path, {"fixes": fixes}), Request(configuration=str(own)))
+    log = read_as(WRITERS[form](tmp_path, {"fixes": fixes}), f'[usbl]\ntarget = "b"\ncolumns = {columns}\n')
 
     np.testing.assert_array_equal(log.tables["usbl"]["east_m"], [1.0, 3.0])
 
