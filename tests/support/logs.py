@@ -49,9 +49,7 @@ def logged_nmea(folder: Path, *lines: str, toml: str = "", **topics: str) -> Log
     return read_as(saved_lines(folder / "ship.nmea", lines), toml, Request(topics=topics))
 
 
-def refusal(
-    kind: type[Exception] | tuple[type[Exception], ...], call: Callable[..., object], *arguments: Any, **named: Any
-) -> str:
+def refusal(kind: type[Exception], call: Callable[..., object], *arguments: Any, **named: Any) -> str:
     with pytest.raises(kind) as refused:
         call(*arguments, **named)
     return str(refused.value)

@@ -6,16 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from commands import run
-from logs import logged_csv, read_as, refusal
-from recordings import SECOND, saved, write_csv
+from commands import drafted
+from logs import columns, logged_csv, read_as, refusal
+from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.read import Request, read_log
 
-T0_S = 1_600_000_000  # 2020-09-13 12:26:40 UTC
+T0_S = T0 // SECOND
 DVL = "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0_S * SECOND + k * SECOND},1.0,0\n" for k in range(30))
 FIX = "time_ns,lat_deg,lon_deg\n" + "".join(f"{(T0_S + k) * SECOND},{45 + 9e-6 * k:.7f},7\n" for k in range(30))
+HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
 
 
 @pytest.mark.parametrize(
@@ -30,10 +31,7 @@ FIX = "time_ns,lat_deg,lon_deg\n" + "".join(f"{(T0_S + k) * SECOND},{45 + 9e-6 *
         ("Time,Heading (deg)", "2020:257:12:{utc}.0,{h}"),
         ("Time [s],Heading (deg)", "{d},{h}"),
         ("%  GPST      latitude(deg)  heading(deg)", "2020/09/13 12:{gps}.000   45.1   {h}"),
-        (
-            "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)",
-            "2020,9,13,12,{hms},{h}",
-        ),
+        ("UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)", "2020,9,13,12,{hms},{h}"),
     ],
     ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "RTKLIB", "Xsens"],
 )
@@ -67,12 +65,9 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
 )  # fmt: skip
 def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, columns: dict[str, str]) -> None:
     text = text.replace("{us}", str(T0_S * 10**6)).replace("{s}", str(T0_S))
-    write_csv(tmp_path, **{name: text}, compass=FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg"), usbl=FIX)
+    write_csv(tmp_path, **{name: text}, compass=HEADINGS, usbl=FIX)
 
-    run("init", tmp_path, "--output", tmp_path / "found.toml")
-
-    proposed = tomllib.loads((tmp_path / "found.toml").read_text("utf-8"))["dvl"]["columns"]
-    assert columns.items() <= proposed.items()
+    assert columns.items() <= tomllib.loads(drafted(tmp_path))["dvl"]["columns"].items()
 
 
 @pytest.mark.parametrize(
@@ -100,88 +95,48 @@ def test_a_foreign_file_beside_tables_is_named_with_what_to_do(tmp_path: Path) -
     assert not finding.lost_data
 
 
-@pytest.mark.parametrize(
-    "end", ["(2 rows)\n", "\n-- end of file --\n\n", "Total: 2 records\nEOF", "# EOF\n", "END,,\n", "***END***\n"]
-)
-@pytest.mark.parametrize("mark", [",", ";", "|"])
-def test_words_behind_the_last_row_are_no_lost_data(tmp_path: Path, end: str, mark: str) -> None:
-    rows = f"Time [s],Heading (deg),Note\n{T0_S},10.5,1\n{T0_S + 1},11.5,2\n{end}".replace(",", mark)
-    log = read_log(saved(tmp_path / "compass.csv", rows))
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [10.5, 11.5]
-    assert [one.text for one in log.findings if one.lost_data] == []
-
-
 @pytest.mark.parametrize("end", [f"{T0_S + 2}\n", "(2 rows)\n1600000002,12.5\n", "1600000002,12"])
 def test_a_last_line_that_may_be_a_cut_row_is_lost_data(tmp_path: Path, end: str) -> None:
-    (tmp_path / "compass.csv").write_text(f"Time [s],Heading (deg)\n{T0_S},10.5\n{T0_S + 1},11.5\n{end}", "ascii")
+    log = read_log(saved(tmp_path / "compass.csv", f"Time [s],Heading (deg)\n{T0_S},10.5\n{T0_S + 1},11.5\n{end}"))
 
-    assert [one.lost_data for one in read_log(tmp_path / "compass.csv").findings if one.code != "COLUMNS-BY-NAME"] == [
-        True
-    ]
+    assert [one.lost_data for one in log.findings if one.code != "COLUMNS-BY-NAME"] == [True]
 
 
 @pytest.mark.parametrize("line", ["# UTM zone 32N", "Projection: WGS84 UTM Zone 32 North;;", "Grid,EPSG:32632"])
 def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path, line: str) -> None:
     fixes = "".join(f"{T0_S + k},500000.0,{4_983_000 + k:.1f}\n" for k in range(30))
-    fixes = f"{line}\nTime [s],Easting [m],Northing [m]\n{fixes}"
-    write_csv(tmp_path, dvl=DVL, compass=FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg"), usbl=fixes)
+    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, usbl=f"{line}\nTime [s],Easting [m],Northing [m]\n{fixes}")
 
-    run("init", tmp_path, "--output", tmp_path / "found.toml")
-
-    written = (tmp_path / "found.toml").read_text("utf-8").replace('# grid = "', 'grid = "')  # without pyproj
+    written = drafted(tmp_path).replace('# grid = "', 'grid = "')  # without pyproj
     assert tomllib.loads(written)["usbl"]["grid"] == "EPSG:32632"
-
-
-def test_transponders_of_apos_are_targets(tmp_path: Path) -> None:
-    rows = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
-    write_csv(tmp_path, APOS_positions=f"Time [s],TP name,Latitude [deg],Longitude [deg]\n{rows}")
-
-    assert "2 targets: M0 (2 fixes), M1 (2 fixes)" in refusal(UsageError, read_log, tmp_path)
 
 
 @pytest.mark.parametrize(("beside", "kind"), [("Target Name", "usbldr/usbl"), ("Note", "")])
 def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: str) -> None:
     write_csv(tmp_path, export=f"Time [s],{beside},Target Easting [m],Target Northing [m]\n{T0_S},ROV,1.5,2.5\n")
 
-    (topic,) = open_log(tmp_path).topics()
-
-    assert topic.type == kind
+    assert [topic.type for topic in open_log(tmp_path).topics()] == [kind]
 
 
-def test_a_column_without_one_number_is_named_by_its_first_cell(tmp_path: Path) -> None:
-    cells = [f"{T0_S},1 bar\n", f"{T0_S + 1},\n", f"{T0_S + 2},2 bar\n"]
-    write_csv(tmp_path, compass="Time [s],Heading (deg)\n" + "".join(cells))
-
-    assert refusal(LogError, read_log, tmp_path).endswith('line 2: Heading (deg) is "1 bar", not a number')
-
-
-def test_cells_may_state_the_unit_of_their_column(tmp_path: Path) -> None:
-    toml = '[compass]\ncolumns = { time_unix_s = "t", heading = "Heading" }\n'
-    toml += '[depth]\ncolumns = { time_unix_s = "t", depth_m = "Depth" }\n'
-
-    log = logged_csv(tmp_path, toml, panel=f"t,Heading,Depth\n{T0_S},1.5 deg,2.5 m\n{T0_S + 1},2.5 deg,20 cm\n")
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [1.5]  # 20 cm is not one of metres, and its row is left out
-    assert log.tables["depth"]["depth_m"].tolist() == [2.5]
-
-
-@pytest.mark.parametrize("column", ["device_id", "sensor id", "DVL No"])
-def test_rows_of_two_devices_are_not_those_of_one(tmp_path: Path, column: str) -> None:
-    rows = "".join(f"{T0_S + k},{k % 2 + 1},{1 - k % 2},0\n" for k in range(10))
-    write_csv(tmp_path, dvl=f"Time [s],{column},Forward [m/s],Starboard [m/s]\n{rows}")
-
-    assert f"its rows are of 2 devices ({column}: 1, 2); write those of each" in refusal(LogError, read_log, tmp_path)
+NO_NUMBER = f"Time [s],Heading (deg)\n{T0_S},1 bar\n{T0_S + 1},\n{T0_S + 2},2 bar\n"
+OF_TWO = "".join(f"{T0_S + k},{k % 2 + 1},{1 - k % 2},0\n" for k in range(10))
+OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
 
 
 @pytest.mark.parametrize(
-    ("names", "taken"),
-    [("GPS Heading (deg),C True Heading (deg)", 2), ("Heading true [deg],Heading mag [deg]", 1)],
-)
-def test_of_several_headings_the_true_one_is_taken(tmp_path: Path, names: str, taken: int) -> None:
-    log = read_log(write_csv(tmp_path, compass=f"Time [s],{names}\n{T0_S},1,2\n"))
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [taken]
+    ("name", "text", "fault", "said"),
+    [
+        ("compass", NO_NUMBER, LogError, r'line 2: Heading \(deg\) is "1 bar", not a number$'),
+        ("APOS_positions", f"Time [s],TP name,Latitude [deg],Longitude [deg]\n{OF_APOS}", UsageError,
+         r"2 targets: M0 \(2 fixes\), M1 \(2 fixes\)"),
+        *(("dvl", f"Time [s],{column},Forward [m/s],Starboard [m/s]\n{OF_TWO}", LogError,
+           rf"its rows are of 2 devices \({column}: 1, 2\); write those of each")
+          for column in ("device_id", "sensor id", "DVL No")),
+    ],
+)  # fmt: skip
+def test_rows_of_several_devices_or_without_one_number_are_refused(tmp_path, name, text, fault, said):
+    with pytest.raises(fault, match=said):
+        read_log(write_csv(tmp_path, **{name: text}))
 
 
 @pytest.mark.parametrize("before", ["", "2020/09/13 12:26:40.1 ", "2020-09-13T12:26:40.100Z,", "1600000000.1;"])
@@ -190,16 +145,6 @@ def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: st
     log = open_log(saved(tmp_path / "dvl.log", "".join(f"{before}{line}\r\n" for line in lines * 3)))
 
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
-
-
-def test_nanoseconds_beside_the_parts_of_a_time_belong_to_it(tmp_path: Path) -> None:
-    rows = "".join(f"2020,9,13,12,26,{40 + k},{250_000_000 * k},10\n" for k in range(3))
-    names = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Heading (deg)"
-
-    log = read_log(write_csv(tmp_path, compass=f"{names}\n{rows}"))
-
-    assert log.start_ns == T0_S * SECOND
-    assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.25, 2.5]
 
 
 @pytest.mark.parametrize(("lat", "lon", "unit"), [(59.0, 10.5, "rad"), (0.5, 1.2, "deg")])
@@ -218,24 +163,45 @@ def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_pa
     sheets = {"dvl": f"{DVL.partition(chr(10))[0]}\n{velocities}", "compass": f"time_ns,heading_deg\n{headings}"}
     folder = write_csv(tmp_path / "dive", **sheets, usbl=f"time,lat,lon\n{fixes}", gps=f"time,lat,lon\n{fixes}")
 
-    run("init", folder, "--output", tmp_path / "found.toml")
+    draft = drafted(folder)
 
-    drafted = tomllib.loads((tmp_path / "found.toml").read_text("utf-8"))
-    proposed = {drafted[sensor]["columns"]["lat_deg"] for sensor in ("usbl", "gps")}
+    proposed = {tomllib.loads(draft)[sensor]["columns"]["lat_deg"] for sensor in ("usbl", "gps")}
     assert proposed == {"lat [rad]" if unit == "rad" else "lat"}
-    log = read_log(folder, Request(str(tmp_path / "found.toml")))
+    log = read_as(folder, draft)
     assert log.tables["gps"][["lat_deg", "lon_deg"]].iloc[0].tolist() == pytest.approx([lat, lon], abs=1e-7)
     assert ("POSITION-RADIANS" in {one.code for one in log.findings}) == (unit == "deg")
 
 
-def test_whole_numbers_beyond_all_degrees_and_minutes_are_ten_millionths_of_degrees(tmp_path: Path) -> None:
-    """As autopilots write them."""
-    toml = '[gps]\ncolumns = { time_unix_s = "time", lat_deg = "lat", lon_deg = "lon" }\n'
-    rows = "".join(f"{T0_S + k},{450_000_000 + 90 * k},{-70_000_000}\n" for k in range(5))
+PANEL = """[compass]
+columns = { time_unix_s = "t", heading = "Heading" }
+[depth]
+columns = { time_unix_s = "t", depth_m = "Depth" }
+"""
+OF_AUTOPILOT = '[gps]\ncolumns = { time_unix_s = "time", lat_deg = "lat", lon_deg = "lon" }\n'
+NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Heading (deg)\n"
 
-    gps = logged_csv(tmp_path, toml, gps=f"time,lat,lon\n{rows}").tables["gps"]
 
-    assert gps[["lat_deg", "lon_deg"]].iloc[-1].tolist() == pytest.approx([45.000036, -7.0])
+@pytest.mark.parametrize(
+    ("toml", "file", "text", "wanted"),
+    [
+        # 20 cm is not one of metres, and its row is left out
+        (PANEL, "panel", f"t,Heading,Depth\n{T0_S},1.5 deg,2.5 m\n{T0_S + 1},2.5 deg,20 cm\n",
+         {"compass.heading_deg": [1.5], "depth.depth_m": [2.5]}),
+        ("", "compass", f"Time [s],GPS Heading (deg),C True Heading (deg)\n{T0_S},1,2\n", {"compass.heading_deg": [2]}),
+        ("", "compass", f"Time [s],Heading true [deg],Heading mag [deg]\n{T0_S},1,2\n", {"compass.heading_deg": [1]}),
+        ("", "compass", NANO + "".join(f"2020,9,13,12,26,{40 + k},{250_000_000 * k},10\n" for k in range(3)),
+         {"compass.time_s": [0.0, 1.25, 2.5]}),
+        # as autopilots write them, beyond all degrees and minutes
+        (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},450000000,-70000000\n{T0_S + 1},450000360,-70000000\n",
+         {"gps.lat_deg": pytest.approx([45.0, 45.000036]), "gps.lon_deg": pytest.approx([-7.0, -7.0])}),
+    ],
+    ids=["units in cells", "the heading that is true", "not magnetic", "nanoseconds", "ten millionths of degrees"],
+)  # fmt: skip
+def test_values_are_those_that_names_and_cells_mean(tmp_path, toml, file, text, wanted):
+    log = logged_csv(tmp_path, toml, **{file: text})
+
+    assert columns(log, wanted) == wanted
+    assert log.start_ns == T0
 
 
 @pytest.mark.parametrize("unit", ["", " (deg)"])
@@ -268,15 +234,13 @@ def test_quaternions_and_microseconds_of_an_autopilot_are_proposed(tmp_path: Pat
         usbl="timestamp,lat,lon\n" + "".join(f"{t},{45 + 9e-6 * k:.7f},7\n" for k, t in enumerate(rows)),
     )
 
-    run("init", tmp_path / "dive", "--output", tmp_path / "found.toml")
+    draft = drafted(tmp_path / "dive")
 
-    drafted = tomllib.loads((tmp_path / "found.toml").read_text("utf-8"))
-    columns = {role: drafted[role]["columns"] for role in ("dvl", "compass", "usbl", "gps")}
+    columns = {role: tomllib.loads(draft)[role]["columns"] for role in ("dvl", "compass", "usbl", "gps")}
     assert {one["time_unix_us"] for one in columns.values()} == {"timestamp"}
     assert ",".join(columns["compass"][f"q{part}"] for part in "wxyz") == names
-    read_as = Request(str(tmp_path / "found.toml"), set_keys=("compass.convention=NED",))
-    heading = read_log(tmp_path / "dive", read_as).tables["compass"]["heading_deg"]
-    assert heading.tolist() == pytest.approx(list(range(100, 130)), abs=1e-3)
+    heading = read_as(tmp_path / "dive", draft, Request(set_keys=("compass.convention=NED",))).tables["compass"]
+    assert heading["heading_deg"].tolist() == pytest.approx(list(range(100, 130)), abs=1e-3)
 
 
 @pytest.mark.parametrize("column", ["vehicle", "Vehicle ID", "Beacon No"])

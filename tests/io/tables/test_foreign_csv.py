@@ -77,12 +77,21 @@ def test_roll_and_pitch_beside_a_heading_are_read_if_there_is_one_of_each(tmp_pa
     assert found == (pytest.approx([1.5, -2.0]) if not more else None)
 
 
-def test_times_that_are_all_the_same_are_no_wrong_unit(tmp_path: Path) -> None:
-    rows = "".join(f"1.76723E+09,{k},0\n" for k in range(400))
-
-    assert "400 records have one and the same time; export their times with more digits" in refusal(
-        LogError, logged_csv, tmp_path, "", usbl=f"time_unix_s,east_m,north_m\n{rows}"
-    )
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("usbl", "time_unix_s,east_m,north_m\n" + "".join(f"1.76723E+09,{k},0\n" for k in range(400)),
+         "400 records have one and the same time; export their times with more digits"),
+        ("compass", "time_ns,heading_deg\n12:00,10\n12:01,11",
+         r'line 2: time_ns is "12:00", not a whole number of nanoseconds'),
+        ("a", "Zeit,Kurs [deg]\n05/06/2026 01:30:00,30\n",
+         r"no topic can be read: /a: its columns .* name them with the key columns"),
+    ],
+    ids=["all the same are no wrong unit", "a time of day among nanoseconds", "dates are not the reason"],
+)  # fmt: skip
+def test_why_times_cannot_be_used_is_said(tmp_path: Path, name: str, text: str, said: str) -> None:
+    with pytest.raises(LogError, match=said):
+        logged_csv(tmp_path, "", **{name: text})
 
 
 def test_what_two_sensors_of_one_topic_have_in_common_is_said_once(tmp_path: Path) -> None:
@@ -106,17 +115,10 @@ def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
         usbl=f"stamp_ns,received_ns,slant_range_mm,bearing_rad\n{T0},{T0 + SECOND},250000,0.5",
     )  # fmt: skip
 
-    wanted = {
-        "dvl.forward_mps": [1.5] * 2,
-        "dvl.starboard_mps": [-0.2] * 2,
-        "dvl.up_mps": [-1852 / 3600] * 2,
-        "dvl.sd_mps": [0.005] * 2,
-        "compass.heading_deg": [np.degrees(1.5)],
-        "depth.depth_m": [1e5 / (1025.0 * 9.80665)],
-        "gps.lat_deg": [np.degrees(0.7854)],
-        "gps.lon_deg": [np.degrees(0.1222)],
-        "gps.sd_m": [1.5],
-    }
+    wanted = {"dvl.forward_mps": [1.5] * 2, "dvl.starboard_mps": [-0.2] * 2, "dvl.up_mps": [-1852 / 3600] * 2}
+    wanted |= {"compass.heading_deg": [np.degrees(1.5)], "depth.depth_m": [1e5 / (1025.0 * 9.80665)]}
+    wanted |= {"gps.lat_deg": [np.degrees(0.7854)], "gps.lon_deg": [np.degrees(0.1222)]}
+    wanted |= {"dvl.sd_mps": [0.005] * 2, "gps.sd_m": [1.5]}
     assert columns(log, wanted) == {name: pytest.approx(values, rel=1e-12) for name, values in wanted.items()}
     assert list(log.tables["dvl"]["valid"]) == [True, False]
     assert log.start_ns == T0
@@ -129,16 +131,15 @@ TOULON = {
     "compass.heading_deg": [30.5, 31],
 }
 SOUTH_WEST = {"gps.lat_deg": pytest.approx([-45.5]), "gps.lon_deg": pytest.approx([-30.25])}
+AT_HEAD = {"usbl.east_m": pytest.approx([100.0]), "usbl.north_m": pytest.approx([0.0], abs=1e-9)}
 UNDERSTOOD = {  # what is understood: file, text, columns
+    "ranges": ("ranger", f"Range [m],Bearing [rad]\n100,{np.pi / 2}", AT_HEAD),
     "speeds": ("dive", "Surge Speed (m/s),Starboard Velocity (m/s),Heading True (deg)\n1.5,0.25,30.5", AHEAD),
     "units without brackets": ("dive", "DVL Fwd m/s,DVL Stbd m/s,HDG_T deg\n1.5,0.25,30.5", AHEAD),
     "names in quotes": ("dive", '"Vel Fwd [m/s]","Vel Right [m/s]","HDT, deg"\n1.5,0.25,30.5', AHEAD),
     "the body": ("dive", "Forward Velocity BT (m/s),Starboard (body) [m/s],Heading Angle (deg)\n1.5,0.25,30.5", AHEAD),
-    "German": (
-        "dive",
-        "Geschwindigkeit voraus (m/s),Geschwindigkeit rechts (m/s),Steuerkurs (°)\n1.5,0.25,30.5",
-        AHEAD,
-    ),
+    "German": ("dive", "Geschwindigkeit voraus (m/s),Geschwindigkeit rechts (m/s),Steuerkurs (°)\n1.5,0.25,30.5",
+               AHEAD),
     "degrees and minutes": ("dive", "Heading (deg),GPS Lat,GPS Lon\n30.5,,\n31,43° 06.5' N,5° 54.25' W", TOULON),
     "blanks": ("dive", "Heading (deg),GPS Latitude,GPS Longitude\n30.5,,\n31,43 06.5 N,005 54.25 W", TOULON),
     "NMEA": ("dive", "Heading (deg),GPS Lat,GPS N/S,GPS Lon,GPS E/W\n30.5,,,,\n31,4306.5,N,00554.25,W", TOULON),
@@ -146,24 +147,18 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "sides before": ("gps", "NS,Latitude [deg],EW,Longitude [deg],mode\nS,45.5,W,30.25,A", SOUTH_WEST),
     "sides and signs": ("gps", "Latitude [deg],Longitude [deg],lat dir,lon dir\n-45.5,-30.25,S,W", SOUTH_WEST),
     "no sides": ("gps", "Latitude [deg],Longitude [deg],ok,mode\n-45.5,-30.25,N,A", SOUTH_WEST),
-    "our own names": (
-        "usbl",
-        "east_m,north_m,cov_ee_m2,cov_en_m2,cov_nn_m2,depth_m\n1,2,4,1,9,20",
-        {"usbl.cov_ee_m2": [4], "usbl.cov_en_m2": [1], "usbl.cov_nn_m2": [9]},
-    ),
-    "local fixes": (
-        "fixes",
-        "USBL East [cm],USBL North [cm]\n4000,-2000",
-        {"usbl.east_m": [40], "usbl.north_m": [-20]},
-    ),
-}
+    "our own names": ("usbl", "east_m,north_m,cov_ee_m2,cov_en_m2,cov_nn_m2,depth_m\n1,2,4,1,9,20",
+                      {"usbl.cov_ee_m2": [4], "usbl.cov_en_m2": [1], "usbl.cov_nn_m2": [9]}),
+    "local fixes": ("fixes", "USBL East [cm],USBL North [cm]\n4000,-2000",
+                    {"usbl.east_m": [40], "usbl.north_m": [-20]}),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", UNDERSTOOD)
 def test_names_and_cells_of_other_programs_are_understood(tmp_path: Path, case: str) -> None:
     file, text, wanted = UNDERSTOOD[case]
 
-    assert columns(logged_csv(tmp_path, "", **{file: timed(text)}), wanted) == wanted
+    assert columns(logged_csv(tmp_path, HEAD * (wanted == AT_HEAD), **{file: timed(text)}), wanted) == wanted
 
 
 def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path) -> None:
@@ -224,12 +219,6 @@ def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_pat
 
     assert list(log.tables["dvl"]["valid"]) == [True, False]
     assert log.convention("compass", "sd_deg").value == 0.7
-
-
-def test_ranges_are_those_of_the_usbl(tmp_path: Path) -> None:
-    log = logged_csv(tmp_path, HEAD, ranger=timed(f"Range [m],Bearing [rad]\n100,{np.pi / 2}"))
-
-    np.testing.assert_allclose(places(log), [[100.0, 0.0]], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["Beacon", "BeaconID", "Target", "transponder_no"])
@@ -304,12 +293,15 @@ LABVIEW = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Sep
 TIMED = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\n"
 SHEET = 'sep=;\r\nTime;Heading;;\r\n;deg;;\r\n18.05.2026 12:00:00;="1,5";;\r\n18.05.2026 12:00:01;="2,5";;\r\n'
 BLANKS = "time_s heading_deg  forward_mps starboard_mps\n 0 1.5  NaN nan\n 0.5  NaN  1 0.25\n 1.0 2.5 1 0.25\n"
+NOTED = "Time [s],Heading (deg),Note\n0,1.5,1\n1,2.5,2\n"
+ENDS = ["(2 rows)\n", "\n-- end of file --\n\n", "Total: 2 records\nEOF", "# EOF\n", "END,,\n", "***END***\n"]
 AROUND = {  # what other programs write around a table, and the heading in it
     "what spreadsheets add": SHEET.encode("utf-8-sig"),
     "words with their values before the names": f"{LABVIEW}Time [s]\tHeading [deg]\tRoll\n0,0\t1,5\t0\n0,5\t2,5\t0\n",
     "an older encoding": "Time [s],Heading [°]\n0,1.5\n1,2.5\n".encode("latin-1"),
     "two returns": TIMED.replace("\n", "\r\r\n"),
     **{f"blanks between columns, behind {mark!r}": mark + BLANKS for mark in ("", "# ", "   ")},
+    **{f"{end!r}, {mark!r} between": f"{NOTED}{end}".replace(",", mark) for end in ENDS for mark in (",", ";", "|")},
     **{
         f"{between!r} between rows, {end!r} at their ends": end.join(
             ["Time [s],Heading [deg]", between, "0,1.5", between, "1,2.5", between, ""]
@@ -322,8 +314,7 @@ AROUND = {  # what other programs write around a table, and the heading in it
 
 @pytest.mark.parametrize("case", AROUND)
 def test_what_other_programs_write_around_a_table_is_none_of_it(tmp_path: Path, case: str) -> None:
-    data = AROUND[case]
-    log = read_log(saved(tmp_path / "compass.csv", data))
+    log = read_log(saved(tmp_path / "compass.csv", AROUND[case]))
 
     assert log.tables["compass"]["heading_deg"].tolist() == [1.5, 2.5]
     assert "dvl" not in log.tables or log.tables["dvl"]["starboard_mps"].tolist() == [0.25, 0.25]
@@ -363,19 +354,28 @@ TITLED_NAMES = ["Time [s]", "Gyro Heading [deg]", "USBL Latitude [deg]", "USBL L
     [(OVER, OVER_NAMES), *((TITLED.replace(",", separator), TITLED_NAMES) for separator in (",", ";", "\t"))],
 )
 def test_names_over_several_columns_go_before_those_below_and_titles_are_none(tmp_path, text, names):
-    (tmp_path / "dive.csv").write_text(text, encoding="utf-8")
+    table = read_texts(saved(tmp_path / "dive.csv", text))
 
-    cells = {name: float(cells[0]) for name, cells in read_texts(tmp_path / "dive.csv").columns.items()}
+    cells = {name: float(cells[0]) for name, cells in table.columns.items()}
 
     assert cells == {name: k for k, name in enumerate(names, 1)}
 
 
-@pytest.mark.parametrize("name", ["vx", "vx [cm/s]"])
-def test_a_line_of_units_holds_for_columns_of_the_configuration(tmp_path: Path, name: str) -> None:
-    stated = f'[dvl]\ncolumns = {{ time_unix_s = "at", x = "{name}", y = "vy" }}\naxes = "FSD"\n'
-    log = logged_csv(tmp_path, stated, dvl=f"at,vx,vy\ns,cm/s,mm/s\n{T},150,-250\n")
+BY_NAME = '[dvl]\ncolumns = {{ time_unix_s = "at", x = "{}", y = "vy" }}\naxes = "FSD"\n'
+
+
+@pytest.mark.parametrize(
+    ("toml", "dvl", "unused"),
+    [
+        *((BY_NAME.format(name), f"at,vx,vy\ns,cm/s,mm/s\n{T},150,-250\n", False) for name in ("vx", "vx [cm/s]")),
+        ('[dvl]\nunit = "cm/s"\naxes = "FSD"', timed("DVL X [mm/s],DVL Y [mm/s]\n1500,-250"), True),
+    ],
+)
+def test_units_of_a_file_hold_for_columns_of_the_configuration_and_before_its_unit(tmp_path, toml, dvl, unused):
+    log = logged_csv(tmp_path, toml, dvl=dvl)
 
     assert log.tables["dvl"][["forward_mps", "starboard_mps"]].to_numpy()[0] == pytest.approx([1.5, -0.25])
+    assert ("KEY-UNUSED" in codes(log)) == unused
 
 
 @pytest.mark.parametrize("word", ["NA", "n/a", "#N/A", "null", "None", "-", "---", ""])
@@ -410,13 +410,6 @@ def test_names_that_could_mean_something_else_are_left_to_the_user(tmp_path: Pat
 
     assert topic.type == ""
     assert topic.problem.startswith("its columns match no sensor")
-
-
-def test_a_unit_of_the_configuration_does_not_convert_twice(tmp_path: Path) -> None:
-    log = logged_csv(tmp_path, '[dvl]\nunit = "mm/s"\naxes = "FSD"', dvl=timed("DVL X [mm/s],DVL Y [mm/s]\n1500,0"))
-
-    assert log.tables["dvl"]["forward_mps"][0] == 1.5
-    assert "KEY-UNUSED" in codes(log)
 
 
 def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> None:
@@ -481,12 +474,6 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
 )
 def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
     assert next(iter(with_iso_times({"t": cells})["t"])) == iso
-
-
-def test_of_a_time_of_day_among_nanoseconds_the_cell_of_the_file_is_named(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive", compass="time_ns,heading_deg\n12:00,10\n12:01,11")
-    with pytest.raises(LogError, match=r'line 2: time_ns is "12:00", not a whole number of nanoseconds'):
-        read_whole(open_log(folder), {"/compass": ["heading_deg"]})
 
 
 CLOCK = {"TIME": ["000012.5"]}
@@ -569,15 +556,25 @@ def test_a_time_of_day_in_digits_is_known_by_its_minutes(tmp_path: Path) -> None
         assert "a column utc without a known unit" in refusal(LogError, logged_csv, tmp_path, "", compass=sheet)
 
 
-def test_dates_are_times_in_a_column_of_any_name_and_of_a_configured_format(tmp_path: Path) -> None:
-    sheet = "when,hdg\n" + "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
-    stated = '[compass]\ncolumns = { time_unix_s = "when", time_format = "%d/%m/%Y %H:%M:%S", heading = "hdg" }'
+DATES = "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
+WHEN = '[compass]\ncolumns = { time_unix_s = "when", time_format = "%d/%m/%Y %H:%M:%S", heading = "hdg" }'
+ORDER = "05/06/2026 is read as 2026-06-05, and not as 2026-05-06: a name"
 
-    configured = logged_csv(tmp_path, stated, compass=sheet)
-    named = logged_csv(tmp_path, "", compass="Datum;Uhrzeit;Heading [deg]\n18.05.2026;12:00:00,5;1,5\n")
 
-    assert configured.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
-    assert named.start_ns == pd.Timestamp("2026-05-18T12:00:00.5").value
+@pytest.mark.parametrize(
+    ("toml", "sheet", "start", "said"),
+    [
+        (WHEN, f"when,hdg\n{DATES}", "2026-06-05T01:30:00", ""),
+        ("", "Datum;Uhrzeit;Heading [deg]\n18.05.2026;12:00:00,5;1,5\n", "2026-05-18T12:00:00.5", ""),
+        ("", f"Time,Heading\ndd/mm/yyyy HH:MM:SS,deg\n{DATES}", "2026-06-05T01:30:00", ORDER),
+    ],
+    ids=["of a configured format", "in two columns of other names", "of a format in the line of units"],
+)
+def test_dates_are_times_in_a_column_of_any_name_and_of_a_stated_format(tmp_path, toml, sheet, start, said):
+    log = logged_csv(tmp_path, toml, compass=sheet)
+
+    assert log.start_ns == pd.Timestamp(start).value
+    assert said in codes(log).get("DATE-ORDER", "")
 
 
 @given(text=st.text("abcx/:-", min_size=1, max_size=20).filter(lambda text: text[:2] != "//"), row=st.integers(0, 3))
@@ -632,25 +629,11 @@ def test_a_date_without_a_time_of_day_is_not_asked_about(tmp_path: Path) -> None
     assert not [code for code in found if code.startswith("DATE")]
 
 
-def test_dates_do_not_explain_why_no_topic_can_be_read(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"no topic can be read: /a: its columns .* name them with the key columns"):
-        logged_csv(tmp_path, "", a="Zeit,Kurs [deg]\n05/06/2026 01:30:00,30\n")
-
-
-def test_a_line_of_units_states_the_order_of_day_and_month(tmp_path: Path) -> None:
-    rows = "".join(f"05/06/2026 01:30:{k:02d},30\n" for k in range(5))
-    log = logged_csv(tmp_path, "", compass=f"Time,Heading\ndd/mm/yyyy HH:MM:SS,deg\n{rows}")
-
-    assert log.start_ns == pd.Timestamp("2026-06-05T01:30:00").value
-    assert "05/06/2026 is read as 2026-06-05, and not as 2026-05-06: a name" in codes(log)["DATE-ORDER"]
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
 @pytest.mark.parametrize("separator", [",", ";"])
 def test_names_in_windows_1252_are_named_in_the_configuration(tmp_path: Path, encoding: str, separator: str) -> None:
-    (tmp_path / "a.csv").write_bytes(f"Zeit [s],Länge [°]\n{T},35\n".replace(",", separator).encode(encoding))
-    columns = '{ time_unix_s = "Zeit", heading = "Länge [°]" }'
+    file = saved(tmp_path / "a.csv", f"Zeit [s],Länge [°]\n{T},35\n".replace(",", separator).encode(encoding))
 
-    log = read_as(tmp_path / "a.csv", f"[compass]\ncolumns = {columns}\n")
+    log = read_as(file, '[compass]\ncolumns = { time_unix_s = "Zeit", heading = "Länge [°]" }\n')
 
     assert log.tables["compass"]["heading_deg"].tolist() == [35.0]
