@@ -14,7 +14,7 @@ import table_recordings
 from commands import run
 from damage import recorded
 from damaged_formats import FORMATS
-from recordings import SECOND, T0, sentence, short_dive, write_csv, write_rosbag2
+from recordings import SECOND, T0, saved_lines, sentence, short_dive, write_csv, write_rosbag2
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.filters.errors import LogError
 from usbldr.io import session
@@ -277,8 +277,8 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: Path) -> None:
     for hour in range(3):
         bodies = (f"GPGGA,{10 + hour}{k:02d}00,4500.0,N,00700.0,E,1,9,0.6,0,M,20,M,," for k in range(9))
-        lines = (f"2020-09-13T{10 + hour}:{k:02d}:00Z {sentence(body)}\n" for k, body in enumerate(bodies))
-        (tmp_path / f"port7_{hour}").write_text("".join(lines), encoding="ascii")
+        lines = (f"2020-09-13T{10 + hour}:{k:02d}:00Z {sentence(body)}" for k, body in enumerate(bodies))
+        saved_lines(tmp_path / f"port7_{hour}", lines)
 
     log = open_log(tmp_path)
 

@@ -220,9 +220,8 @@ def test_a_topic_that_is_spelt_in_two_ways_is_reported_and_no_second_topic(tmp_p
     log = bag_of(tmp_path / "b.bag", whole[: again + 7] + b"k" + whole[again + 8 :])
 
     assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 500, "/imu": 500}
-    assert losses(log.findings()) == {
-        "1 connections are defined again as another topic or type; the first is used": True
-    }
+    said = "1 connections are defined again as another topic or type; the first is used"
+    assert losses(log.findings()) == {said: True}
 
 
 def test_an_unknown_compression_is_named(tmp_path: Path) -> None:

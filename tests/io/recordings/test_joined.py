@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import refusal
+from logs import read_as, refusal
 from recordings import SECOND, T0, Row, define, sentence, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -26,9 +26,7 @@ def of(topics: tuple[str, ...], late_ns: int = 0) -> list[Row]:
     ]
 
 
-def offset(folder: Path, file: str, seconds: float) -> None:
-    toml = f'[[file]]\npath = "{file}"\nclock_offset_s = {seconds}\n'
-    (folder / "usbldr.toml").write_text(toml, encoding="utf-8")
+AHEAD = '[[file]]\npath = "{}"\nclock_offset_s = 2.5\n'
 
 
 def joined(log: Path, *others: Path | str) -> Log:
@@ -39,10 +37,9 @@ def test_a_clock_offset_is_subtracted_from_stamps_and_log_times(tmp_path: Path) 
     """The ship's clock shows 2.5 s more than the vehicle's: clock_offset_s = 2.5."""
     whole = read_log(write_mcap(tmp_path / "whole.mcap", short_dive()))
     vehicle = write_mcap(tmp_path / "vehicle.mcap", of(VEHICLE))
-    write_bag(tmp_path / "ship.bag", of(SHIP, 2_500_000_000))
-    offset(tmp_path, "ship.bag", 2.5)
+    ship = write_bag(tmp_path / "ship.bag", of(SHIP, 2_500_000_000))
 
-    for log in (read_log(vehicle), joined(vehicle, tmp_path / "ship.bag")):
+    for log in (read_as(vehicle, AHEAD.format("ship.bag")), joined(vehicle, ship)):
         assert list(log.tables) == ["dvl", "compass", "usbl"]
         pd.testing.assert_frame_equal(log.tables["usbl"], whole.tables["usbl"])
 
@@ -54,9 +51,8 @@ def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> 
     vehicle = write_mcap(tmp_path / "vehicle.mcap", short_dive())
     values = {"timestamp": stamp(late), "latitude": 32.0, "longitude": -64.0}
     write_mcap(tmp_path / "ship.mcap", [(late, "/gps", kind, values)])
-    offset(tmp_path, "ship.mcap", 2.5)
 
-    assert read_log(vehicle).tables["gps"]["time_s"].tolist() == [0.0]
+    assert read_as(vehicle, AHEAD.format("ship.mcap")).tables["gps"]["time_s"].tolist() == [0.0]
 
 
 def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:
