@@ -29,7 +29,7 @@ def value_of(message: Any, path: str) -> Any:
 
 
 @pytest.mark.parametrize("version_1", [False, True])
-def test_a_telemetry_log_has_the_values_of_pymavlink(tmp_path: Path, version_1: bool) -> None:
+def test_a_telemetry_log_has_the_values_of_pymavlink_and_is_a_dive(tmp_path: Path, version_1: bool) -> None:
     file = write_tlog(tmp_path / "dive.tlog", version_1)
     log = open_log(file)
     oracle: dict[str, list[Any]] = {}
@@ -50,9 +50,7 @@ def test_a_telemetry_log_has_the_values_of_pymavlink(tmp_path: Path, version_1: 
         np.testing.assert_allclose(records.received_ns / 1e9, times, rtol=0, atol=1e-6)
     assert log.findings() == ()
 
-
-def test_a_telemetry_log_is_a_dive(tmp_path: Path) -> None:
-    log = read_log(write_tlog(tmp_path / "dive.tlog"))
+    log = read_log(file)
 
     assert log.format == "MAVLink telemetry log"
     assert log.start_ns == T0
@@ -94,7 +92,7 @@ def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Pa
     )
 
 
-def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:
+def test_an_onboard_log_has_the_values_of_pymavlink_and_is_a_dive(tmp_path: Path) -> None:
     file = write_bin(tmp_path / "00000001.BIN")
     log = open_log(file)
     oracle: dict[str, list[Any]] = {}
@@ -117,9 +115,6 @@ def test_an_onboard_log_has_the_values_of_pymavlink(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_whole(log, {"ATT": ["Yaw"]})["ATT"].received_ns / 1e9, times, rtol=0, atol=1e-5)
     assert log.findings() == ()
 
-
-def test_an_onboard_log_is_a_dive(tmp_path: Path) -> None:
-    file = write_bin(tmp_path / "00000001.BIN")
     log = read_log(file)
 
     topics = {role: provenance.topic for role, provenance in log.provenance.items()}
