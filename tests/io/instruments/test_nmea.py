@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from logs import HEAD, MAP, codes, covariance, logged, logged_nmea, on_map, read_as
+from logs import HEAD, MAP, codes, columns, covariance, logged, logged_nmea, on_map, read_as
 from recordings import SECOND, T0, saved, saved_lines, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
@@ -41,6 +41,7 @@ def timed(*sentences: str) -> list[str]:
     return [f"{1600000000 + k} {one}" for k, one in enumerate(sentences)]
 
 
+NORTH = {"gps.time_s": [0], "gps.lat_deg": [70 + 2.968962 / 60], "gps.lon_deg": [29 + 38.350607 / 60]}
 IMPOSSIBLE = GAPS.partition("*")[0].replace("2017", "9999")
 MIDNIGHT = [  # one RMC holds the date; a GGA after midnight is of the next day
     sentence("GPRMC,235959.00,A,4500.000,N,00700.000,E,1.0,90.0,311219,,,A"),
@@ -49,30 +50,22 @@ MIDNIGHT = [  # one RMC holds the date; a GGA after midnight is of the next day
 
 
 @pytest.mark.parametrize(
-    ("lines", "sensor", "start", "times_s"),
+    ("lines", "start", "wanted"),
     [
-        ([f"2026-05-23T07:56:17.900Z {RECORDED_GGA}"], "gps", "2026-05-23T07:56:17.340", [0]),
-        ([RECORDED_GGA], "gps", "1970-01-01T07:56:17.340", [0]),
-        ([GAPS], "usbl", "2017-12-18T12:45:44.449", [0]),
-        ([f"2017-12-18T12:45:46Z {IMPOSSIBLE}"], "usbl", "2017-12-18T12:45:44.449", [0]),
-        (MIDNIGHT, "gps", "2019-12-31T23:59:59.500", [0, 1]),
+        ([f"2026-05-23T07:56:17.900Z {RECORDED_GGA}"], "2026-05-23T07:56:17.340", NORTH | {"gps.received_s": [0.56]}),
+        ([RECORDED_GGA], "1970-01-01T07:56:17.340", NORTH),
+        ([GAPS], "2017-12-18T12:45:44.449", {"usbl.time_s": [0]}),
+        ([f"2017-12-18T12:45:46Z {IMPOSSIBLE}"], "2017-12-18T12:45:44.449", {"usbl.time_s": [0]}),
+        (MIDNIGHT, "2019-12-31T23:59:59.500", {"gps.time_s": [0, 1]}),
     ],
     ids=["of the log time", "none", "its own", "an impossible one", "without log times midnight is a jump back"],
 )
-def test_a_time_of_day_has_the_date_that_is_known(tmp_path, lines, sensor, start, times_s):
-    log = logged_nmea(tmp_path, *lines, toml=MAP if sensor == "usbl" else "")
+def test_a_time_of_day_has_the_date_that_is_known(tmp_path, lines, start, wanted):
+    log = logged_nmea(tmp_path, *lines, toml=MAP if "usbl.time_s" in wanted else "")
 
     assert log.start_ns == np.datetime64(start, "ns").astype(int)
-    np.testing.assert_allclose(log.tables[sensor]["time_s"], times_s)
+    assert columns(log, wanted) == {name: pytest.approx(values, abs=1e-9) for name, values in wanted.items()}
     assert ("1970-01-01" in codes(log).get("NMEA-DATE", "")) == start.startswith("1970")
-
-
-def test_a_recorded_gga_is_seventy_degrees_north(tmp_path: Path) -> None:
-    gps = logged_nmea(tmp_path, f"2026-05-23T07:56:17.900Z {RECORDED_GGA}").tables["gps"]
-
-    assert gps["lat_deg"][0] == pytest.approx(70 + 2.968962 / 60, abs=1e-9)
-    assert gps["lon_deg"][0] == pytest.approx(29 + 38.350607 / 60, abs=1e-9)
-    assert gps["received_s"][0] == pytest.approx(0.56)
 
 
 def test_times_around_midnight_fall_on_either_side_of_it() -> None:
