@@ -1,9 +1,7 @@
 """Every family of DVL messages, by a record that its own driver could have written."""
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -71,23 +69,23 @@ def test_each_family_is_found_by_its_fields_and_read_in_its_own_axes(tmp_path: P
     assert log.provenance["dvl"].type == kind
 
 
-NOT_USED: list[tuple[str, str, Mapping[str, Any]]] = [
-    ("negative covariance", "cola2_msgs/msg/DVL", {"velocity_covariance": np.full(9, -1.0)}),
-    ("water track", "uuv_sensor_msgs/msg/DVL", {"velocity_reference": 2}),
-    ("not a number", "uuv_sensor_msgs/msg/DVL", {"velocity.x": np.nan, "velocity.y": np.nan}),
-    ("in earth coordinates", "ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 3}),
-    ("in beam coordinates", "ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 0}),
-    ("fewer than 3 good beams", "ds_sensor_msgs/msg/Dvl", {"num_good_beams": 2}),
-    ("flagged invalid", "waterlinked_a50_ros_driver/msg/DVL", {"velocity_valid": False, "velocity.x": 0.0}),
-    ("flagged invalid", "old_dvl_msgs/msg/DVL", {"velocity_valid": False}),
-    ("flagged invalid", DVL, {"velocity_valid": False}),
-    ("without status A", "cola2_msgs/msg/TeledyneExplorerDvl", {"bi_status": "V"}),
-    ("exactly zero", "smarc_msgs/msg/DVL", {"velocity.x": 0.0, "velocity.y": 0.0}),
-    ("faster than 20 m/s", "smarc_msgs/msg/DVL", {"velocity.x": 327.67}),
-]
-
-
-@pytest.mark.parametrize(("cause", "kind", "change"), NOT_USED)
+@pytest.mark.parametrize(
+    ("cause", "kind", "change"),
+    [
+        ("negative covariance", "cola2_msgs/msg/DVL", {"velocity_covariance": np.full(9, -1.0)}),
+        ("water track", "uuv_sensor_msgs/msg/DVL", {"velocity_reference": 2}),
+        ("not a number", "uuv_sensor_msgs/msg/DVL", {"velocity.x": np.nan, "velocity.y": np.nan}),
+        ("in earth coordinates", "ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 3}),
+        ("in beam coordinates", "ds_sensor_msgs/msg/Dvl", {"coordinate_mode": 0}),
+        ("fewer than 3 good beams", "ds_sensor_msgs/msg/Dvl", {"num_good_beams": 2}),
+        ("flagged invalid", "waterlinked_a50_ros_driver/msg/DVL", {"velocity_valid": False, "velocity.x": 0.0}),
+        ("flagged invalid", "old_dvl_msgs/msg/DVL", {"velocity_valid": False}),
+        ("flagged invalid", DVL, {"velocity_valid": False}),
+        ("without status A", "cola2_msgs/msg/TeledyneExplorerDvl", {"bi_status": "V"}),
+        ("exactly zero", "smarc_msgs/msg/DVL", {"velocity.x": 0.0, "velocity.y": 0.0}),
+        ("faster than 20 m/s", "smarc_msgs/msg/DVL", {"velocity.x": 327.67}),
+    ],
+)
 def test_a_record_that_its_family_calls_invalid_is_counted_and_not_used(tmp_path, cause, kind, change):
     good = FORWARD_2_STARBOARD_1[kind]
 
@@ -120,18 +118,18 @@ def test_beam_and_earth_coordinates_are_refused_in_a_sentence(tmp_path: Path, mo
     )
 
 
-USELESS = {
-    "nortek_dvl333_msgs/msg/BottomTrack": "holds only velocities along the beams; record XYZ velocities",
-    "holoocean_interfaces/msg/DVLSensorRange": "holds ranges, not velocities",
-}
-
-
-@pytest.mark.parametrize("kind", USELESS)
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("nortek_dvl333_msgs/msg/BottomTrack", "holds only velocities along the beams; record XYZ velocities"),
+        ("holoocean_interfaces/msg/DVLSensorRange", "holds ranges, not velocities"),
+    ],
+)
 @pytest.mark.parametrize("named", [True, False])
-def test_a_dvl_without_velocity_is_refused_with_the_reason(tmp_path: Path, kind: str, named: bool) -> None:
+def test_a_dvl_without_velocity_is_refused_with_the_reason(tmp_path: Path, kind: str, reason: str, named: bool) -> None:
     assert refusal(UsageError, logged, tmp_path, [row(kind, {})], topics={"dvl": "/sensor"} if named else {}) == (
         f"{tmp_path / 'dive.mcap'}: /sensor ({kind}) cannot be used as dvl: "
-        f"it {USELESS[kind]} (--dvl none: replay without dvl)"
+        f"it {reason} (--dvl none: replay without dvl)"
     )
 
 

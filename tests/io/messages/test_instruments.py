@@ -156,19 +156,17 @@ def test_the_depth_of_a_nucleus_is_used_if_it_is_named(tmp_path: Path) -> None:
     assert log.tables["depth"]["depth_m"][0] == 12.5
 
 
-REFUSED = {
-    ("interfaces/msg/WaterTrack", "dvl"): 'holds velocities through the water; name its fields by columns and state '
-    'track = "water"',
-    ("ublox_msgs/msg/NavPVT", "compass"): "holds the course over ground, not a heading",
-    ("sbg_driver/msg/SbgImuData", "compass"): "holds no orientation; use SbgEkfEuler or SbgEkfQuat",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("kind", "role"), REFUSED)
-def test_messages_without_the_quantity_are_refused_with_what_to_use(tmp_path: Path, kind: str, role: str) -> None:
-    said = refusal(UsageError, read, tmp_path, role, row(kind, {}))
-
-    assert f"cannot be used as {role}: it {REFUSED[kind, role]}" in said
+@pytest.mark.parametrize(
+    ("kind", "role", "why"),
+    [
+        ("interfaces/msg/WaterTrack", "dvl",
+         'holds velocities through the water; name its fields by columns and state track = "water"'),
+        ("ublox_msgs/msg/NavPVT", "compass", "holds the course over ground, not a heading"),
+        ("sbg_driver/msg/SbgImuData", "compass", "holds no orientation; use SbgEkfEuler or SbgEkfQuat"),
+    ],
+)  # fmt: skip
+def test_messages_without_the_quantity_are_refused_with_what_to_use(tmp_path, kind, role, why):
+    assert f"cannot be used as {role}: it {why}" in refusal(UsageError, read, tmp_path, role, row(kind, {}))
 
 
 def test_what_drivers_log_beside_standard_messages_makes_no_choice_necessary(tmp_path: Path) -> None:

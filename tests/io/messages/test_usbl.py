@@ -267,17 +267,16 @@ def test_an_acoustic_localization_is_a_latitude_and_a_longitude_with_its_accurac
     assert Convention("target", "3", "data", note="the only one") in log.provenance["usbl"].conventions
 
 
-TOPSIDE: dict[str, tuple[str, str]] = {
-    "/waterlinked/odom": (
-        ODOMETRY, "it is measured along the axes of the topside box from its first fix; use /waterlinked/fix"
-    ),
-    "/waterlinked/utm": ("geometry_msgs/msg/Point", "it holds UTM coordinates without their zone; use the topic of"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("topic", TOPSIDE)
-def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str) -> None:
-    kind, sentence = TOPSIDE[topic]
+@pytest.mark.parametrize(
+    ("topic", "kind", "sentence"),
+    [
+        ("/waterlinked/odom", ODOMETRY,
+         "it is measured along the axes of the topside box from its first fix; use /waterlinked/fix"),
+        ("/waterlinked/utm", "geometry_msgs/msg/Point",
+         "it holds UTM coordinates without their zone; use the topic of"),
+    ],
+)  # fmt: skip
+def test_only_the_latitudes_of_a_topside_box_are_used(tmp_path: Path, topic: str, kind: str, sentence: str) -> None:
     rows = [record(topic, kind, {}), record("/waterlinked/fix", FIX, {"latitude": 45.0, "longitude": 7.0})]
 
     assert logged(tmp_path, rows, MAP).provenance["usbl"].topic == "/waterlinked/fix"
