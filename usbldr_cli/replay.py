@@ -112,11 +112,11 @@ def replay(
     outputs.require_fitting(Path(log))
     opened = choices.edited(open_log(log, request, choices.seed))
     lost = [finding.text for finding in opened.findings if finding.lost_data]
-    _say(opened, opened.findings)
+    _say(opened, opened.findings, quiet)
     if strict and lost:
         raise LogError(lost[0])
     ready = prepare_run(plan, opened, on_epochs(plan, opened)).without_headings()
-    _say(opened, ready.log.findings[len(opened.findings) :])
+    _say(opened, ready.log.findings[len(opened.findings) :], quiet)
     opened = ready.log
     if write_calibration is not None:
         _refuse_without_errors(chosen, ready.identification)
@@ -151,8 +151,10 @@ def _verify(report: Path, log: str | None, quiet: bool) -> int:
     return 0 if found.passed else CheckError.exit_code
 
 
-def _say(log: "Log", findings: "Sequence[Finding]") -> None:
+def _say(log: "Log", findings: "Sequence[Finding]", quiet: bool) -> None:
     for finding in findings:
+        if quiet and finding.level == "info":
+            continue
         click.echo(f"usbldr: {printable(log.path.name)}: {finding.text} [{finding.code}]", err=True)
 
 

@@ -14,6 +14,7 @@ from click.testing import Result
 
 from checkout import SAMPLES
 from commands import output_of, report_of, run
+from recordings import saved
 from usbldr_cli.main import main
 
 
@@ -76,6 +77,16 @@ def test_a_quiet_run_still_warns(tmp_path: Path) -> None:
     assert any("is far over-confident" in text for text in warnings)
     assert all(f"usbldr: {text}\n" in done.stderr for text in warnings)
     assert done.stdout.count("\n") == 1
+
+
+def test_remarks_are_left_out_of_a_quiet_run(tmp_path: Path) -> None:
+    rows = "".join(f"{1.6e9 + k / 5},1.5,0.1,{k / 5}\n" for k in range(100))
+    names = "Time [s],DVL Forward [m/s],DVL Starboard [m/s],Heading [deg]\n"
+    log = saved(tmp_path / "dive.csv", names, rows)
+
+    usual, quiet = (run("replay", log, "-f", "dr", *more, "-o", tmp_path / "run") for more in ([], ["-q", "--force"]))
+
+    assert ("[COLUMNS-BY-NAME]" in usual.stderr, "[COLUMNS-BY-NAME]" in quiet.stderr) == (True, False)
 
 
 @pytest.mark.parametrize("command", ["replay", "export"])
