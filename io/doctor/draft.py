@@ -61,7 +61,7 @@ def _draft(path: Path, request: Request) -> Draft:
     opened = open_configured(path, request)
     topics = opened.reader.topics()
     roles = roles_of(topics, request, opened)
-    proposals = proposed_columns(topics, roles, request)
+    proposals = proposed_columns(topics, roles, request, stated.settings)
     faults = {role: why for role, why in roles.unresolved.items() if isinstance(why, LogError)}
     unread = {role: why.text_beside(path) for role, why in faults.items() if role not in proposals}
     examination, fault = _with_proposals(path, request, stated, proposals) if proposals else (None, "")
@@ -111,8 +111,9 @@ def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: Collect
     """Return the topics of no sensor, and tables with columns of none; those that proposals have ``named`` are used."""
     found: dict[TopicInfo, None] = {}
     for topic in topics:
-        left = tuple(name for name in topic.unused if name not in named)
-        if left or not (topic.table or (topic.name in used.values() and not topic.first_row)):
+        columns = topic.unused if topic.table else [name for name, _ in topic.first_row]
+        left = tuple(name for name in columns if name not in named)
+        if left or not (columns or topic.table or topic.name in used.values()):
             found.setdefault(replace(whole_table(topic), unused=left))
     return tuple(found)
 

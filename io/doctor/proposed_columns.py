@@ -6,7 +6,7 @@ A proposal, which the user has to confirm: a name states neither axes nor, in mo
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from usbldr.io.messages.configured import QUATERNION, TIME_UNITS_NS
+from usbldr.io.messages.configured import ARRIVALS, QUATERNION, TIME_UNITS_NS, configured_columns
 from usbldr.io.messages.field_names import (
     KEYS,
     NEEDED,
@@ -23,8 +23,9 @@ from usbldr.io.messages.roles import ROLES, Roles
 from usbldr.io.messages.topic_names import NO_SENSOR, names_ship, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request
+from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.csv_sheets import side_columns
+from usbldr.io.tables.csv_sheets import CANONICAL, side_columns
 from usbldr.io.tables.time_columns import ISO, SINCE_NS, dated_columns, keys_since_1970, named_epoch, of_gps
 from usbldr.io.tables.unnamed_columns import is_number
 
@@ -77,20 +78,32 @@ class Proposal:
         return [(f"topic = {quoted(self.topic.name)}", f"{what}{which}"), (f"columns = {{ {text} }}", WHY)]
 
 
-def proposed_columns(topics: Sequence[TopicInfo], roles: Roles, request: Request) -> dict[str, Proposal]:
+def proposed_columns(
+    topics: Sequence[TopicInfo], roles: Roles, request: Request, configuration: Configuration
+) -> dict[str, Proposal]:
     """Return role -> proposal for the roles that no topic fills and no option names.
 
-    If a table has no time but that of the vehicle's own clock, others that have this one, too, are timed by it.
+    A table has one time: that of the sections that state columns of it. If a table has no time but that of the
+    vehicle's own clock, others that have this one, too, are timed by it.
     """
-    found = _proposed(topics, roles, request, set())
+    stated: dict[str, dict[str, str]] = {}
+    for one in configured_columns(configuration, request.topics):
+        if one.sensor in roles.chosen:
+            clock = {key: name for key, name in one.columns.items() if key in (*TIME_UNITS_NS, *ARRIVALS)}
+            stated[roles.chosen[one.sensor].topic.name] = clock
+    found = _proposed(topics, roles, request, set(), stated)
     clocks = {one.columns.get(key) for one in found.values() for key in ("time_s", "time_unix_us")}
     cells = {name: cell for one in found.values() for name, cell in one.topic.first_row if name in clocks}
     own = {name for name, cell in cells.items() if not keys_since_1970(cell)}
-    return _proposed(topics, roles, request, own) if own else found
+    return _proposed(topics, roles, request, own, stated) if own else found
 
 
 def _proposed(
-    topics: Sequence[TopicInfo], roles: Roles, request: Request, own_clocks: Collection[str]
+    topics: Sequence[TopicInfo],
+    roles: Roles,
+    request: Request,
+    own_clocks: Collection[str],
+    stated: Mapping[str, Mapping[str, str]],
 ) -> dict[str, Proposal]:
     unknown = [topic for topic in dict.fromkeys(map(whole_table, topics)) if _unknown(topic)]
     unread = [topic.type for topic in topics if topic.first_row and topic.problem]
@@ -98,29 +111,36 @@ def _proposed(
     for role in ROLES:
         own = f"usbldr/{role}" in unread  # a file or columns that a name gives to the sensor
         if role not in roles.chosen and (own or role not in roles.unresolved) and role not in request.topics:
-            fitting = [(topic, columns) for topic in unknown if (columns := _columns(role, topic, own_clocks))]
+            fitting = [
+                (topic, columns)
+                for topic in unknown
+                if (columns := _columns(role, topic, own_clocks, topic.name in stated))
+            ]
             fitting.sort(key=lambda one: (role not in suggested_sensors(one[0].name), -one[0].count))
             if fitting:
                 (topic, columns), *others = fitting
-                found[role] = _proposal(topic, columns, tuple(other.name for other, _ in others))
+                clock = stated.get(topic.name, {})
+                found[role] = _proposal(topic, columns, tuple(other.name for other, _ in others), clock)
     return found
 
 
 def whole_table(topic: TopicInfo) -> TopicInfo:
     """Return the table of a topic that the names of its columns give, else the topic itself."""
-    row = topic.first_row
-    return TopicInfo(topic.table, "", topic.encoding, 0, None, None, first_row=row) if topic.table else topic
+    if not topic.table:
+        return topic
+    row, unused = topic.first_row, topic.unused
+    return TopicInfo(topic.table, "", topic.encoding, 0, None, None, first_row=row, unused=unused)
 
 
 def _unknown(topic: TopicInfo) -> bool:
     name = topic.name.lower()
     known = any(message_layout_of(role, topic) for role in LAYOUTS)
-    readable = bool(topic.count) and not topic.problem
+    readable = bool(topic.count) and not topic.problem and not topic.type.startswith(CANONICAL)
     named = not NO_SENSOR.search(name) and (not names_ship(topic.name) or "usbl" in suggested_sensors(name))
     return (readable or bool(topic.first_row)) and not known and named
 
 
-def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str]) -> dict[str, NamedColumn]:
+def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bool) -> dict[str, NamedColumn]:
     """Return own column -> field for a topic that looks like a sensor, empty if it does not."""
     paths = [name for name, _ in topic.first_row] or [path for one in topic.fields for path in _elements(one, topic)]
     found: dict[str, NamedColumn] = {}
@@ -132,6 +152,8 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str]) -> dict[s
     ]
     headings = [column for column in columns if column.rule.key == "heading_deg"]
     columns = [column for column in columns if column not in headings or column in true_ones(headings)]
+    if topic.unused:  # the others are a sensor's already
+        columns = [one for one in columns if one.rule.dimension == "time" or one.name in topic.unused]
     times = [column for column in columns if column.rule.key == "time"]
     if topic.first_row:
         others = (column for column in columns if column not in times)
@@ -153,7 +175,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str]) -> dict[s
             if topic.first_row and column.rule.key in found and column.rule.dimension:
                 return {}  # two columns of one quantity
             found.setdefault(column.rule.key, column)
-    if topic.first_row and _time_key(topic, found) is None:
+    if topic.first_row and not timed and _time_key(topic, found) is None:
         return {}
     complete = [needed for needed in COMPLETE[role] if needed <= found.keys()]
     others = frozenset[str]().union(*COMPLETE[role]).difference(*complete[:1])  # columns of another kind of position
@@ -188,18 +210,20 @@ def _elements(field: str, topic: TopicInfo) -> Sequence[str]:
     return [f"{field}[{number}]" for number in range(3)] if field in topic.arrays else [field]
 
 
-def _proposal(topic: TopicInfo, found: Mapping[str, NamedColumn], others: tuple[str, ...]) -> Proposal:
-    columns: dict[str, str] = {}
+def _proposal(
+    topic: TopicInfo, found: Mapping[str, NamedColumn], others: tuple[str, ...], clock: Mapping[str, str]
+) -> Proposal:
+    columns = dict(clock)
     if "forward_mps" in found:
         found = {key: column for key, column in found.items() if key not in ("x_mps", "y_mps", "z_mps")}
     for key, column in found.items():
-        if key == "time" and topic.first_row:
+        if key == "time" and topic.first_row and not clock:
             columns[str(_time_key(topic, found))] = column.name
-        elif key == "time":
+        elif key == "time" and not clock:
             keys = [one for one, unit_ns in TIME_UNITS_NS.items() if column.known and unit_ns == column.factor]
             if keys and not topic.has("header.stamp"):
                 columns[keys[0]] = column.name
-        elif key != "received":
+        elif key not in ("time", "received"):
             columns[KEYS.get(key, key)] = column.name
     columns |= side_columns(columns, dict(topic.first_row))
     signs = {key: round(column.rule.sign) for key, column in found.items()}

@@ -53,7 +53,7 @@ class TopicSheet(NamedTuple):
     sheet: Sheet | None  # None: its columns match no sensor
     by_name: bool = False  # whether names and their units tell
     is_shared: bool = False  # whether the table's rows hold other sensors, too
-    unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table that is read by the names of its columns
+    unused: tuple[str, ...] = ()  # columns that no sensor uses, of a table that others than usbldr named
 
     def readable(self, topic: str, log: Path) -> tuple[Sheet, TimeColumn]:
         """Return the meaning of its columns, and the one of log times; raise LogError if they match no sensor."""
@@ -74,10 +74,11 @@ class TopicSheet(NamedTuple):
         fields = (*(("header.stamp",) if self.sheet.stamp else ()), *self.sheet.columns)
         counts = counted(times)
         info = TopicInfo(topic, self.sheet.type, encoding, *counts, fields, problem, is_shared=self.is_shared)
-        return self._described(info, first_row()) if self.by_name else info
+        return self._described(info, first_row()) if self.by_name or self.unused else info
 
     def _described(self, info: TopicInfo, first_row: FirstRow) -> TopicInfo:
-        return replace(info, first_row=first_row, table=self.table if self.by_name else "", unused=self.unused)
+        table = self.table if self.by_name or self.unused else ""
+        return replace(info, first_row=first_row, table=table, unused=self.unused)
 
     def mixed(self, names: Sequence[str], cells: Callable[[str], Sequence[str]]) -> str:
         """Return why its rows are no records of one sensor: a column names several devices whose rows have a value."""
@@ -138,13 +139,13 @@ def topic_sheets(
         own, by_units = _interpreted(table)
         by_name = {s: sheet for s, sheet in by_units.items() if s not in [one.sensor for one in sensors]}
         shared = len(sensors) + len(by_name) > 1
-        if sensors:
-            sheet = configured_sheet(sensors, [*table.names, *table.elsewhere], table.file, topic)
-            found[topic] = TopicSheet(topic, sheet, is_shared=shared)
-        elif not by_name:
-            found[topic] = TopicSheet(topic, own)
+        names = [*table.names, *table.elsewhere]
+        sheet = configured_sheet(sensors, names, table.file, topic) if sensors else None
+        foreign = by_name or (sheet and table.first_row is not None)
+        unused = _unused(table, [*by_name.values(), sheet]) if foreign else ()
+        if sheet or not by_name:
+            found[topic] = TopicSheet(topic, sheet or own, False, shared, unused)
         apart = sensors or len(by_name) > 1
-        unused = _unused(table, [*by_name.values(), *(found[topic].sheet for _ in sensors)]) if by_name else ()
         found |= {
             f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True, shared, unused)
             for s, one in by_name.items()

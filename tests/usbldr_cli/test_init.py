@@ -388,6 +388,24 @@ def test_columns_beside_those_that_names_tell_are_proposed(tmp_path: Path) -> No
     accepted(tmp_path / "nav.csv", tmp_path / "found.toml")
 
 
+def test_columns_beside_those_that_a_configuration_states_have_its_time(tmp_path: Path) -> None:
+    rows = [f"{T0 // SECOND + k}.0,0.5,0.1,{k % 360},{k % 30 / 10},{k},{k / 2},12.1" for k in range(120)]
+    text = "\n".join(["clock,a,b,heading,depth,usbl_east,usbl_north,volts", *rows])
+    log = write_csv(tmp_path / "dive", auv=text) / "auv.csv"
+    stated = tmp_path / "stated.toml"
+    columns = 'time_unix_s = "clock", x = "a", y = "b"'
+    stated.write_text(f'schema = 1\n[dvl]\ntopic = "/auv"\ncolumns = {{ {columns} }}\n', encoding="utf-8")
+
+    output_of("init", log, "--config", stated, "--output", tmp_path / "found.toml")
+
+    text = (tmp_path / "found.toml").read_text(encoding="utf-8")
+    found = tomllib.loads(text)
+    assert found["compass"]["columns"] == {"time_unix_s": "clock", "heading": "heading"}
+    assert found["usbl"]["columns"] == {"time_unix_s": "clock", "x": "usbl_east", "y": "usbl_north"}
+    assert found["depth"]["columns"] == {"time_unix_s": "clock", "depth_m": "depth"}
+    assert "can name:\n#   /auv: volts\n" in text
+
+
 def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_quantity(csv, tmp_path):
     sheet = pd.read_csv(csv / "ahrs.csv")
     sheet.assign(imu_heading=sheet["heading"]).to_csv(csv / "ahrs.csv", index=False)
