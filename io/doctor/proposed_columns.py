@@ -3,6 +3,7 @@
 A proposal, which the user has to confirm: a name states neither axes nor, in most cases, units.
 """
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +11,7 @@ from usbldr.io.messages.configured import ARRIVALS, QUATERNION, TIME_UNITS_NS, c
 from usbldr.io.messages.field_names import (
     KEYS,
     NEEDED,
+    OF_USBL,
     RULES,
     TARGET,
     NamedColumn,
@@ -162,6 +164,9 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         since_1970 = [one for one in clocks if keys_since_1970(cells[one.name])]  # a date beside it may have a zone
         columns = [*(since_1970[:1] or clocks), *others]
     of_all = bool(topic.first_row) and not suggested_sensors(topic.name)  # one table of all sensors
+    acoustic = any(OF_USBL.search(words_of(path)) for path in paths)
+    named = {one.rule.key for one in columns if role in suggested_sensors(words_of(one.name))}
+    plain = {"lat_deg", "lon_deg"} - named if of_all and role == "gps" and not acoustic else set[str]()  # lat, lon
     if role not in ("usbl", "gps"):
         columns = [one for one in columns if one.rule.sensor or one.rule.key in ("time", "received", "valid")]
     for column in columns:
@@ -171,6 +176,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         certain = certain or column.rule in QUATERNIONS
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         hinted = hinted or (of_all and role == "usbl" and bool(TARGET.search(words_of(column.name))))
+        hinted |= column.rule.key in plain and bool(re.fullmatch(column.rule.words, words_of(column.unit.label)))
         if of_any or (hinted and column.rule.sensor in (role, "")):
             if topic.first_row and column.rule.key in found and column.rule.dimension:
                 return {}  # two columns of one quantity

@@ -97,7 +97,8 @@ KEYS = {
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
     r"(^|_)(set|target_(heading|hdg|depth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
-    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course)(_|$)"  # a true heading counts from true north
+    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course|"  # a true heading counts from true north
+    r"batt(ery)?|voltage|thruster|motor)(_|$)"
 )
 """Words of columns that are no measurement of these sensors."""
 

@@ -406,6 +406,29 @@ def test_columns_beside_those_that_a_configuration_states_have_its_time(tmp_path
     assert "can name:\n#   /auv: volts\n" in text
 
 
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        ("vx,vy,lat,lon,battery_v", {"x": "vx", "y": "vy", "lat_deg": "lat", "lon_deg": "lon"}),
+        (
+            "dvl_vx,dvl_vy,gps_lat,gps_lon,lat",
+            {"x": "dvl_vx", "y": "dvl_vy", "lat_deg": "gps_lat", "lon_deg": "gps_lon"},
+        ),
+        ("vx,dvl_vy,latitude,lat,dvl_vx", {}),  # two candidates
+        ("u,v,lat,lon,beacon", {"x": "u", "y": "v"}),  # a position of the beacon?
+    ],
+)
+def test_plain_names_in_one_table_of_all_sensors_are_proposed_if_they_are_the_only_ones(tmp_path, names, found):
+    rows = [f"{T0 // SECOND + k}.0,{k % 360},{k},{k / 2},0.5,0.1,45.0,7.0,12.1" for k in range(60)]
+    text = "\n".join([f"timestamp,heading,usbl_east,usbl_north,{names}", *rows])
+
+    run("init", write_csv(tmp_path / "dive", auv=text) / "auv.csv", "--output", tmp_path / "found.toml")
+
+    stated = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
+    columns = {**stated.get("dvl", {}).get("columns", {}), **stated["gps"].get("columns", {})}
+    assert {key: name for key, name in columns.items() if key != "time_unix_s"} == found
+
+
 def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_quantity(csv, tmp_path):
     sheet = pd.read_csv(csv / "ahrs.csv")
     sheet.assign(imu_heading=sheet["heading"]).to_csv(csv / "ahrs.csv", index=False)
