@@ -1,6 +1,7 @@
 """Read a file to a Log."""
 
 import math
+import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,7 +29,9 @@ from usbldr.io.reader import Reader, TopicInfo, utc
 from usbldr.io.reading.opening import DEFAULT_REQUEST, OpenedLog, Request, digest_paths, open_configured
 from usbldr.io.reading.sensors import SensorTables, roles_of, sensor_tables
 from usbldr.io.reading.truth import read_truth, refuse_as_sensor, truth_source
+from usbldr.io.recordings.joined import JoinedLog
 from usbldr.io.settings.configuration import parameters
+from usbldr.io.settings.toml_text import quoted
 from usbldr.io.stages import say, stage
 
 COARSEST_S = 5.0  # of the times of DVL and compass: a vehicle turns about within
@@ -37,7 +40,7 @@ DAY_NS = 86_400_000_000_000  # fixed
 USUAL_INTERVAL_S = 0.2  # [s] of records, to choose that unit: the usual rates lie within a factor 30 of it
 HALF_HOUR_S = 1800  # fixed: time zones are so many apart
 FARTHEST_ZONE_S = 14 * 3600  # fixed: of the Line Islands, from UTC
-ZONE_TOLERANCE_S = 60.0  # [s] by judgement: loggers of a dive start together
+ZONE_TOLERANCE_S = 180.0  # [s] by judgement: loggers of a dive start or stop together
 
 
 def read_log(path: Path, request: Request = DEFAULT_REQUEST) -> Log:
@@ -85,7 +88,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         raise UsageError(err.text, path=opened.file or path) from err
     _refuse_unit(path, sensors.tables)
     _refuse_coarse(path, sensors)
-    _refuse_apart(path, sensors.tables)
+    _refuse_apart(reader, sensors)
     start_ns = _start_ns(sensors.tables, topics)
     truth, own, more = read_truth(source, request, configuration, sensors, start_ns)
     exchanged = [f.text for f in sensors.findings if f.code == "GPS-INVALID" and f.text.endswith(EXCHANGED)]
@@ -175,28 +178,58 @@ def _refuse_coarse(path: Path, sensors: SensorTables) -> None:
             raise LogError(found.text, path=path)
 
 
-def _refuse_apart(path: Path, tables: Mapping[str, pd.DataFrame]) -> None:
+def _refuse_apart(reader: Reader, sensors: SensorTables) -> None:
     """Raise LogError with each sensor's span if DVL, compass and USBL do not overlap in time."""
-    spans = {
-        role: (int(tables[role]["time_ns"].min()), int(tables[role]["time_ns"].max()))
-        for role in SENSORS
-        if role in tables
-    }
+    tables = {role: sensors.tables[role]["time_ns"] for role in SENSORS if role in sensors.tables}
+    spans = {role: (int(times.min()), int(times.max())) for role, times in tables.items()}
     if spans and max(first for first, _ in spans.values()) > min(last for _, last in spans.values()):
         spans_text = ", ".join(f"{role} {utc(first)} to {utc(last)}" for role, (first, last) in spans.items())
-        hint = 'if a clock is wrong, try time = "log" or state latency_s'
         role, other = max(spans, key=lambda one: spans[one][0]), min(spans, key=lambda one: spans[one][1])
-        apart_s = (spans[role][0] - spans[other][0]) / 1e9
-        zone_s = HALF_HOUR_S * round(apart_s / HALF_HOUR_S)
-        if abs(apart_s - zone_s) < ZONE_TOLERANCE_S and 0 < zone_s <= FARTHEST_ZONE_S:
-            ahead = [one for one, (first, _) in spans.items() if abs(first - spans[role][0]) / 1e9 < HALF_HOUR_S / 2]
-            named = " and ".join(f"[{one}]" for one in ahead)
-            hint += f" ({zone_s} under {named}, if these times are of a time zone {zone_s / 3600:g} h ahead)"
+        late, early = (
+            [one for one, (first, last) in spans.items() if first <= spans[ref][1] and last >= spans[ref][0]]
+            for ref in (role, other)
+        )
+        ahead = [one for one in late if one not in early]
+        zone_s = _zone_s([spans[one] for one in ahead], [spans[one] for one in early if one not in late])
+        files = {one: _file_of(reader, sensors.provenance[one].topic) for one in spans}
+        moved = sorted({files[one] for one in ahead})
+        named = " and ".join(f"[{one}]" for one in ahead)
+        zone = f"of a time zone {zone_s / 3600:g} h ahead"
+        if not {*moved}.isdisjoint(files[one] for one in early):
+            hint = 'if a clock is wrong, try time = "log" or state latency_s'
+            hint += f" ({zone_s} under {named}, if these times are {zone})" * (zone_s > 0)
+        elif zone_s:
+            paths = (os.path.relpath(file.resolve(), reader.path.resolve().parent) for file in moved)
+            stated = " and ".join(f"path = {quoted(Path(one).as_posix())}" for one in paths)
+            hint = f"if the times of {' and '.join(ahead)} are {zone}, state clock_offset_s = {zone_s} beside {stated}"
+            hint += " under [[file]]" + ", one for each" * (len(moved) > 1)
+        else:
+            hint = "if a clock is wrong, state path and clock_offset_s of its file under [[file]]"
         (year, month, day), exchanged = (utc(spans[one][0])[:10].split("-") for one in (role, other))
         if month != day and exchanged == [year, day, month]:
             hint = f"day and month of {role} and {other} are exchanged: state time_format for one of them"
         hint += "; of files without dates, state path and date of each under [[file]]" * (" 1970-" in spans_text)
-        raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=path)
+        raise LogError(f"the sensors do not overlap in time: {spans_text}; {hint}", path=reader.path)
+
+
+def _zone_s(ahead: Sequence[tuple[int, int]], behind: Sequence[tuple[int, int]]) -> int:
+    """Return by how many half hours the spans begin later, or else end later; 0 if by no number of them."""
+    begin_ns = min(first for first, _ in ahead) - min(first for first, _ in behind)
+    end_ns = max(last for _, last in ahead) - max(last for _, last in behind)
+    for apart_s in (begin_ns / 1e9, end_ns / 1e9):
+        zone_s = HALF_HOUR_S * round(apart_s / HALF_HOUR_S)
+        if abs(apart_s - zone_s) < ZONE_TOLERANCE_S and 0 < zone_s <= FARTHEST_ZONE_S:
+            return zone_s
+    return 0
+
+
+def _file_of(reader: Reader, topic: str) -> Path:
+    """Return the file that holds a topic: of a folder of tables, the one that is named so."""
+    if isinstance(reader, JoinedLog):
+        held = [part.reader for part in reader.parts if topic in [one.name for one in part.reader.topics()]]
+        return _file_of(held[0], topic) if held else reader.path
+    files = sorted(reader.path.iterdir()) if reader.path.is_dir() else []
+    return next((file for file in files if f"{topic}/".startswith(f"/{file.stem.replace('__', '/')}/")), reader.path)
 
 
 def _attitude_table(made: ConvertedTable, start_ns: int) -> pd.DataFrame:

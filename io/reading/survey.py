@@ -43,7 +43,9 @@ def survey(path: Path, request: Request) -> Survey:
         if roles and not fault:
             require(log, ("dvl", "compass"))  # without fixes, dead reckoning is still possible
     except UsbldrError as err:
-        fault = fault or err.text_beside(path)
+        why = err.text_beside(path)
+        told = any(topic.problem and topic.problem in why for topic in topics)  # in the fault that is known
+        fault = f"{fault}; {why}" if fault and not told else fault or why
         more = (err.finding,) if isinstance(err, PartsError) else ()
     findings = log.findings if log else (*reader.findings(), *more)
     unreadable = any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values())

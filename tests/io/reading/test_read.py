@@ -10,6 +10,7 @@ from recordings import SECOND, T0, fix, point, short_dive, twist, write_csv, wri
 from usbldr.filters.errors import LogError
 from usbldr.io.log import COLUMNS
 from usbldr.io.reading.read import Request, read_log, require
+from usbldr.io.reading.survey import survey
 
 
 def test_a_short_dive_becomes_canonical_tables(tmp_path: Path) -> None:
@@ -71,7 +72,11 @@ def test_sensors_of_another_time_zone_are_named_together(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("usbl", "said"), [("02/05/2026", "day and month of dvl and usbl are exchanged"), ("03/02/2026", "state latency_s")]
+    ("usbl", "said"),
+    [
+        ("02/05/2026", "day and month of dvl and usbl are exchanged"),
+        ("03/02/2026", "state path and clock_offset_s of its file"),
+    ],
 )
 def test_no_sensor_is_of_a_zone_farther_than_any(tmp_path: Path, usbl: str, said: str) -> None:
     """As of a file whose program writes the day first, and of one that is a day or more ahead."""
@@ -83,6 +88,22 @@ def test_no_sensor_is_of_a_zone_farther_than_any(tmp_path: Path, usbl: str, said
 
     assert " h ahead" not in text
     assert said in text
+
+
+def test_a_file_of_another_time_zone_is_named_with_the_keys_that_move_it(tmp_path: Path) -> None:
+    """The vehicle's file has a first velocity only minutes after its first heading, and no unit of its pressure."""
+    rows = [f"2026-07-08 12:{20 + k}:00,{k},{',' if k < 4 else '0.5,0.1'},1.1" for k in range(40)]
+    fixes = [f"2026-07-08 10:{20 + k}:09,45,7" for k in range(39)]
+    auv = "\n".join(["Time,Heading [deg],DVL X [m/s],DVL Y [m/s],Pressure", *rows])
+    log = write_csv(tmp_path / "dive", auv=auv, ship="\n".join(["Time,USBL Lat [deg],USBL Lon [deg]", *fixes]))
+    stated = 'clock_offset_s = 7200 beside path = "dive/auv.csv" under [[file]]'
+
+    said = survey(log, Request()).fault
+
+    assert "auv.csv has a column Pressure without a known unit" in said
+    assert f"if the times of dvl and compass are of a time zone 2 h ahead, state {stated}" in said
+    moved = '[[file]]\npath = "dive/auv.csv"\nclock_offset_s = 7200\n[depth]\ntopic = "none"\n'
+    assert {*read_as(log, moved).tables} == {"dvl", "compass", "usbl"}
 
 
 def test_a_log_that_begins_after_today_is_named(tmp_path: Path) -> None:
