@@ -17,7 +17,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
 from usbldr.io.messages.registry import message_layout_of
-from usbldr.io.messages.roles import SENSORS, Roles
+from usbldr.io.messages.roles import SENSORS, Roles, TopicChoice
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, open_configured
 from usbldr.io.reading.sensors import roles_of
@@ -39,6 +39,7 @@ class Draft:
     unused: tuple[TopicInfo, ...]  # topics of no sensor
     fault: str  # why the log cannot be replayed as drafted, empty if it can
     head: Mapping[str, object] = field(default_factory=dict[str, object])  # a ship's position and heading for the head
+    chosen: Mapping[str, TopicChoice] = field(default_factory=dict[str, TopicChoice])  # sensors without a proposal
 
 
 def draft(path: Path, request: Request) -> Draft:
@@ -101,10 +102,11 @@ def _draft(path: Path, request: Request) -> Draft:
     absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""
     absent += "; without it, only --filter usbl works" if missing and "usbl" in present else ""
     unread |= dict.fromkeys(missing, absent)
-    unread = {role: why.removesuffix(f"; {PROPOSED}") for role, why in unread.items()}
+    unread = {role: why.replace(f"; {PROPOSED}", "") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})
-    return Draft(examination, stated, proposals, unread, unused, fault.removesuffix(f"; {PROPOSED}"), head)
+    fault = fault.replace(f"; {PROPOSED}", "")
+    return Draft(examination, stated, proposals, unread, unused, fault, head, roles.chosen)
 
 
 def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: Collection[str]) -> tuple[TopicInfo, ...]:

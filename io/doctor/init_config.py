@@ -59,6 +59,10 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
             sections[role] = _asked(drafted, role)
         elif log is not None:
             sections[role] = _topic(examination, log, role)
+        elif role in drafted.chosen:
+            topic, chosen_by = drafted.chosen[role].topic, drafted.chosen[role].chosen_by
+            why = f"{topic.type}, {topic.count} messages, by {chosen_by}"
+            sections[role] = [(f"topic = {quoted(topic.name)}", why)]
     source = f"the log and {drafted.stated.file.name}" if drafted.stated.file else "the log alone"
     lines = [
         comment(f"Settings for {path.name}, written by usbldr init from {source}."),

@@ -88,7 +88,8 @@ def choose_roles(
                 assert layout is not None, "a candidate has a layout"
                 chosen[role] = TopicChoice(found[0], layout, "type and name", tuple(lower_ranked))
             elif unreadable := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
-                errors[role] = _unreadable(log, role, unreadable[0])
+                advice = "" if role in SENSORS else f"; --{role} none leaves it out"
+                errors[role] = _unreadable(log, role, unreadable[0], advice)
             elif unusable := [topic for topic in topics if topic.count and _unusable(role, topic)]:
                 errors[role] = _refused(log, role, unusable[0])
             elif missed := [one for one in topics if (one.problem or not one.count) and _named_for(role, one)]:
@@ -233,8 +234,8 @@ def _left_to_ship(role: str, topics: Sequence[TopicInfo]) -> Finding:
     return Finding("ROLE-SHIP", text, topics[0].name)
 
 
-def _unreadable(log: Path, role: str, topic: TopicInfo) -> LogError:
-    return LogError(f"{topic.name} cannot be read as {role}: {topic.problem}", path=log)
+def _unreadable(log: Path, role: str, topic: TopicInfo, advice: str = "") -> LogError:
+    return LogError(f"{topic.name} cannot be read as {role}: {topic.problem}{advice}", path=log)
 
 
 def _unread(role: str, topic: TopicInfo) -> Finding:

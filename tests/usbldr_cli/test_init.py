@@ -168,7 +168,15 @@ def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> 
         late.append((at_ns, topic, kind, {**values, "header.stamp": at_ns} if topic == "/dvl" else values))
     log = write_mcap(tmp_path / "dive.mcap", sorted(late, key=lambda row: row[0]))
 
-    assert "# CHECK: the sensors do not overlap in time" in asked_in(log, tmp_path / "found.toml")[1]
+    _, text = asked_in(log, tmp_path / "found.toml")
+
+    assert "# CHECK: the sensors do not overlap in time" in text
+    found = tomllib.loads(text)
+    assert {role: found[role]["topic"] for role in ("dvl", "compass", "usbl")} == {
+        "dvl": "/dvl",
+        "compass": "/imu",
+        "usbl": "/usbl",
+    }
 
 
 def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp_path: Path) -> None:
