@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import Points, as_points
+from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.draft import WHY_HEAD, Draft
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, ships_gps, usbl_lines
@@ -63,6 +64,10 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
             topic, chosen_by = drafted.chosen[role].topic, drafted.chosen[role].chosen_by
             why = f"{topic.type}, {topic.count} messages, by {chosen_by}"
             sections[role] = [(f"topic = {quoted(topic.name)}", why)]
+    lacks_head = drafted.fault.endswith(STATE_HEAD)
+    if lacks_head:
+        place = "{ lat_deg = ?, lon_deg = ?, depth_m = ? }"
+        sections["usbl"] += [(f"# head = {place}", f"CHECK: {drafted.fault}"), (f"# beacon = {place}", "")]
     source = f"the log and {drafted.stated.file.name}" if drafted.stated.file else "the log alone"
     lines = [
         comment(f"Settings for {path.name}, written by usbldr init from {source}."),
@@ -82,7 +87,7 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(examination, log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
-    if drafted.fault and drafted.fault not in drafted.unread.values():
+    if drafted.fault and drafted.fault not in drafted.unread.values() and not lacks_head:
         lines.append(comment(f"CHECK: {drafted.fault}"))
     missing = any(role not in proposals and (log is None or role not in log.tables) for role in SENSORS)
     lines += _unused_topics([topic for topic in drafted.unused if missing or topic.unused])

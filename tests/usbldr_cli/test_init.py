@@ -161,6 +161,21 @@ def test_a_table_whose_columns_say_nothing_gets_a_file_to_complete(tmp_path: Pat
     assert re.findall(r'^# \[(\w+)\]\n# topic = "/a"', text, re.MULTILINE) == ["dvl", "compass", "usbl"]
 
 
+def test_the_place_of_a_head_is_asked_for_in_the_section_of_the_fixes(csv: Path, tmp_path: Path) -> None:
+    fixes = "".join(f"{T0 // SECOND + k * 30},{100 + k * 25},{90 + k}\n" for k in range(30))
+    (csv / "usbl.csv").write_text(f"t,range,bearing\n{fixes}", encoding="utf-8")
+    file = tmp_path / "found.toml"
+
+    said, text = asked_in(csv, file)
+
+    assert "/usbl holds ranges and bearings; state head = {...} under [usbl], or beacon" in said
+    asked = re.findall(r"^# (head = .*?\}) +# CHECK: /usbl holds ranges", text, re.MULTILINE)
+    assert text.count("CHECK: /usbl") == len(asked) == 1
+    assert tomllib.loads(text)["usbl"]["columns"]["slant_range_m"] == "range"
+    file.write_text(text.replace(f"# {asked[0]}", re.sub(r"\?", "3.0", asked[0])), encoding="utf-8")
+    accepted(csv, file)
+
+
 def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> None:
     late: list[Row] = []
     for ns, topic, kind, values in curved_dive():
