@@ -120,7 +120,7 @@ def locate(
     outside = int((found["note"] == OUTSIDE).sum())
     marked = int((found["note"] != "").sum()) - outside
     if outside or marked:
-        text = f"{outside} of {len(found)} times lie outside the run and have no position; {marked} others are marked"
+        text = f"of {len(found)} times, outside the run and without a position: {outside}; with another note: {marked}"
         click.echo(f"usbldr: {text}", err=True)
 
 

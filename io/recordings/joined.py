@@ -104,6 +104,8 @@ class JoinedLog:
             for finding in part.reader.findings()
             if not (part.dated and finding.code in UNDATED)
         ]
+        orders = {one.text.partition(": ")[2]: one for one in reversed(own) if one.code == "DATE-ORDER"}
+        own = [one for one in own if one.code != "DATE-ORDER" or one in orders.values()]  # once for all parts
         counted: list[Finding] = []
         if self.stated_messages is not None and not any(finding.lost_data for finding in own):
             found = sum(topic.count for topic in self.topics())

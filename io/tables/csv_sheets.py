@@ -105,9 +105,8 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     if missing:
         if holds_values(header):
             return Sheet(CANONICAL + sensor, columns, problem=NO_HEADER)
-        lacks = (
-            f"has no column {', '.join(missing)}" if columns or "time_ns" in header else "names no quantity with a unit"
-        )
+        unnamed = "has no column whose name states quantity and unit"
+        lacks = f"has no column {', '.join(missing)}" if columns or "time_ns" in header else unnamed
         problem = f"{lacks} (its columns: {', '.join(header)}); {PROPOSED}"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
     received = "received_ns" if "received_ns" in header else "time_ns"

@@ -139,6 +139,25 @@ def test_what_nobody_can_tell_is_marked(tmp_path: Path) -> None:
     assert "mirror image (axes FRD, convention NED, frame NED) fits as well" in text
 
 
+def test_a_reading_that_fits_better_but_not_by_enough_is_named_so(tmp_path: Path) -> None:
+    """Fixes that wander by 25 m around a dive whose DVL is read with the wrong hand."""
+    rows = []
+    for row in curved_dive(dvl="FRD"):
+        t, v = (row[0] - T0) / SECOND, row[3]
+        east, north = 25 * np.sin(t / 40), 25 * np.cos(t / 57)
+        moved = {**v, "point.x": v["point.x"] + east, "point.y": v["point.y"] + north} if "point.x" in v else v
+        rows.append((*row[:3], moved))
+
+    text, found = initialised(write_mcap(tmp_path / "dive.mcap", rows), tmp_path / "found.toml")
+
+    assert found["dvl"]["axes"] == "FLU"
+    residual = re.search(r"residual: (\S+) m RMS with these axes", text)
+    other = re.search(r"# CHECK: axes FRD.* fits better, but not by enough to replace them \((\S+) m\)", text)
+    assert residual
+    assert other
+    assert float(residual[1]) / 2 < float(other[1]) < float(residual[1])
+
+
 def test_sensors_of_no_known_topic_are_asked_for(tmp_path: Path) -> None:
     compass = write_mcap(tmp_path / "dive.mcap", [row for row in curved_dive() if row[1] == "/imu"])
     file = tmp_path / "dive.usbldr.toml"
@@ -475,7 +494,10 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(csv: Pat
     assert said.endswith(f"{file} is written: complete the lines marked CHECK")
     assert "usbldr init" not in said
     assert tomllib.loads(text)["dvl"]["columns"] == DVL_COLUMNS
-    assert "CHECK: /compass cannot be read as compass: compass.csv names no quantity with a unit" in text
+    assert (
+        "CHECK: /compass cannot be read as compass: compass.csv has no column whose name states quantity and unit"
+        in text
+    )
     asked = '# [compass]\n# columns = { time_unix_s = "?", heading = "?" }'
     completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
     file.write_text(completed, encoding="utf-8")
@@ -490,7 +512,7 @@ def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(csv: Path
     found = tomllib.loads(text)
     assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
     assert '# [gps]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }' in text
-    assert "CHECK: /gps cannot be read as gps: gps.csv names no quantity with a unit" in text
+    assert "CHECK: /gps cannot be read as gps: gps.csv has no column whose name states quantity and unit" in text
 
 
 def test_positions_without_direction_and_time_in_other_units_are_proposed(tmp_path: Path) -> None:

@@ -85,7 +85,8 @@ def test_rows_of_a_table_keep_their_columns_in_every_format(dive, tmp_path):
     )
     files = [tmp_path / f"found{end}" for end in (".csv", ".geojson", ".kml")]
     args = [word for file in files for word in ("-o", file)]
-    output_of("locate", dive, "--at", tmp_path / "samples.csv", *args)
+    said = run("locate", dive, "--at", tmp_path / "samples.csv", *args).stderr
+    assert said == "usbldr: of 3 times, outside the run and without a position: 1; with another note: 1\n"
     table = pd.read_csv(files[0])
     assert list(table.bottle) == [7, 8, 9]
     assert table.own_lat_deg[0] == 60.1234567

@@ -55,6 +55,17 @@ def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> 
     assert read_as(vehicle, AHEAD.format("ship.mcap")).tables["gps"]["time_s"].tolist() == [0.0]
 
 
+def test_the_order_of_dates_is_said_once_for_all_files(tmp_path: Path) -> None:
+    rows = "08.07.2026 12:20:00;1\n08.07.2026 12:21:00;2"
+    write_csv(tmp_path / "dive", ship=f"Zeit;Heading [deg]\n{rows}", auv=f"Zeit;Tiefe [m]\n{rows}")
+    offset(tmp_path, "dive/auv.csv", 0.0)
+
+    said = [one.text for one in read_log(tmp_path / "dive").findings if one.code == "DATE-ORDER"]
+
+    assert len(said) == 1
+    assert "08.07.2026 is read as 2026-07-08" in said[0]
+
+
 def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:
     rows = short_dive()
     first, second = write_mcap(tmp_path / "a.mcap", rows[:15]), write_mcap(tmp_path / "b.mcap", rows[15:])
