@@ -117,7 +117,7 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
     parameters = replace(parameters, changes=without_both(with_noise(best.changes, noise.changes)))
     parameters = replace(parameters, rival_shift=rivals[0] if rivals else ())
-    return replace(found, parameters=parameters, false_runs=_runs(timeline, false))
+    return replace(found, parameters=parameters, false_runs=_runs(timeline, false), log_evidence=best.log_evidence)
 
 
 class _Explanation(NamedTuple):
@@ -178,7 +178,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     value |= {"dvl_scale": 1 / max(abs(factor), LEAST_FACTOR) - 1, "heading_bias": float(np.angle(factor))}
     fit = fit_rotation(timeline, segment_numbers(timeline, timeline.fix_time_s), WIDE_LATENCIES_S)
     scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
-    start = {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
+    start = value | {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
     far = [key for key in FAR_KEYS if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))

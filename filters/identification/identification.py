@@ -94,6 +94,7 @@ class Identification:
 
     open_pairs: tuple[OpenPair, ...] = ()
     false_runs: tuple[FalseRun, ...] = ()  # whose fixes are the parameters' false_fixes
+    log_evidence: float = 0.0  # of the fixes, but for a constant, less what changes of sensors cost
 
     @property
     def estimates(self) -> Mapping[str, ErrorEstimate]:
