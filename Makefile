@@ -33,7 +33,7 @@ sanitize: $(VENV)/installed-dev
 	gcc -shared -fPIC $(SANITIZERS) -DPORTABLE_ALONE -ffp-contract=off -fno-math-errno -Wno-psabi filters/kernel/*.c \
 		-I$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("include"))') -o filters/kernel/_kernel.abi3.so
 	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" ASAN_OPTIONS=detect_leaks=0 \
-		$(BIN)/pytest -q tests/filters/estimators/test_compiled.py tests/filters/identification/test_compiled_fixes.py; \
+		$(BIN)/pytest -q tests/filters/estimators/test_compiled.py tests/filters/identification/test_compiled_passes.py; \
 	result=$$?; $(BIN)/pip install --quiet --disable-pip-version-check -e .; exit $$result
 
 check: $(VENV)/installed

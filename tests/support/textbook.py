@@ -117,6 +117,11 @@ def radii_m(lat_deg: float) -> tuple[float, float]:
     return a * (1 - e2) / w**3, a / w
 
 
+def log_density(x: np.ndarray, cov: np.ndarray) -> float:
+    """Return the logarithm of a normal density of mean 0."""
+    return -0.5 * float(np.linalg.slogdet(2 * np.pi * cov)[1] + x @ np.linalg.solve(cov, x))
+
+
 def utm_m(lat_deg: float, lon_deg: float, zone: int) -> tuple[float, float]:
     """Return easting and northing by Krueger's series (Karney 2011, doi:10.1007/s00190-011-0445-3)."""
     f = 1 / 298.257223563

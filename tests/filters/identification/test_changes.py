@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from apart import apart_m
+from textbook import log_density
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.changes import (
     OF_DEAD_RECKONING,
@@ -21,6 +22,7 @@ from usbldr.filters.identification.changes import (
     changes,
 )
 from usbldr.filters.identification.changing_noise import change_of_noise
+from usbldr.filters.identification.drift import drift_variances_m2
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.identification.lost_reckoning import lost_spans
@@ -54,10 +56,6 @@ def of_dead_reckoning(line: Timeline, given: Parameters = ASSUMED) -> tuple[Sens
     return changes(line, given)[0].changes
 
 
-def logarithm_of_density(z: np.ndarray, cov: np.ndarray) -> float:
-    return float(-0.5 * (z @ np.linalg.solve(cov, z) + np.linalg.slogdet(2 * np.pi * cov)[1]))
-
-
 @pytest.mark.parametrize("kind", [OF_DEAD_RECKONING, OF_FIXES], ids=["dead reckoning", "fixes"])
 def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
     blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)._replace(kind=kind)
@@ -67,8 +65,7 @@ def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
         itertools.product([60, 200, 300], range(len(kind.parts))), gains.ravel(), strict=True
     ):
         with_it, without = (
-            logarithm_of_density(blocks.residual_m, _with(blocks, found))
-            for found in ([*before, _Change(fix, parts)], before)
+            log_density(blocks.residual_m, _with(blocks, found)) for found in ([*before, _Change(fix, parts)], before)
         )
         assert gain == pytest.approx(with_it - without, rel=1e-6, abs=1e-6)
 
@@ -193,19 +190,20 @@ def test_a_track_is_what_it_is_without_the_change_and_a_warning_says_when() -> N
     assert "headings read -8." in warning  # clockwise
 
 
-def test_what_changes_do_not_explain_is_none() -> None:
-    """After 60 s without fixes the false ones are 50, 14 m off: two jumps of the position, no other factor."""
+@pytest.mark.parametrize(
+    ("from_s", "to_s", "by_m", "silent_s"),
+    [
+        (150.0, 240.0, [4.0, -3.0], 0.0),
+        (60.0, 120.0, [4.0, -3.0], 0.0),
+        (100.0, 115.0, [4.0, -3.0], 0.0),
+        (250.0, 300.0, [10.0, 10.0], 60.0),
+    ],
+)
+def test_two_jumps_of_the_position_are_no_change(from_s, to_s, by_m, silent_s):
+    """Of 5 m, and of 14 m behind a minute without fixes: no other factor explains them."""
     T = DIVE.fix_time_s
-    false = (T >= 250) & (T < 300)
-    line = replace(DIVE, fix_m=DIVE.fix_m + 10.0 * false[:, None]).with_fixes((T < 190) | (T >= 250))
-
-    assert of_dead_reckoning(line) == ()
-
-
-@pytest.mark.parametrize(("from_s", "to_s"), [(150.0, 240.0), (60.0, 120.0), (100.0, 115.0)])
-def test_two_jumps_of_the_position_are_no_change(from_s: float, to_s: float) -> None:
-    false = (DIVE.fix_time_s >= from_s) & (DIVE.fix_time_s < to_s)
-    assert of_dead_reckoning(replace(DIVE, fix_m=DIVE.fix_m + false[:, None] * [4.0, -3.0])) == ()
+    jumped = replace(DIVE, fix_m=DIVE.fix_m + ((from_s <= T) & (to_s > T))[:, None] * by_m)
+    assert of_dead_reckoning(jumped.with_fixes((from_s - silent_s > T) | (from_s <= T))) == ()
 
 
 @pytest.mark.parametrize(
@@ -383,3 +381,18 @@ def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its
     between = np.linspace(DIVE.dr_yaw_rad[first - 1], DIVE.dr_yaw_rad[last + 1], last - first + 3)[1:-1]
     np.testing.assert_allclose(lost.dr_yaw_rad[inside], between)
     assert lost.yaw_rad[-1] == pytest.approx(DIVE.yaw_rad[-1] - 0.1)
+
+
+@pytest.mark.parametrize("until_s", [350.0, np.inf], ids=["for a while", "until the end"])
+def test_without_headings_the_vehicle_may_have_moved_in_any_direction(until_s: float) -> None:
+    """How far dead reckoning drifts while the compass is silent."""
+    t, speed_mps, from_s = DIVE.time_s, 1.2, 150.0
+    silent, end_s = (t > from_s) & (t < until_s), min(until_s, t[-1])
+    straight_mps, blind = np.tile([0.0, speed_mps], (len(t), 1)), np.where(silent, 0, DIVE.yaw_count)
+    line = replace(DIVE, dr_mps=straight_mps, yaw_count=blind, dr_yaw_rad=np.zeros(len(t)))
+    assumed = Parameters(process=ProcessNoise(0.0, 0.0, 0.0, 0.02))
+
+    found_m2 = drift_variances_m2(line, np.array([from_s, end_s]), [assumed], [True])
+
+    # each axis of a direction that may be any has the variance 1/2
+    assert found_m2[1, 0] == pytest.approx((speed_mps * (end_s - from_s)) ** 2 / 2, rel=0.02)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from textbook import log_density
 from usbldr.filters.estimators.gaussian_bank import GaussianBank
 from usbldr.filters.identification import clusters
 from usbldr.filters.types import Array
@@ -62,14 +63,12 @@ def test_a_fix_that_may_begin_a_cluster_has_the_density_of_the_mixture() -> None
 
     H = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 1.0]])
     spreads = [H @ bank.cov[:, :, k] @ H.T for k in (0, 1)]
-    log_l = [-0.5 * z @ np.linalg.solve(S, z) - 0.5 * np.linalg.slogdet(2 * np.pi * S)[1] for S in spreads]
-    _, total = clusters.reweighted(bank, np.array(log_l))
-
-    begins = 1 - math.exp(-1 / clusters.BETWEEN_S)
+    _, total = clusters.reweighted(bank, np.array([log_density(z, S) for S in spreads]))
 
     def density(variance_m2: float) -> float:
         return math.exp(-0.5 * float(z @ z) / variance_m2) / (2 * math.pi * variance_m2)
 
+    begins = 1 - math.exp(-1 / clusters.BETWEEN_S)
     wide_m2 = sd_m**2 + clusters.OFFSET_SD_M**2
     expected = (1 - begins) * density(sd_m**2) + begins * density(wide_m2)
     assert math.exp(total[0]) == pytest.approx(expected, rel=1e-9)

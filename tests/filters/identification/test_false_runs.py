@@ -13,19 +13,26 @@ from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import FalseStart, Parameters, ProcessNoise
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
-from usbldr.filters.types import Array, Mask, Timeline
+from usbldr.filters.types import Array, Mask, Timeline, Trajectory
 from usbldr.filters.updates import UpdateTable
 from weaving import Faults, weaving_dive
 
 # without a stated start
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
 DIVE = weaving_dive(Faults())
-CLEAN = run("adf", DIVE, identify(DIVE, ASSUMED).parameters)
+
+
+def track_of(line: Timeline) -> Trajectory:
+    """Return the default track."""
+    return run("adf", line, identify(line, ASSUMED).parameters)
+
+
+CLEAN = track_of(DIVE)
 
 
 def mean_error_m(line: Timeline) -> float:
     """Return how far the default track of a dive with faults lies from that of the dive without."""
-    return float(apart_m(run("adf", line, identify(line, ASSUMED).parameters), CLEAN).mean())
+    return float(apart_m(track_of(line), CLEAN).mean())
 
 
 def moved(rows: Mask, by_m: Array) -> Timeline:
@@ -99,9 +106,7 @@ def test_positions_that_were_written_before_the_first_reply_do_not_matter(place_
     line = replace(DIVE, fix_m=np.where((T < 8)[:, None], np.array(place_m), DIVE.fix_m + AWAY_M))
     there = replace(DIVE, fix_m=DIVE.fix_m + AWAY_M)
 
-    tracks = (run("adf", one, identify(one, ASSUMED).parameters) for one in (line, there))
-
-    assert apart_m(*tracks).mean() < 0.5
+    assert apart_m(track_of(line), track_of(there)).mean() < 0.5
 
 
 def test_a_dive_without_false_fixes_has_none() -> None:
@@ -116,7 +121,7 @@ def test_fixes_of_which_half_are_elsewhere_are_all_kept() -> None:
 def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     line = moved(RUNS["middle"], np.array([40.0, -30.0]))
 
-    fixes = UpdateTable.of(run("adf", line, identify(line, ASSUMED).parameters).updates).of_sensor("usbl")
+    fixes = UpdateTable.of(track_of(line).updates).of_sensor("usbl")
 
     assert sorted(fixes.row) == list(range(len(T)))
     assert set(fixes.row[fixes.outcome == "rejected"]) == set(np.flatnonzero(RUNS["middle"]))
@@ -214,3 +219,40 @@ def test_the_roll_of_a_ship_is_noise_of_the_fixes_and_not_of_dead_reckoning(peri
 
     assert found.parameters.process.position_m < 10 * ASSUMED.process.position_m
     assert mean_error_m(rolled) < 0.3
+
+
+BESIDE_M = np.array([30.0, 40.0])
+
+
+def every_so_many(every: int, by_m: Array) -> Timeline:
+    return moved(np.arange(len(T)) % every == 1, by_m)
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_two_sets_of_fixes_are_named_and_the_sigma_covers_the_other(every: int) -> None:
+    track = track_of(every_so_many(every, BESIDE_M))
+
+    (text,) = (text for text in track.warnings if "RIVAL-FIXES" in text)
+    count = len(T)
+    fewer, more = sorted((count // every, count - count // every))
+    assert "lie together 50 m off (at " in text
+    if every == 3:
+        assert "50 m off (at 37°)" in text
+    assert not any("hardly all" in other for other in track.warnings)
+    share = (fewer / more) ** 4 / (1 + (fewer / more) ** 4)
+    np.testing.assert_allclose(track.open_cov_m2[0], share * np.outer(BESIDE_M, BESIDE_M), rtol=0.35)
+
+
+@pytest.mark.parametrize("every", [4, 10])
+def test_a_few_are_outliers(every: int) -> None:
+    track = track_of(every_so_many(every, BESIDE_M))
+
+    assert not any("RIVAL-FIXES" in text for text in track.warnings)
+    assert track.open_cov_m2 is not None
+    assert np.abs(track.open_cov_m2).max() < 1e-3  # of what the log leaves open of a latency and a lever arm
+
+
+def test_outliers_that_do_not_lie_together_are_no_rivals() -> None:
+    track = track_of(every_so_many(2, np.random.default_rng(1).normal(0.0, 60.0, (len(T), 2))))
+
+    assert not any("RIVAL-FIXES" in text for text in track.warnings)

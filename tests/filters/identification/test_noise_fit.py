@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from textbook import log_density
 from usbldr.filters.identification import clusters
 from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.newton import maximise
@@ -27,11 +28,6 @@ PLAIN = Parameters(process=STATED, dvl=Gaussian(), usbl=Gaussian(), start=Start(
 def usbl_noise(line: Timeline, given: Parameters) -> Parameters:
     """Return the noise of the fixes on a dive without sensor errors."""
     return estimate_usbl_noise(line, Member(given, frozenset()), given)
-
-
-def log_density(x: np.ndarray, cov: np.ndarray) -> float:
-    _, logdet = np.linalg.slogdet(2 * np.pi * cov)
-    return -0.5 * float(logdet + x @ np.linalg.solve(cov, x))
 
 
 def parked(count: int, spread_m: float = 1.0) -> Timeline:

@@ -1,4 +1,4 @@
-"""The search for false fixes in the kernel against NumPy."""
+"""The passes over the fixes in the kernel against NumPy: with clusters, with noise of their own, for false fixes."""
 
 from dataclasses import replace
 
@@ -6,18 +6,51 @@ import numpy as np
 import pytest
 
 from needed_kernel import require_kernel
-from usbldr.filters.identification import compiled_histories, false_runs
+from usbldr.filters.identification import compiled_fixes, compiled_histories, false_runs
 from usbldr.filters.identification.histories import Followed, HistorySearch
-from usbldr.filters.identification.usbl_likelihood import Member
+from usbldr.filters.identification.linearisation import DVL_CLOCK, LEVER, NO_ERROR, near
+from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.kernel import KERNEL, Kernel
-from usbldr.filters.models.noise import Contamination, Gaussian, NoiseFamily, StudentT
-from usbldr.filters.models.parameters import Parameters, Start
-from usbldr.filters.types import Timeline
+from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily, StudentT
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
+from usbldr.filters.types import Outage, Timeline
 from weaving import Faults, weaving_dive
 
 require_kernel()
 
 LINE = weaving_dive(Faults(0.01, 0.0, 1.0, 2.0, 1.0, 0.4), seconds=200)
+NUMPY = Kernel("numpy", "as the test says")
+SUBSETS = [*map(frozenset[str], ((), ("scale",), ("heading", "deviation"), (LEVER, DVL_CLOCK, "latency")))]
+FAMILIES = [Gaussian(), Gaussian(per_scalar=False), Mixture(), Contamination(), StudentT()]
+
+
+def member(i: int, family: NoiseFamily) -> Member:
+    process = ProcessNoise(position_m=0.02 * (1 + i))
+    errors = SensorErrors(usbl_bias_m=0.1 * (1 + i), usbl_bias_s=60.0 + i)
+    parameters = Parameters(process=process, errors=errors, usbl=family, usbl_sd_scale=1.0 + 0.1 * i)
+    about = near({"usbl_latency": 0.2, "dvl_clock": 0.1}) if i % 4 == 3 else NO_ERROR
+    return Member(parameters, SUBSETS[i % 4], about)
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=repr)
+@pytest.mark.parametrize("correlated", [False, True])
+def test_every_member_has_the_same_likelihood_and_errors(monkeypatch, family: NoiseFamily, correlated: bool) -> None:
+    fix_m, cov_m2 = LINE.fix_m.copy(), LINE.fix_cov_m2.copy()
+    fix_m[slice(185, None) if correlated else slice(60, 75)] += (25.0, -10.0)  # the log may end in a cluster
+    cov_m2[:, [0, 1], [1, 0]] = 0.01 * correlated
+    line = replace(LINE, fix_m=fix_m, fix_cov_m2=cov_m2, outages=(Outage("dvl", 20.0, 30.0),))
+    members = [member(i, family) for i in range(11)]
+
+    got = fix_likelihoods(line, members)
+    monkeypatch.setattr(compiled_fixes, "KERNEL", NUMPY)
+    want = fix_likelihoods(line, members)
+
+    np.testing.assert_allclose(got.log_likelihood, want.log_likelihood, rtol=1e-9)
+    for name in want.mean:
+        np.testing.assert_allclose(got.mean[name], want.mean[name], rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(got.sd[name], want.sd[name], rtol=1e-7, atol=1e-9)
+
+
 T = LINE.fix_time_s
 LEFT = np.clip(T - 150, 0.0, 25.0)[:, None] * (0.1, 0.05)  # slowly from the track, and never back
 FAULTS = {
@@ -69,7 +102,7 @@ def test_numpy_follows_what_the_kernel_has_no_room_for(monkeypatch: pytest.Monke
         small = KERNEL._replace(limits=KERNEL.limits._replace(**{limit: 1}), run_histories=refused)
         monkeypatch.setattr(compiled_histories, "KERNEL", small)
         assert_equal(followed(search), want)
-    monkeypatch.setattr(compiled_histories, "KERNEL", Kernel("numpy", "as the test says"))
+    monkeypatch.setattr(compiled_histories, "KERNEL", NUMPY)
     assert_equal(followed(search), want)
 
 
