@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from commands import interrupt, output_of, report_of, run, write_short
+from commands import interrupt, output_of, report_of, run, spoil, write_short
 from logs import refusal
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.run_options import RunChoices
@@ -170,8 +170,7 @@ def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
 
     first = run_jobs([unit], LocalProcesses(1), store)[0]
     kept = run_jobs([unit], LocalProcesses(1), store)[0]
-    configuration = dive / "usbldr.toml"
-    configuration.write_text(configuration.read_text().replace("sd_m = 1.0", "sd_m = 3.0"))
+    spoil(dive / "usbldr.toml", "sd_m = 1.0", "sd_m = 3.0")
     changed = run_jobs([unit], LocalProcesses(1), store)[0]
 
     assert (first.reused, kept.reused, changed.reused) == (False, True, False)

@@ -1,10 +1,7 @@
 """A filter of one's own is one row of METHODS: every command then knows it."""
 
-import contextlib
 import json
-from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import pytest
 
@@ -15,7 +12,6 @@ from usbldr.filters.models.states import POSITION
 from usbldr.filters.replay.methods import METHODS, Method
 from usbldr_cli.figures.run_figures import run_pictures
 from usbldr_cli.figures.style import colour
-from usbldr_cli.runs import executors
 
 DIVE = str(SAMPLES / "paper.mcap")
 
@@ -40,21 +36,6 @@ class LastFix:
 def own(monkeypatch: pytest.MonkeyPatch) -> None:
     row = Method("last-fix", "the last fix, held", lambda *_: LastFix(), draws=True, takes_gate=True, colour="#123456")
     monkeypatch.setitem(METHODS, row.name, row)
-
-
-class InThisProcess:
-    """Runs the jobs of a comparison here: a process of their own would not have the row."""
-
-    elsewhere, workers = False, 1
-
-    def finished(self, call: Callable[[Any, Any], Any], tasks: Iterable[Any], shared: Any) -> Generator[Any]:
-        for place, task in enumerate(tasks):
-            yield place, call(task, shared)
-
-
-@pytest.fixture
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "executor", lambda asked: contextlib.nullcontext(InThisProcess()))
 
 
 @pytest.mark.usefixtures("own")
@@ -82,7 +63,7 @@ def test_help_and_refusals_know_a_filter_that_is_one_row() -> None:
     assert "ukf, last-fix" in str(commands.run("replay", DIVE, "-f", "cpf", "--gate", "0.9").exception)
 
 
-@pytest.mark.usefixtures("own", "in_this_process")
+@pytest.mark.usefixtures("own")
 def test_compare_runs_a_filter_that_is_one_row_once_a_seed() -> None:
     done = commands.run("compare", DIVE, "--filters", "dr,last-fix", "--seeds", "2", "--calibrate", "none", "--json")
 

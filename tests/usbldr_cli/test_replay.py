@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,8 @@ import pytest
 from click.testing import Result
 
 from checkout import SAMPLES
-from commands import output_of, report_of, run
+from commands import finished, output_of, report_of, run
 from recordings import saved
-from usbldr_cli.main import main
 
 
 @pytest.fixture
@@ -29,33 +27,17 @@ def replay(dive: Path, *options: str) -> Result:
     return run("replay", dive, "-o", dive.parent / "run", *options)
 
 
-Fault = Callable[..., tuple[int, str]]
-
-
-@pytest.fixture
-def fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Fault:
-    """Run the command as the shell does; return its exit code and what it says on stderr."""
-
-    def run_as_the_shell(*arguments: object) -> tuple[int, str]:
-        monkeypatch.setattr("sys.argv", ["usbldr", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return int(str(end.value.code)), capsys.readouterr().err
-
-    return run_as_the_shell
-
-
-def test_lost_data_is_said_on_stderr_and_ends_in_exit_3_and_without_a_run_if_it_is_strict(dive, fault):
+def test_lost_data_is_said_on_stderr_and_ends_in_exit_3_and_without_a_run_if_it_is_strict(dive):
     dive.write_bytes(dive.read_bytes()[:200_000])
 
-    strict, fault_said = fault("replay", dive, "--strict", "-o", dive.parent / "run")
+    strict = finished("replay", dive, "--strict", "-o", dive.parent / "run")
     assert not (dive.parent / "run").exists()
-    code, said = fault("replay", dive, "-f", "dr", "-q", "-o", dive.parent / "run")
+    done = finished("replay", dive, "-f", "dr", "-q", "-o", dive.parent / "run")
 
-    assert (strict, code) == (3, 3)
-    assert "truncated or damaged" in fault_said
-    assert said.startswith("usbldr: paper.mcap: the file is truncated or damaged")
-    assert said.endswith("[TRUNCATED]\n")
+    assert (strict.returncode, done.returncode) == (3, 3)
+    assert "truncated or damaged" in strict.stderr
+    assert done.stderr.startswith("usbldr: paper.mcap: the file is truncated or damaged")
+    assert done.stderr.endswith("[TRUNCATED]\n")
     assert (dive.parent / "run" / "report.json").is_file()
 
 

@@ -34,10 +34,11 @@ def numbers(data: Any, place: int) -> list[float]:
     return np.frombuffer(base64.b64decode(data["numbers"][place]), "<f4").tolist()
 
 
-def test_lines_marks_bands_shades_and_levels_have_the_numbers_that_were_drawn() -> None:
+def test_lines_marks_bands_shades_and_levels_have_the_numbers_that_were_drawn_and_are_named_in_words() -> None:
     with in_style():
-        _, data = drawn()
+        figure, data = drawn()
 
+    assert text_of(figure) == "upper. time [s]. Drawn: line, mark (at the edge), band, outage."
     (column,) = data["columns"]
     upper, lower = column["panels"]
     line, mark, band, shade, level = (
@@ -55,13 +56,6 @@ def test_lines_marks_bands_shades_and_levels_have_the_numbers_that_were_drawn() 
     assert lower["y"]["log"]
     assert numbers(data, lower["marks"][0]["x"]) == [0, 1, 1]
     assert numbers(data, lower["marks"][0]["y"]) == [1, 1, 2]
-
-
-def test_the_words_of_a_figure_name_its_panels_and_what_is_drawn() -> None:
-    with in_style():
-        figure, _ = drawn()
-
-    assert text_of(figure) == "upper. time [s]. Drawn: line, mark (at the edge), band, outage."
 
 
 def test_a_shade_across_the_axes_is_one_of_the_vertical_axis_and_a_box_plot_has_no_name() -> None:

@@ -22,15 +22,6 @@ CPF = run_filter("cpf", TIMELINE, LOG.parameters)
 a_run = partial(run_of, LOG, TIMELINE)
 
 
-def test_the_table_ends_in_the_verdict_and_fits_the_terminal() -> None:
-    run = a_run(CPF, Window(4.0, 50.0), "rigid")
-
-    lines = render(run).splitlines()
-
-    assert lines[-1] == run.verdict
-    assert max(map(len, lines)) <= WIDTH
-
-
 def test_no_colour_code_is_written_unless_a_terminal_asks() -> None:
     assert "\x1b" not in render(a_run(CPF))
     assert "\x1b[1m" in render(a_run(CPF), colour=True)
@@ -47,9 +38,13 @@ def test_every_number_of_the_table_is_in_report_json() -> None:
     assert {number for number in numbers if number not in known} == set()
 
 
-def test_truth_order_alignment_and_share_stand_above_the_numbers() -> None:
-    head = render(a_run(CPF, Window(4.0, 50.0), "first")).split("error in m")[0]
+def test_truth_order_alignment_and_share_stand_above_the_numbers_and_the_verdict_below_them() -> None:
+    run = a_run(CPF, Window(4.0, 50.0), "first")
+    text = render(run)
+    head = text.split("error in m")[0]
 
+    assert text.splitlines()[-1] == run.verdict
+    assert max(map(len, text.splitlines())) <= WIDTH
     assert "truth        simulated: paper/gps" in head
     assert "47 of 61 epochs (77 % of the run)" in head
     assert "14 outside the window" in " ".join(head.split())
