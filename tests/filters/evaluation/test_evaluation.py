@@ -1,5 +1,6 @@
 import dataclasses
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,11 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from checkout import ROOT
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.evaluation.consistency import consistency_text
-from usbldr.filters.evaluation.error_report import Window
+from usbldr.filters.evaluation.consistency import SensorUpdates, consistency_text
+from usbldr.filters.evaluation.error_report import METRICS, Window
 from usbldr.filters.evaluation.evaluation import evaluate
-from usbldr.filters.evaluation.metrics import distance_travelled_m
+from usbldr.filters.evaluation.metrics import declared, distance_travelled_m
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.types import Trajectory, Truth, Update
 
@@ -152,29 +154,21 @@ def turning_track() -> tuple[Trajectory, Truth]:
     return track, truth_of(SECONDS, track_m + 2.0 * ahead + 0.5 * starboard)
 
 
-@pytest.mark.parametrize("align", ["none", "first", "rigid"])
-def test_a_stated_lever_arm_of_the_truth_leaves_no_error(align: str) -> None:
+@pytest.mark.parametrize(("align", "turned_deg"), [("none", 0), ("first", 0), ("rigid", 0), ("rigid", 30)])
+def test_a_stated_lever_arm_of_the_truth_leaves_no_error(align: str, turned_deg: float) -> None:
+    """The track's whole world may be turned, its headings too."""
     track, antenna = turning_track()
+    angle = math.radians(turned_deg)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    track = dataclasses.replace(track, mean=np.column_stack([track.mean[:, 0] - angle, track.position_m @ turn]))
 
     report = evaluate(track, dataclasses.replace(antenna, lever_m=(0.5, 2.0, -1.0)), align=align)
 
     assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
+    assert report.alignment.rotation_rad == pytest.approx(angle)
     assert report.alignment.shift_m == pytest.approx((0.0, 0.0), abs=1e-9)
     assert "the point of the truth (+0.500 m starboard, +2.000 m forward)" in report.alignment.sentence
     np.testing.assert_allclose(report.alignment.points(track.position_m, track.state("psi")), antenna.position_m)
-
-
-def test_rigid_turns_the_lever_arm_of_the_truth_with_the_track() -> None:
-    """The track's whole world is turned by 30 degrees, its headings too."""
-    track, antenna = turning_track()
-    c, s = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
-    mean = np.column_stack([track.mean[:, 0] - math.radians(30.0), track.position_m @ np.array([[c, -s], [s, c]])])
-
-    turned = dataclasses.replace(track, mean=mean)
-    report = evaluate(turned, dataclasses.replace(antenna, lever_m=(0.5, 2.0, -1.0)), align="rigid")
-
-    assert report.horizontal.max_m == pytest.approx(0.0, abs=1e-9)
-    assert report.alignment.rotation_rad == pytest.approx(math.radians(30.0))
 
 
 def test_raw_fixes_cannot_be_moved_to_the_point_of_the_truth_and_that_is_told() -> None:
@@ -187,20 +181,20 @@ def test_raw_fixes_cannot_be_moved_to_the_point_of_the_truth_and_that_is_told() 
     assert "lever arm of the truth" in report.warnings[-1]
 
 
-def test_an_unknown_alignment_or_one_that_cannot_be_fitted_is_a_sentence() -> None:
-    still = np.zeros((101, 2))
-
-    with pytest.raises(UsageError, match="none, shift, first, rigid"):
-        evaluate(track_of(SECONDS, still), truth_of(SECONDS, still), align="se3")
-    with pytest.raises(LogError, match="all at one place"):
-        evaluate(track_of(SECONDS, still), truth_of(SECONDS, still), align="rigid")
-
-
-def test_a_track_that_never_meets_the_truth_is_an_error_that_names_both_spans() -> None:
-    with pytest.raises(LogError, match=r"0\.0 to 100\.0 s.*/truth \(500\.0 to 600\.0 s"):
-        evaluate(track_of(SECONDS, line(SECONDS)), truth_of(SECONDS + 500, line(SECONDS)))
-    with pytest.raises(LogError, match=r"no truth row between 300 and 400 s.*0\.0 to 100\.0 s"):
-        evaluate(track_of(SECONDS, line(SECONDS)), truth_of(SECONDS, line(SECONDS)), Window(300, 400))
+@pytest.mark.parametrize(
+    ("truth_s", "speed", "how", "fault", "said"),
+    [
+        (SECONDS, 0.0, {"align": "se3"}, UsageError, "none, shift, first, rigid"),
+        (SECONDS, 0.0, {"align": "rigid"}, LogError, "all at one place"),
+        (SECONDS + 500, 1.0, {}, LogError, r"0\.0 to 100\.0 s.*/truth \(500\.0 to 600\.0 s"),
+        (SECONDS, 1.0, {"window": Window(300, 400)}, LogError, r"no truth row between 300 and 400 s.*0\.0 to 100\.0 s"),
+    ],
+)
+def test_an_unknown_or_impossible_alignment_and_a_track_that_never_meets_the_truth_are_sentences(
+    truth_s, speed, how, fault, said
+) -> None:
+    with pytest.raises(fault, match=said):
+        evaluate(track_of(SECONDS, speed * line(SECONDS)), truth_of(truth_s, speed * line(SECONDS)), **how)
 
 
 def test_an_epoch_without_a_position_is_left_out_and_said_and_one_that_a_track_lacks_lowers_its_coverage() -> None:
@@ -416,3 +410,37 @@ def test_a_truth_turned_and_scaled_within_its_stated_sigmas_leaves_nees_at_two()
         means.append(judged.mean)
 
     assert np.mean(means) == pytest.approx(2.0, abs=4 * 2 / math.sqrt(300))  # chi-square of 2: sd 2
+
+
+def report_of_ten_seconds():
+    updates = tuple(
+        Update(sensor, "position", row, float(row), (1.0, 2.0), (1.0, 1.0), 5.0, 2, outcome, 1.0)
+        for row, (sensor, outcome) in enumerate((("usbl", "used"), ("usbl", "rejected"), ("dvl", "down-weighted")))
+    )
+    track_m = np.random.default_rng(8).normal(size=(11, 2))
+    track = track_of(SECONDS[:11], track_m, name="adf", updates=updates, seconds=2.0, smoothed=True)
+    return evaluate(track, truth_of(SECONDS[:11], np.zeros((11, 2)), sd_m=1.0))
+
+
+def test_flat_has_the_declared_metrics_in_their_order_then_those_of_each_sensor_and_all_the_numbers_of_their_fields():
+    found = report_of_ten_seconds()
+    flat = found.flat()
+
+    assert list(flat)[: len(METRICS)] == [metric.name for metric in METRICS]
+    stems = ("nis_mean", "nis_expected", "updates_used", "updates_down_weighted", "updates_rejected")
+    assert list(flat)[len(METRICS) :] == [f"{stem}_{sensor}" for sensor in ("dvl", "usbl") for stem in stems]
+    assert (found.method, found.label) == ("adf", "adf smoothed")
+    assert flat["p95_abs_east_m"] == np.percentile(np.abs(found.error_m[:, 0]), 95) == found.east.p95_abs_m
+    assert flat["rmse_north_m"] == np.sqrt(np.mean(found.error_m[:, 1] ** 2)) == found.north.rmse_m
+    assert flat["final_horizontal_m"] == np.hypot(*found.error_m[-1]) == found.horizontal.final_m
+    assert (flat["fixes_used"], flat["fixes_rejected"], flat["updates_down_weighted_dvl"]) == (1, 1, 1)
+    assert (flat["matched"], flat["coverage"]) == (11, 1)
+    assert flat["nees_mean"] is flat["distance_m"] is None
+
+
+def test_the_page_of_metrics_says_what_is_declared() -> None:
+    page, _, _ = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8").partition("## The rest of report.json")
+    every = (*METRICS, *declared(SensorUpdates, "SENSOR").values())
+    rows = [f"| `{m.name}` | {m.unit} | {m.direction.replace('both', '')} | {m.meaning} |" for m in every]
+
+    assert re.findall(r"^\| `.*$", page, re.MULTILINE) == rows
