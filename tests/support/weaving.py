@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from timelines import HZ, five_hz
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Timeline, Trajectory, Vector
 
 SD_MPS, SD_RAD, SD_M = 0.01, np.radians(0.2), 0.2
 
@@ -61,3 +61,14 @@ def weaving_dive(
     fixes += wander_m * np.column_stack([np.sin(stamp_s / 40), np.cos(stamp_s / 40)])
     fixes += SD_M * rng.standard_normal(fixes.shape)
     return five_hz(dvl, yaw, stamp_s, fixes, dvl_sd_mps=SD_MPS, yaw_sd_rad=float(SD_RAD), fix_sd_m=SD_M)
+
+
+def apart_m(track: Trajectory, clean: Trajectory) -> Vector:
+    """Return the distance at each epoch, (K,)."""
+    return np.hypot(*(track.position_m - clean.position_m).T)
+
+
+def mean_nees(track: Trajectory, clean: Trajectory) -> float:
+    e = track.position_m - clean.position_m
+    assert track.position_cov_m2 is not None
+    return float(np.einsum("ka,kab,kb->k", e, np.linalg.inv(track.position_cov_m2), e).mean())

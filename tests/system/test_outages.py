@@ -180,7 +180,7 @@ def test_the_return_of_the_fixes_is_told_with_what_it_did_to_the_track() -> None
 
 def test_a_return_is_told_by_its_first_fixes_and_by_what_was_known_before_them() -> None:
     """Straight north at 1 m/s: the first five fixes lie 3 m east and 4 m north of where they were foreseen."""
-    line = timeline(dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0))
+    line = dives(scenario(("usbl",), 90.0, 60.0), "adf", 12)[0].line
     layout = layout_for(("latency", "usbl-bias"))
     east_bias, late = layout.index("usbl_bias_east"), layout.index("usbl_latency")
     back = line.time_s >= 150.0
@@ -220,12 +220,11 @@ def test_drift_in_an_outage_is_reported_when_the_fixes_return_and_corrected(scal
 
 
 def test_a_smoothed_track_reports_the_same_recoveries_as_its_filter() -> None:
-    log = dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0)
-    line = timeline(log)
+    line, assumed, filtered, _ = dives(scenario(("usbl",), 90.0, 60.0), "adf", 12)[0]
 
-    smoothed = run("adf", line, log.parameters, FilterSettings(smooth=True))
+    smoothed = run("adf", line, assumed, FilterSettings(smooth=True))
 
-    assert smoothed.recoveries == run("adf", line, log.parameters).recoveries
+    assert smoothed.recoveries == filtered.recoveries
 
 
 def test_a_silence_until_the_end_has_no_return() -> None:
@@ -235,11 +234,10 @@ def test_a_silence_until_the_end_has_no_return() -> None:
 
 
 def test_fixes_behind_the_next_silence_say_nothing_of_the_one_before() -> None:
-    log = dive_without_calibration(scenario(("usbl",), 90.0, 60.0), 0)
-    line = timeline(log)
+    line, assumed, *_ = dives(scenario(("usbl",), 90.0, 60.0), "adf", 12)[0]
     kept = (line.fix_time_s < 151.5) | (line.fix_time_s > 164.5)  # two fixes between the silences
     line = replace(line.with_fixes(kept), outages=(*line.outages, Outage("usbl", 151.0, 165.0)))
 
-    (one,) = run("adf", line, log.parameters).recoveries
+    (one,) = run("adf", line, assumed).recoveries
 
     assert (one.start_s, one.end_s) == (151.0, 165.0)

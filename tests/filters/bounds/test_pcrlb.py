@@ -1,20 +1,35 @@
-"""The bounds against the Kalman filter's errors, Riccati's equation, a batch solution and the paper's own recursion."""
+"""The bounds against the Kalman filter's errors, Riccati's equation, a batch solution and the paper's own recursion.
+
+True states are held against the readings that they explain, and a dive's bounds against an EKF's own covariances.
+"""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
 from textbook import PRIOR, Drift, position_steps
+from usbldr.filters.bounds.dive_bounds import dive_bounds, true_states
 from usbldr.filters.bounds.pcrlb import BATCH_SIZE, Bounds, bounds, local_bounds, mean_absolute_error, parallel_sum
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.protocol import Step
+from usbldr.filters.models.calibration import STATES, layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Gaussian, Mixture, Noise
-from usbldr.filters.models.parameters import ProcessNoise
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.models.sensors import DirectState, Measurement, UsblFix
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.run import run
+from usbldr.filters.replay.steps import steps
+from usbldr.filters.simulation.scenario import Accuracy, Leg, Scenario, Timing
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.filters.types import Timeline
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 
 Q = (0.3, 0.1)
 R = 0.8
@@ -93,6 +108,12 @@ def test_with_mixture_noise_a_reading_counts_as_one_of_the_variance_that_its_inf
     np.testing.assert_allclose(mixture.smoothed, plain.smoothed, rtol=2e-5)
 
 
+def moved(x: np.ndarray, dt: float) -> np.ndarray:
+    psi, u, v, r, east, north = x
+    c, s = np.cos(psi + r * dt / 2), np.sin(psi + r * dt / 2)
+    return np.array([psi + r * dt, u, v, r, east + (u * c - v * s) * dt, north + (u * s + v * c) * dt])
+
+
 def wriggling_dives(count: int, process: ProcessNoise, prior_cov: np.ndarray) -> tuple[list[Step], np.ndarray]:
     """Return 25 steps of compass, DVL and late fixes, and truths (25, 6, count) drawn from motion and prior."""
     rng = np.random.default_rng(3)
@@ -105,10 +126,7 @@ def wriggling_dives(count: int, process: ProcessNoise, prior_cov: np.ndarray) ->
     for k in range(25):
         t0, t1 = max(k - 1, 0) * dt, k * dt
         if k:
-            psi, u, v, r = x[:4]
-            c, s = np.cos(psi + r * dt / 2), np.sin(psi + r * dt / 2)
-            moved = [psi + r * dt, u, v, r, x[4] + (u * c - v * s) * dt, x[5] + (u * s + v * c) * dt]
-            x = np.stack(moved) + np.sqrt(q)[:, None] * rng.normal(size=x.shape)
+            x = moved(x, dt) + np.sqrt(q)[:, None] * rng.normal(size=x.shape)
         readings = [Measurement(np.zeros(1), DirectState(row), scalar, "dvl", "", k, t1) for row in (0, 1, 2)]
         if k % 4 == 0:
             fix = UsblFix(layout, -0.3, (0.4, -1.0, 0.0))
@@ -123,12 +141,6 @@ def differences(function, x: np.ndarray) -> np.ndarray:
     eps = 1e-5
     columns = [(function(x + eps * e) - function(x - eps * e)) / (2 * eps) for e in np.eye(len(x))]
     return np.stack(columns, axis=1)
-
-
-def moved(x: np.ndarray, dt: float) -> np.ndarray:
-    psi, u, v, r, east, north = x
-    c, s = math.cos(psi + r * dt / 2), math.sin(psi + r * dt / 2)
-    return np.array([psi + r * dt, u, v, r, east + (u * c - v * s) * dt, north + (u * s + v * c) * dt])
 
 
 @pytest.mark.parametrize("count", [1, 12])
@@ -215,3 +227,59 @@ def test_the_mean_absolute_error_is_that_of_drawn_gaussians() -> None:
     draws = np.random.default_rng(5).normal(size=(200_000, 2)) * (0.5, 2.0)
     cov = np.array([np.diag([9.0, 0.25]), np.diag([9.0, 4.0])])
     assert mean_absolute_error(cov, 1) == pytest.approx(np.abs(draws).mean(), rel=0.01)
+
+
+PAPER = find_scenario("paper")
+
+TURNING = replace(
+    PAPER,
+    duration_s=60.0,
+    legs=(Leg(30.0, 0.1, 1.2, math.radians(4.0)), Leg(30.0, -0.1, 1.0, math.radians(-5.0))),
+    **{sensor: replace(getattr(PAPER, sensor), noise=Gaussian()) for sensor in ("dvl", "compass", "usbl")},
+    process=ProcessNoise(),  # generic: it allows for the turns
+    start=Start(0.0, 0.0, 0.01),
+)
+
+
+def seen(scenario: Scenario, calibrate: tuple[str, ...]) -> tuple[Timeline, Parameters]:
+    log = simulated_log(scenario, seed=3)
+    return timeline(log), replace(log.parameters, calibrate=calibrate)
+
+
+def test_the_true_states_explain_every_reading_of_sensors_that_err_but_have_no_noise() -> None:
+    keys = tuple(STATES)
+    wrong = replace(
+        TURNING,
+        dvl=replace(TURNING.dvl, sd_mps=1e-9, scale_error=0.02, misalignment_rad=0.03),
+        compass=replace(TURNING.compass, sd_rad=1e-9, bias_rad=0.05, deviation_rad=(0.02, -0.01)),
+        usbl=replace(TURNING.usbl, accuracy=Accuracy(sd_m=1e-9), timing=Timing(latency_s=0.4)),
+    )
+    line, parameters = seen(wrong, keys)
+    layout = layout_for(keys)
+
+    states = true_states(simulate(wrong, seed=3), layout, line.time_s)
+
+    checked = 0
+    for step in steps(line, parameters, layout):
+        for reading in step.measurements:
+            want = reading.model.predict(states[step.epoch][:, None])
+            away_from_corner = reading.sensor != "usbl" or not 29.5 < reading.time_s < 30.5
+            if away_from_corner:
+                # a fix 0.4 s ago is on a chord for the model, on an arc in truth: some 0.1 mm apart
+                np.testing.assert_allclose(reading.model.residual(reading.z[:, None], want), 0, atol=3e-4)
+                checked += 1
+    assert checked > 900
+
+
+@pytest.mark.parametrize("calibrate", [(), ("scale",), ("scale", "heading")], ids=", ".join)
+@pytest.mark.parametrize("smooth", [False, True], ids=["filter", "smoother"])
+def test_with_gaussian_noise_the_bound_is_what_an_ekf_says_of_itself(calibrate: tuple[str, ...], smooth: bool) -> None:
+    """The EKF has its Jacobians at its own estimates, a few centimetres and hundredths of a degree off the truth."""
+    line, parameters = seen(TURNING, calibrate)
+    claimed = run("ekf", line, parameters, FilterSettings(smooth=smooth)).cov
+    assert claimed is not None
+
+    got = dive_bounds(simulate(TURNING, seed=3), line, parameters)[smooth]
+
+    sd, want = (np.sqrt(np.einsum("kii->ki", cov))[10:] for cov in (got, claimed))
+    np.testing.assert_allclose(sd, want, rtol=0.03)

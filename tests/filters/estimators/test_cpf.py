@@ -1,4 +1,4 @@
-"""The particle filters against exact posteriors and the filters that they become in special cases."""
+"""The particle filters, also as the paper may be read otherwise, against exact posteriors and the Kalman filter."""
 
 import itertools
 import math
@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from paper.cpf_gaussian import GaussianParticleFilter
+from paper.cpf_literal import LiteralParticleFilter
 from textbook import PRIOR, Drift, beliefs, end, exact_mixture, position_steps
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.kalman import KalmanFilter
@@ -23,18 +25,20 @@ MOTION = Drift(Q)
 THIRTY = CubatureParticleFilter(MOTION, cubature, 30)
 
 
-def test_with_one_noise_mode_every_particle_is_the_kalman_filter() -> None:
+@pytest.mark.parametrize(
+    ("form", "count", "rounding"), [(CubatureParticleFilter, 7, 1e-12), (GaussianParticleFilter, 25, 1e-9)]
+)
+def test_with_one_noise_mode_it_is_the_kalman_filter(form, count: int, rounding: float) -> None:
+    """The Gaussian form's proposal is then the posterior, and whitened draws carry no sampling error."""
     z = np.random.default_rng(0).normal(size=20)
     noise = Gaussian().modes(np.array([[0.8]]))
-    particles = CubatureParticleFilter(MOTION, cubature, 7)
-    kalman = KalmanFilter(MOTION, cubature, moment_matched)
 
-    got = end(particles, position_steps(z, noise))
-    want = end(kalman, position_steps(z, noise))
+    got = end(form(MOTION, cubature, count), position_steps(z, noise))
+    want = end(KalmanFilter(MOTION, cubature, moment_matched), position_steps(z, noise))
 
-    np.testing.assert_allclose(got.mean, want.mean, atol=1e-12)
-    np.testing.assert_allclose(got.cov, want.cov, atol=1e-12)
-    assert got.ess == pytest.approx(7)
+    np.testing.assert_allclose(got.mean, want.mean, atol=rounding)
+    np.testing.assert_allclose(got.cov, want.cov, atol=rounding)
+    assert got.ess == pytest.approx(count)
 
 
 def test_it_tends_to_the_exact_posterior_over_all_mode_histories() -> None:
@@ -191,3 +195,27 @@ def test_effective_size_runs_from_one_to_n_also_of_weights_too_small_for_a_float
     assert effective_size(np.full(7, -np.log(7))) == pytest.approx(7)
     assert effective_size(normalised(np.array([0.0, -800.0, -900.0]))) == pytest.approx(1)
     assert np.exp(normalised(np.array([-5000.0, -5001.0]))).sum() == pytest.approx(1)
+
+
+def test_with_process_noise_to_spare_the_literal_form_tends_to_the_kalman_filter() -> None:
+    z = np.cumsum(np.random.default_rng(2).normal(1.0, 1.0, size=8))
+    noise = Gaussian().modes(np.array([[0.8]]))
+    loud = Drift((1.0, 0.6))
+    want = end(KalmanFilter(loud, cubature, moment_matched), position_steps(z, noise))
+    ends = [end(LiteralParticleFilter(loud, cubature, 5000), position_steps(z, noise), seed) for seed in range(10)]
+
+    np.testing.assert_allclose(np.mean([e.mean for e in ends], axis=0), want.mean, atol=0.05)
+    np.testing.assert_allclose(np.mean([e.cov for e in ends], axis=0), want.cov, rtol=0.15, atol=0.02)
+
+
+def test_the_literal_form_loses_its_particles_where_process_noise_is_small() -> None:
+    z = np.arange(60.0)
+    noise = Mixture().modes(np.array([[0.8]]))
+    estimator = LiteralParticleFilter(Drift((1e-6, 1e-8)), cubature, 100)
+    belief, least = estimator.start(PRIOR), []
+    for step in position_steps(z, noise):
+        belief = estimator.step(belief, step, lambda k=step.epoch: np.random.default_rng((0, k)))
+        least.append(belief.ess)
+
+    assert np.mean(least) < 10
+    assert math.isfinite(estimator.estimate(belief).mean[0])

@@ -121,16 +121,12 @@ def test_the_scatter_is_that_of_the_residuals():
     assert fix_statistics(time_s, place, None, ALL, circling()).scatter is None
 
 
-def test_fixes_whose_times_are_coarse_have_the_noise_of_those_times():
-    """Most steps between them are zero; fixes of one moment do not show how noise changes with time."""
+def test_coarse_times_and_no_noise_show_in_the_noise_and_a_track_without_velocity_has_no_statistics():
+    """Most steps between coarse times are zero; fixes of one moment do not show how noise changes with time."""
     time_s, place, away = dive(1)
     coarse_s = np.floor(time_s / 10) * 10
     assert fix_statistics(coarse_s, place, away, ALL, circling()).east_m.time_constant_s >= 10.0
     assert fix_statistics(coarse_s[:1].repeat(150), place, away, ALL, circling()).east_m is None
-
-
-def test_fixes_without_noise_have_a_noise_of_zero_and_a_track_without_velocity_has_no_statistics():
-    time_s, place, away = dive(1)
     plain = Trajectory("usbl", ("x", "y"), TIME_S, np.zeros((len(TIME_S), 2)), None)
     found = fix_statistics(time_s, np.zeros((150, 2)), np.full((150, 2), 50.0), ALL, circling())
     assert found.east_m.white.sd == pytest.approx(0.0, abs=1e-5)

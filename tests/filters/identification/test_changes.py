@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from apart import apart_m
 from textbook import log_density
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.changes import (
@@ -32,7 +31,7 @@ from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorCha
 from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Outage, Timeline
-from weaving import Faults, weaving_dive
+from weaving import Faults, apart_m, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
 DIVE = weaving_dive(Faults())

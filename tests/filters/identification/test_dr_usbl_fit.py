@@ -90,13 +90,6 @@ def test_the_scale_is_that_of_the_dvl_whatever_its_mount() -> None:
     assert turn.scale == pytest.approx(1.2, abs=0.01)
 
 
-def test_a_vehicle_at_rest_has_no_scale() -> None:
-    line = dive()
-    still = replace(line, dr_mps=np.zeros_like(line.dr_mps))
-
-    assert np.isnan(fit_rotation(still, segment_numbers(still, still.fix_time_s)).scale)
-
-
 ERRORS = {
     "dvl_scale": 0.02,
     "heading_bias_deg": 4.0,
@@ -174,9 +167,11 @@ def test_an_outage_of_the_dvl_cuts_the_log_and_its_fixes_do_not_count() -> None:
     assert len(fit_rotation(line, group).shift_m) == 2
 
 
-def test_fixes_without_dead_reckoning_show_no_turn() -> None:
+def test_fixes_without_dead_reckoning_show_no_turn_and_a_vehicle_at_rest_no_scale() -> None:
     line = dive()
+    still = replace(line, dr_mps=np.zeros_like(line.dr_mps))
 
+    assert np.isnan(fit_rotation(still, segment_numbers(still, still.fix_time_s)).scale)
     turn = fit_rotation(line, np.full(len(line.fix_time_s), -1))
 
     assert (turn.rotation_rad, turn.rms_m) == (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The motion model against closed forms and an integration."""
+"""The motion model against closed forms and an integration; in gaps of DVL and compass against simulated vehicles."""
 
 import math
 from dataclasses import replace
@@ -11,6 +11,14 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sigma_points import cubature, linearised, unscented
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.models.usual_motion import (
+    LONGEST_GAP_S,
+    LONGEST_TURN_GAP_S,
+    TURN_S,
+    TurnHistory,
+    UsualMotion,
+    VelocityHistory,
+)
 
 QUIET = ProcessNoise(0.0, 0.0, 0.0, 0.0)
 
@@ -82,3 +90,185 @@ def test_an_unknown_yaw_spreads_the_position_along_a_straight_path_too() -> None
     want_m = math.sqrt(np.mean((forward_m - steps * dt_s) ** 2))
     along = layout.index("y")  # yaw 0 moves v north
     assert math.sqrt(bank.cov[along, along, 0]) == pytest.approx(want_m, rel=0.05)
+
+
+WALK_MPS = 0.05
+MEAN, SD = np.array([0.1, 1.0]), np.array([0.1, 0.3])
+TIME_S = 2 * SD**2 / WALK_MPS**2  # so that the velocity is WALK_MPS over short times
+DT_S = 0.2
+
+
+def velocities(rng: np.random.Generator, seconds: float) -> np.ndarray:
+    """Draw a stationary Ornstein-Uhlenbeck velocity, (n, 2), by its exact transition."""
+    left = np.exp(-DT_S / TIME_S)
+    v = np.empty((round(seconds / DT_S), 2))
+    v[0] = MEAN + SD * rng.normal(size=2)
+    for k in range(1, len(v)):
+        v[k] = MEAN + (v[k - 1] - MEAN) * left + SD * np.sqrt(1 - left**2) * rng.normal(size=2)
+    return v
+
+
+def history_of(v: np.ndarray) -> VelocityHistory:
+    return VelocityHistory.of(np.linspace(0.0, (len(v) - 1) * DT_S, len(v)), v)
+
+
+def in_gap(history: VelocityHistory, time_s: float) -> UsualMotion:
+    usual = history.in_gap(time_s, WALK_MPS)
+    assert usual is not None
+    return usual
+
+
+def test_a_long_past_tells_mean_spread_and_time_constant() -> None:
+    v = velocities(np.random.default_rng(0), 40_000)
+
+    usual = in_gap(history_of(v), 40_010.0)
+
+    np.testing.assert_allclose(usual.mean, MEAN, atol=0.02)
+    np.testing.assert_allclose(usual.sd, SD, rtol=0.1)
+    np.testing.assert_allclose(usual.time_s, TIME_S, rtol=0.2)
+
+
+def test_a_short_past_leaves_the_speed_wide_open() -> None:
+    usual = in_gap(history_of(np.tile([0.0, 1.2], (50, 1))), 20.0)
+
+    assert (usual.sd > 0.3).all()
+
+
+def test_nothing_relaxes_while_records_come_before_the_first_or_without_a_walk() -> None:
+    history = VelocityHistory()
+    assert history.in_gap(0.0, WALK_MPS) is None
+    history.add(5.0, MEAN)
+    assert history.in_gap(4.0, WALK_MPS) is None
+    assert history.in_gap(5.0 + LONGEST_GAP_S, WALK_MPS) is None
+    assert history.in_gap(9.0, 0.0) is None
+    assert history.in_gap(9.0, WALK_MPS) is not None
+
+
+def test_only_the_past_counts() -> None:
+    v = velocities(np.random.default_rng(1), 100)
+    history = history_of(v)
+    before = in_gap(history, 110.0)
+
+    for time_s in (115.0, 116.0):
+        history.add(time_s, np.array([3.0, -3.0]))
+
+    np.testing.assert_array_equal(in_gap(history, 110.0), before)
+    assert in_gap(history, 120.0).mean[0] > before.mean[0]
+
+
+def test_a_late_record_is_put_in_its_place() -> None:
+    v = velocities(np.random.default_rng(2), 20)
+    late = VelocityHistory()
+    for k in (*range(40), *range(50, 100), *range(40, 50)):
+        late.add(k * DT_S, v[k])
+
+    for time_s in (9.0, 12.0, 25.0):
+        got, want = late.in_gap(time_s, WALK_MPS), history_of(v).in_gap(time_s, WALK_MPS)
+        assert (got is None) == (want is None) == (time_s < 20)
+        if got is not None and want is not None:
+            np.testing.assert_allclose(np.array(got), np.array(want), rtol=1e-12)
+
+
+def test_over_short_times_it_is_the_random_walk_and_over_long_ones_its_variance_stays() -> None:
+    usual = UsualMotion(MEAN, SD, TIME_S)
+
+    np.testing.assert_allclose(usual.added_variance(0.01), 0.01 * WALK_MPS**2, rtol=0.01)
+    np.testing.assert_allclose(usual.added_variance(1e4), SD**2)
+    np.testing.assert_allclose(usual.remaining(1e4), 0.0, atol=1e-12)
+    twice = usual.remaining(7.0) ** 2 * usual.added_variance(7.0) + usual.added_variance(7.0)
+    np.testing.assert_allclose(twice, usual.added_variance(14.0))  # two steps are one
+
+
+def test_a_motion_through_a_gap_has_the_moments_of_an_integrated_ornstein_uhlenbeck_process() -> None:
+    """Var x(t) = s^2 T^2 (2 t/T - 3 + 4 exp(-t/T) - exp(-2 t/T)) for a known velocity at the start."""
+    history, gap_s = history_of(velocities(np.random.default_rng(3), 2000)), 60.0
+    motion = VehicleMotion(StateLayout(), ProcessNoise(0.0, 0.0, WALK_MPS, 0.0), history=history)
+    start, begins_s = np.array([0.0, 0.5, 0.2, 0.0, 0.0, 0.0]), 2010.0
+    bank = replicate(start, np.zeros((6, 6)), 1)
+
+    for k in range(round(gap_s / DT_S)):
+        bank = predict(bank, motion, linearised, begins_s + k * DT_S, begins_s + (k + 1) * DT_S)
+
+    mean, sd, T = in_gap(history, begins_s)
+    a = np.exp(-gap_s / T)
+    np.testing.assert_allclose(bank.mean[1:3, 0], mean + (start[1:3] - mean) * a, rtol=1e-9)
+    np.testing.assert_allclose(bank.mean[4:, 0], mean * gap_s + (start[1:3] - mean) * T * (1 - a), rtol=0.01)
+    np.testing.assert_allclose(bank.cov[[1, 2], [1, 2], 0], sd**2 * (1 - a**2), rtol=1e-9)
+    closed = sd**2 * T**2 * (2 * gap_s / T - 3 + 4 * a - a**2)
+    np.testing.assert_allclose(bank.cov[[4, 5], [4, 5], 0], closed, rtol=0.02)
+
+
+def test_the_displacement_through_gaps_of_a_minute_is_as_uncertain_as_said() -> None:
+    nees: list[float] = []
+    for seed in range(60):
+        v = velocities(np.random.default_rng(seed), 1060)
+        history, first = history_of(v[:5000]), 5000
+        motion = VehicleMotion(StateLayout(), ProcessNoise(0.0, 0.0, WALK_MPS, 0.0), history=history)
+        bank = replicate(np.array([0.0, *v[first], 0.0, 0.0, 0.0]), np.zeros((6, 6)), 1)
+        for k in range(1, 60):  # a second each
+            bank = predict(bank, motion, linearised, 1003.0 + k, 1004.0 + k)
+        moved = v[first : first + 295].sum(axis=0) * DT_S
+        e, P = bank.mean[4:, 0] - moved, bank.cov[4:, 4:, 0]
+        nees.append(float(e @ np.linalg.solve(P, e)))
+
+    assert 1.2 < np.mean(nees) < 2.8  # 2, and its 99.9 % interval for 120 degrees of freedom is 1.2 to 2.9
+
+
+@pytest.mark.parametrize("time_s", [0.0, 1.0, 2.9])
+def test_with_records_the_motion_is_the_random_walk_that_it_is_without_a_history(time_s: float) -> None:
+    with_history = VehicleMotion(StateLayout(), ProcessNoise(), history=VelocityHistory.of(np.zeros(1), MEAN[None]))
+    without = VehicleMotion(StateLayout(), ProcessNoise())
+
+    np.testing.assert_array_equal(with_history.noise(time_s, time_s + 1), without.noise(time_s, time_s + 1))
+    assert len(list(with_history.parts(time_s, time_s + 1))) == len(list(without.parts(time_s, time_s + 1))) == 3
+
+
+def turning(rng: np.random.Generator, seconds: float, sd_radps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Draw times and yaw of a vehicle whose turn rate is constant for TURN_S, then another."""
+    t = np.arange(0, seconds, DT_S)
+    rate = rng.normal(0, sd_radps, round(seconds / TURN_S) + 1)[(t // TURN_S).astype(int)]
+    return t, np.cumsum(rate) * DT_S
+
+
+def test_yaw_spreads_in_a_gap_as_the_vehicle_turned_before() -> None:
+    """A turn rate that is drawn every TURN_S spreads yaw by sd^2 TURN_S in a second."""
+    t, yaw = turning(np.random.default_rng(5), 20_000, 0.05)
+    motion = VehicleMotion(StateLayout(), ProcessNoise(0.0, 0.0, 0.0, 0.1), turns=TurnHistory.of(t, yaw))
+    bank = replicate(np.zeros(6), np.zeros((6, 6)), 1)
+    gap_s, step_s = 300.0, 0.2
+
+    for k in range(round(gap_s / step_s)):
+        bank = predict(bank, motion, linearised, 20_002.0 + k * step_s, 20_002.0 + (k + 1) * step_s)
+
+    # mean rates over windows that begin anywhere have two thirds of the variance
+    assert bank.cov[0, 0, 0] == pytest.approx(2 / 3 * 0.05**2 * TURN_S * gap_s, rel=0.15)
+
+
+def test_a_vehicle_that_circles_goes_on_circling() -> None:
+    t = np.arange(0, 20_000, 0.2)
+    usual = TurnHistory.of(t, (0.03 * t).astype(np.float64)).in_gap(20_010.0, 0.1)
+
+    assert usual.mean == pytest.approx(0.03, rel=0.01)
+    assert usual.sd < 0.03
+
+
+@pytest.mark.parametrize("interval_s", [0.2, 1.0, 5.0])
+def test_headings_one_by_one_give_the_same_history_and_slow_ones_are_no_gap(interval_s: float) -> None:
+    rng = np.random.default_rng(6)
+    t = np.linspace(1, 199, 199) * interval_s
+    yaw = np.cumsum(rng.normal(0, 0.3, len(t)))
+    at_once, one_by_one, late = TurnHistory.of(t, yaw), TurnHistory(), TurnHistory()
+    for k in range(len(t)):
+        one_by_one.add(t[k], (yaw[k] - yaw[0] + np.pi) % (2 * np.pi) - np.pi)  # a compass does not count turns
+    for k in (*range(50), *range(60, len(t)), *range(50, 60)):
+        late.add(t[k], yaw[k])
+
+    for time_s in (t[70] + 0.9 * interval_s, t[-1] + max(2.1 * interval_s, LONGEST_TURN_GAP_S + 0.1)):
+        found = [history.in_gap(time_s, 0.1) for history in (at_once, one_by_one, late)]
+        if time_s < t[-1]:
+            assert found == [None] * 3
+            continue
+        for usual in found:
+            np.testing.assert_allclose(np.array(usual), np.array(found[0]), rtol=1e-9)
+    assert TurnHistory().in_gap(5.0, 0.1) is None
+    assert at_once.in_gap(1e5, 0.0) is None

@@ -35,13 +35,17 @@ def _with_fixes(line: Timeline, east_m: list[float]) -> Timeline:
     return dataclasses.replace(line, fix_time_s=np.arange(n, dtype=float), fix_m=fixes)
 
 
-def test_dead_reckoning_without_sensor_errors_follows_the_turns() -> None:
-    track = dead_reckoning.dr(_line(TURNING), np.zeros(2))
+# the trapezoid shortens each chord by (r dt)^2 / 12: 1.3e-6 of 750 m
+@pytest.mark.parametrize(("scenario", "scale", "off_m"), [(TURNING, 0.0, 2e-3), (EXACT, 0.01, 1e-6)])
+def test_dead_reckoning_follows_the_turns_and_a_scale_error_lengthens_it_by_itself(scenario, scale, off_m):
+    scaled = dataclasses.replace(scenario, dvl=dataclasses.replace(scenario.dvl, scale_error=scale))
 
-    truth = simulate(TURNING, 0).truth
-    # the trapezoid shortens each chord by (r dt)^2 / 12: 1.3e-6 of 750 m
-    np.testing.assert_allclose(track.position_m, truth.position_m, atol=2e-3)
-    np.testing.assert_allclose(track.mean[:, :3], np.column_stack([truth.yaw_rad, truth.velocity_mps]), atol=1e-9)
+    track = dead_reckoning.dr(_line(scaled), np.zeros(2))
+
+    truth = simulate(scenario, 0).truth
+    np.testing.assert_allclose(track.position_m, (1 + scale) * truth.position_m, rtol=0, atol=off_m)
+    moved = np.column_stack([truth.yaw_rad, (1 + scale) * truth.velocity_mps])
+    np.testing.assert_allclose(track.mean[:, :3], moved, atol=1e-9)
     assert track.cov is None
 
 
@@ -57,28 +61,11 @@ def test_dead_reckoning_meets_its_start_at_its_time(start_time_s: float) -> None
     np.testing.assert_allclose(np.ptp(track.position_m - from_origin, axis=0), 0, atol=1e-9)
 
 
-def test_a_scale_error_lengthens_the_dead_reckoned_track_by_itself() -> None:
-    scaled = dataclasses.replace(EXACT, dvl=dataclasses.replace(EXACT.dvl, scale_error=0.01))
-
-    track = dead_reckoning.dr(_line(scaled), np.zeros(2))
-
-    np.testing.assert_allclose(track.position_m[-1], 1.01 * simulate(EXACT, 0).truth.position_m[-1], rtol=1e-9)
-
-
-def test_raw_fixes_keep_their_own_times() -> None:
-    line = _with_fixes(_line(EXACT), [1.0, 2.0])
-
-    track = dead_reckoning.usbl(line)
-
-    assert track.time_s.tolist() == [0.0, 1.0]
-    assert track.names == ("x", "y")
-
-
 def _start(line: Timeline) -> tuple[Vector, float]:
     return dead_reckoning.start_position(line, line.fix_time_s, line.fix_m)
 
 
-def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:
+def test_the_start_is_where_the_fixes_say_less_the_way_since_and_gps_is_no_part_of_it() -> None:
     line = _line(EXACT)
     truth = simulate(EXACT, 0).truth.position_m[::5]
     moved = truth[20:30] + np.array([40.0, -60.0])
@@ -88,6 +75,7 @@ def test_the_start_is_where_the_fixes_say_less_the_way_since() -> None:
 
     np.testing.assert_allclose(start, [40.0, -60.0], atol=1e-6)
     assert sd_m == 3.0
+    np.testing.assert_array_equal(_start(dataclasses.replace(line, gps_m=line.gps_m + 1000.0))[0], start)
 
 
 def test_two_gross_errors_in_five_neither_move_the_start_nor_widen_it_and_more_widen_it() -> None:
@@ -101,16 +89,10 @@ def test_two_gross_errors_in_five_neither_move_the_start_nor_widen_it_and_more_w
     assert wide_m == pytest.approx(1.4826 * 20.0)
 
 
-def test_gps_is_no_part_of_the_start() -> None:
-    line = _line(EXACT)
-    moved = dataclasses.replace(line, gps_m=line.gps_m + 1000.0)
+def test_raw_fixes_keep_their_own_times_and_without_any_there_is_one_sentence() -> None:
+    track, line = dead_reckoning.usbl(_with_fixes(_line(EXACT), [1.0, 2.0])), _with_fixes(_line(EXACT), [])
 
-    np.testing.assert_array_equal(_start(moved)[0], _start(line)[0])
-
-
-def test_without_fixes_there_is_one_sentence() -> None:
-    line = _with_fixes(_line(EXACT), [])
-
+    assert (track.time_s.tolist(), track.names) == ([0.0, 1.0], ("x", "y"))
     with pytest.raises(LogError, match="no USBL fix"):
         dead_reckoning.usbl(line)
     with pytest.raises(LogError, match="no USBL fix to nudge"):

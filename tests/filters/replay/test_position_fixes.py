@@ -65,12 +65,6 @@ def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(
     np.testing.assert_array_equal(moved_within.mean[:17], as_it_is.mean[:17])
 
 
-def test_without_windows_gps_never_reaches_a_filter() -> None:
-    used = [m.sensor for step in steps(timeline(), Parameters(), StateLayout()) for m in step.measurements]
-
-    assert "gps" not in used
-
-
 def test_a_gps_fix_pulls_the_track_to_itself_and_its_sigma_says_so() -> None:
     aided = run("ekf", timeline(), replace(AIDED, gps=Gaussian()), FilterSettings())
     alone = run("ekf", timeline(), replace(AIDED, aid=()), FilterSettings())
@@ -80,10 +74,13 @@ def test_a_gps_fix_pulls_the_track_to_itself_and_its_sigma_says_so() -> None:
     assert np.sqrt(aided.position_cov_m2[k, 0, 0]) == pytest.approx(0.5 / np.sqrt(5), rel=0.1)
 
 
-def test_each_gps_fix_is_one_robust_measurement_with_its_own_sigma() -> None:
-    line = timeline()
-    used = [m for step in steps(line, AIDED, StateLayout()) for m in step.measurements if m.sensor == "gps"]
+def test_each_gps_fix_is_one_robust_measurement_with_its_own_sigma_and_none_without_windows() -> None:
+    used, none = (
+        [m for step in steps(timeline(), assumed, StateLayout()) for m in step.measurements if m.sensor == "gps"]
+        for assumed in (AIDED, Parameters())
+    )
 
+    assert none == []
     assert [m.row for m in used] == [6, 7, 8, 9, 10, 40, 41, 42, 43, 44]
     assert {len(m.noise.probabilities) for m in used} == {2}  # nominal and gross errors
     assert {float(m.noise.cov[0, 0, 0]) for m in used} == {0.25}
@@ -158,12 +155,9 @@ def test_a_surfacing_that_aids_the_filter_is_no_test_of_it() -> None:
     assert [s.time_s for s in aided.surfacings] == [150.0]
 
 
-def test_windows_over_all_of_the_truth_leave_nothing_to_score() -> None:
-    with pytest.raises(LogError, match=r"all of its epochs .* lie in the windows that GPS aids"):
-        evaluated(np.zeros(31), aid=((0.0, 30.0),))
-
-
-def test_a_window_without_gps_is_refused_with_what_there_is() -> None:
+def test_a_window_without_gps_is_refused_with_what_there_is_and_one_over_all_of_the_truth_leaves_nothing() -> None:
     assert refusal(LogError, require_gps, timeline(), ((3.0, 5.0), (40.0, 60.0)), "dive.mcap") == (
         "dive.mcap: no GPS fix to aid a filter from 40 to 60 s of the log (it has GPS fixes from 0.0 to 30.0 s)"
     )
+    with pytest.raises(LogError, match=r"all of its epochs .* lie in the windows that GPS aids"):
+        evaluated(np.zeros(31), aid=((0.0, 30.0),))

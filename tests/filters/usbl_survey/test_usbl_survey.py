@@ -35,6 +35,12 @@ def noiseless(scenario, **changes):
     return replace(scenario, range_sd_m=0.0, angle_sd_deg=0.0, outlier_share=0.0, **exact, **changes)
 
 
+def in_time():
+    """Return a survey without noise and latencies, and its true values."""
+    exact = BOX.true_values * np.where([name.endswith("latency_s") for name in NAMES], 0.0, 1.0)
+    return simulate_survey(noiseless(BOX, true_values=exact), 0), exact
+
+
 @pytest.fixture(scope="module")
 def fits():
     surveys = [simulate_survey(BOX, seed) for seed in SEEDS]
@@ -52,8 +58,7 @@ def test_an_attitude_turns_as_rotations_of_scipy_do():
 
 
 def test_exact_fixes_place_the_transponder_and_leave_no_residual():
-    exact = BOX.true_values * np.where([name.endswith("latency_s") for name in NAMES], 0.0, 1.0)
-    survey = simulate_survey(noiseless(BOX, true_values=exact), 0)
+    survey, exact = in_time()
     assert np.ptp(placed(survey, exact), axis=0) == pytest.approx(np.zeros(3), abs=0.01)  # waves between two records
     assert residuals(survey, exact) == pytest.approx(np.zeros((len(survey), 3)), abs=0.005)
     lonely = replace(survey, direction=np.full((len(survey), 3), np.nan))
@@ -62,8 +67,7 @@ def test_exact_fixes_place_the_transponder_and_leave_no_residual():
 
 
 def test_the_range_of_a_reply_is_the_mean_of_both_ways():
-    exact = BOX.true_values * np.where([name.endswith("latency_s") for name in NAMES], 0.0, 1.0)
-    survey = simulate_survey(noiseless(BOX, true_values=exact), 0)
+    survey, exact = in_time()
     two_way_s = np.full(len(survey), 2.0)
     before = np.linalg.norm(seen_from_head(replace(survey, time_s=survey.time_s - two_way_s), exact), axis=1)
     replies = replace(survey, range_m=(survey.range_m + before) / 2, two_way_s=two_way_s)
