@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Mapping
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from checkout import FIELD_CONFIGURATIONS
 from field.logs import FOLDERS
 from usbldr.filters.evaluation.alignment import fit_rigid
 from usbldr.filters.replay.dead_reckoning import displacement_m, dr
@@ -190,3 +192,25 @@ def test_transects_of_rivers_are_read_as_they_read_them(field_logs: Path, tmp_pa
     check({"origin_lat_deg": log.origin.lat_deg, "origin_lon_deg": log.origin.lon_deg}, theirs)
     check({"ensembles": len(dvl), "bottom_lock_pct": 100 * dvl["valid"].mean()}, theirs)
     check({"longest_loss_s": dvl["time_s"][dvl["valid"]].diff().max(), "gps_path_m_5hz": path_m(gps_m)}, theirs)
+
+
+CONFIGURATION = FIELD_CONFIGURATIONS / "uib_field.toml"
+
+
+@cache
+def uib(logs: Path, name: str) -> Log:
+    return read_log(logs / "uib_field" / name, Request(str(CONFIGURATION)))
+
+
+@pytest.mark.parametrize("name", ["uib_field.bag", "uib_field_db3", "csv"])
+def test_every_format_of_uib_field_gives_the_same_log(field_logs: Path, name: str) -> None:
+    reference, log = uib(field_logs, "uib_field.mcap"), uib(field_logs, name)
+
+    assert log.start_ns == reference.start_ns
+    assert list(log.tables) == list(reference.tables) == ["dvl", "compass", "usbl"]
+    for sensor, table in log.tables.items():
+        pd.testing.assert_frame_equal(table, reference.tables[sensor], check_exact=True)
+        assert log.provenance[sensor].conventions == reference.provenance[sensor].conventions
+    np.testing.assert_array_equal(log.truth.position_m, reference.truth.position_m)
+    np.testing.assert_array_equal(log.truth.time_s, reference.truth.time_s)
+    assert [finding.text for finding in log.findings] == [finding.text for finding in reference.findings]

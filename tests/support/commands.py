@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -61,13 +62,13 @@ def finished(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess([str(one) for one in arguments], code, done.stdout, done.stderr + fault)
 
 
-def report_of(folder: Path) -> Any:
-    """Read report.json of a run as a parser does that knows no NaN and no infinity."""
+def report_of(folder: Path, name: str = "report.json") -> Any:
+    """Read the report of a run as a parser does that knows no NaN and no infinity."""
 
     def refuse(constant: str) -> float:
         raise AssertionError(f"{constant} is not JSON")
 
-    return json.loads((folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    return json.loads((folder / name).read_text(encoding="utf-8"), parse_constant=refuse)
 
 
 def findings(log: Path, *options: str) -> Mapping[str, Mapping[str, Any]]:
@@ -97,6 +98,12 @@ def spoil(file: Path, old: str, new: str) -> None:
     text = file.read_text(encoding="utf-8")
     assert old in text
     file.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
 
 
 def interrupt(*arguments: object, once: Callable[[], object] = lambda: True, after_s: float = 0.0) -> None:

@@ -24,37 +24,6 @@ SECOND = 1_000_000_000
 T0 = 1_600_000_000 * SECOND  # 2020-09-13T12:26:40Z
 
 HEADER = "std_msgs/Header header\n"
-MARINE_DVL = """\
-std_msgs/Header header
-uint8 velocity_mode
-geometry_msgs/Vector3 velocity
-float64[9] velocity_covar
-uint8 num_good_beams
-float32 sound_speed
-bool beam_velocities_valid
-float32[4] beam_quality
-"""
-OLD_DVL = """\
-std_msgs/Header header
-float64 time
-geometry_msgs/Vector3 velocity
-float64 fom
-bool velocity_valid
-string form
-"""
-NEW_DVL = """\
-std_msgs/Header header
-float64 time
-geometry_msgs/Vector3 velocity
-float64 fom
-float64[] covariance
-bool velocity_valid
-int64 time_of_validity
-int64 time_of_transmission
-string form
-"""
-EXTRA = {"marine_acoustic_msgs/msg/Dvl": MARINE_DVL, "old_dvl_msgs/msg/DVL": OLD_DVL, "dvl_msgs/msg/DVL": NEW_DVL}
-
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -65,13 +34,24 @@ def define(definitions: Mapping[str, str], ros_1: bool = False) -> None:
             store.register(get_types_from_msg(text, name))
 
 
-define(EXTRA)
-
-
 def fields(*lines: str) -> str:
     """Return a definition from "type name name ..."."""
     return "".join(f"{kind} {name}\n" for line in lines for kind, *names in [line.split()] for name in names)
 
+
+OF_A_DVL = HEADER + fields("float64 time", "geometry_msgs/Vector3 velocity", "float64 fom")
+define(
+    {
+        "marine_acoustic_msgs/msg/Dvl": HEADER
+        + fields("uint8 velocity_mode", "geometry_msgs/Vector3 velocity", "float64[9] velocity_covar")
+        + fields("uint8 num_good_beams", "float32 sound_speed", "bool beam_velocities_valid")
+        + fields("float32[4] beam_quality"),
+        "old_dvl_msgs/msg/DVL": OF_A_DVL + fields("bool velocity_valid", "string form"),
+        "dvl_msgs/msg/DVL": OF_A_DVL
+        + fields("float64[] covariance", "bool velocity_valid", "int64 time_of_validity time_of_transmission")
+        + fields("string form"),
+    }
+)
 
 Row = tuple[int, str, str, Mapping[str, Any]]  # log time, topic, type, values by field path
 

@@ -1,16 +1,25 @@
-"""usbldr compare on a short simulated dive in a file: what it writes, keeps, refuses."""
+"""usbldr compare on a short simulated dive in a file: what it writes, keeps, refuses; fixes of many dives; --bound."""
 
 import dataclasses
 import json
+import re
 import shutil
+from dataclasses import replace
+from functools import partial
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from checkout import SAMPLES
 from commands import interrupt, output_of, report_of, run, spoil, write_short
 from logs import refusal
+from usbldr.filters.bounds.dive_bounds import position_bound
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.simulation.simulate import simulate
+from usbldr.io.reading.epochs import timeline
+from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.executors import LocalProcesses
 from usbldr_cli.runs.jobs import relevant_choices
@@ -32,8 +41,7 @@ def compared(dive: Path) -> Path:
     return out
 
 
-def content(out: Path) -> Any:
-    return json.loads((out / "compare.json").read_text())
+content = partial(report_of, name="compare.json")
 
 
 def test_quiet_prints_the_verdict_of_the_json_file_alone(dive: Path, tmp_path: Path) -> None:
@@ -232,3 +240,88 @@ def test_if_every_method_fails_each_fault_is_said_once(dive: Path) -> None:
     first, second = said.split("; " + str(dive))
     assert first.startswith(f"{dive}: no usbl data")
     assert second.startswith(": no dvl data")
+
+
+def noise_of(white, slow=0.1):
+    return {"white": {"sd": white, "sd_of_sd": 0.02}, "slow": {"sd": slow, "sd_of_sd": 0.05}, "time_constant_s": 60.0}
+
+
+def a_run(folder, day, white, statistics=True):
+    folder.mkdir()
+    found = {"fixes": 300, "good_share": 0.95, "range_m": noise_of(white), "bearing_deg": noise_of(0.5)}
+    found |= {"east_m": None, "north_m": None, "scatter": {"drms_m": 1.0, "cep95_m": 1.7, "drms_percent": None}}
+    report = {"log": {"name": "dive.mcap"}, "time_base": {"start_utc": f"2025-06-{day:02}T10:00:00Z"}, "metrics": None}
+    (folder / "report.json").write_text(json.dumps(report | {"fix_statistics": found if statistics else None}))
+    return str(folder)
+
+
+def compared_fixes(*args):
+    return run("compare", *args, "--fixes")
+
+
+def test_the_dive_that_got_worse_is_named_and_rows_are_in_order_of_time(tmp_path):
+    runs = [a_run(tmp_path / f"dive-{day}", day, 0.9 if day == 4 else 0.4 + 0.01 * day) for day in (5, 4, 3, 2, 1)]
+    done = compared_fixes(*runs)
+    assert [line.split()[0] for line in done.output.splitlines()[1:6]] == [f"dive-{day}" for day in range(1, 6)]
+    assert done.output.splitlines()[-1] == "dive-4: white noise in range 0.90 m, median of all 0.43 m"
+    assert "0.90 ± 0.02*" in done.output
+
+
+def test_two_dives_name_none(tmp_path):
+    done = compared_fixes(a_run(tmp_path / "a", 1, 0.4), a_run(tmp_path / "b", 2, 0.9))
+    assert "no dive has notably more noise" in done.output
+
+
+@pytest.mark.parametrize(("statistics", "sentence"), [(False, "no statistics of fixes"), (None, "compares run")])
+def test_what_has_no_statistics_is_refused(tmp_path, statistics, sentence):
+    other = "paper" if statistics is None else a_run(tmp_path / "b", 2, 0.4, statistics)
+    assert sentence in str(compared_fixes(a_run(tmp_path / "a", 1, 0.4), other).exception)
+
+
+SAMPLE = SAMPLES / "paper.mcap"
+
+
+@pytest.mark.long
+def test_the_bound_is_that_of_the_model_that_the_filters_assume(tmp_path: Path) -> None:
+    options = ("--filter", "ekf", "--calibrate", "scale", "--seed", 3, "--bound", "-o", tmp_path / "run")
+
+    said = output_of("replay", "paper", *options)
+
+    paper = find_scenario("paper")
+    log = simulated_log(paper, 3)
+    want = position_bound(simulate(paper, 3), timeline(log), replace(log.parameters, calibrate=("scale",)))
+    bound = report_of(tmp_path / "run")["bound"]
+    shown = [line.split()[-3:] for line in said.splitlines() if line.startswith(("bound", "smoother bound"))]
+    for k, (name, errors_m) in enumerate((("filter", want.filter_m), ("smoother", want.smoother_m))):
+        least = bound[name]
+        assert [least["mean_abs_east_m"], least["mean_abs_north_m"]] == pytest.approx(errors_m, rel=1e-12)
+        assert shown[k] == [f"{error_m:.3f}" for error_m in (*errors_m, least["rmse_horizontal_m"])]
+
+
+def test_the_row_of_a_comparison_is_the_mean_of_the_seeds_own_bounds(tmp_path: Path) -> None:
+    text = (files("usbldr.io.scenarios") / "paper.toml").read_text(encoding="utf-8")
+    dive, out = tmp_path / "short.toml", tmp_path / "compared"
+    dive.write_text(re.sub(r"(?m)^duration_s = .*", "duration_s = 20.0", text), encoding="utf-8")
+    alone: list[dict[str, float]] = []
+    for seed in ("4", "5"):
+        run = tmp_path / seed
+        output_of("replay", dive, "-f", "ekf", "--seed", seed, "--bound", "-o", run)
+        alone.append(report_of(run)["bound"]["filter"])
+
+    output_of("compare", dive, "-f", "dr,ekf,usbl", "--seed", 4, "--seeds", 2, "--bound", "-j", 1, "-o", out)
+
+    reported = content(out)
+    row = reported["rows"][-1]
+    assert row["filter"] == "bound"
+    for name in ("mean_abs_east_m", "mean_abs_north_m", "rmse_horizontal_m"):
+        assert row[name] == pytest.approx((alone[0][name] + alone[1][name]) / 2, rel=1e-12)
+        assert f",{row[name]!r}," in (out / "compare.csv").read_text(encoding="utf-8").splitlines()[-1]
+    line = next(line for line in (out / "compare.md").read_text(encoding="utf-8").splitlines() if "| bound |" in line)
+    assert line.count(f"{row['mean_abs_east_m']:.3f} ± ") >= 1
+    assert "bound is best" not in reported["verdict"]
+
+
+@pytest.mark.parametrize("command", ["replay", "compare"])
+def test_a_recorded_log_has_no_bound(command: str) -> None:
+    said = f"--bound: {SAMPLE} is a recorded log; the bound needs the true states of a scenario"
+    assert refusal(UsageError, output_of, command, SAMPLE, "--bound") == said

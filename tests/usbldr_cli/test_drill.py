@@ -1,13 +1,14 @@
 """usbldr drill on a short dive: what it reports, writes, keeps and refuses."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
-from commands import output_of, run, write_short
+from commands import output_of, report_of, run, write_short
 from usbldr.filters.errors import LogError
 from usbldr_cli.tables.run_table import WIDTH
 
@@ -42,8 +43,7 @@ def drilled(dive: Path) -> Path:
     return out
 
 
-def content(out: Path) -> Any:
-    return json.loads((out / "drill.json").read_text())
+content = partial(report_of, name="drill.json")
 
 
 def row(out: Path, drill: str, method: str) -> Any:

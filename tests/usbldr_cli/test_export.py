@@ -154,8 +154,8 @@ def test_a_stretch_holds_what_was_valid_in_it_and_no_start_where_the_beginning_i
     assert cut_log(started, 0.1, 9.0).parameters.start is None
 
 
-@pytest.mark.parametrize("out", ["dive.mcap", "dive.bag"])
-def test_the_log_and_its_configuration_are_never_written_over(tmp_path: Path, out: str) -> None:
+@pytest.mark.parametrize(("out", "within"), [("dive.mcap", "new.mcap"), ("dive.bag", "new")])
+def test_the_log_and_its_configuration_are_never_written_over_nor_anything_into_its_folder(tmp_path, out, within):
     write_mcap(tmp_path / "dive.mcap", short_dive())
     log = read_log(tmp_path / "dive.mcap")
     before = (tmp_path / "dive.mcap").read_bytes()
@@ -165,6 +165,9 @@ def test_the_log_and_its_configuration_are_never_written_over(tmp_path: Path, ou
 
     assert [f.name for f in tmp_path.iterdir()] == ["dive.mcap"]
     assert (tmp_path / "dive.mcap").read_bytes() == before
+    folder = every_kind_of_record(tmp_path)
+    with pytest.raises(UsageError, match=r"is inside the input .*dive"):
+        export(read_log(folder), folder / within)
 
 
 def test_an_input_is_never_replaced_by_the_folder_that_holds_it_nor_written_into(tmp_path: Path) -> None:
@@ -189,14 +192,6 @@ def test_an_input_is_never_replaced_by_the_folder_that_holds_it_nor_written_into
         assert "is the log" in said or "the input" in said, out
 
     assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before
-
-
-def test_nothing_is_exported_into_the_folder_of_the_log(tmp_path: Path) -> None:
-    log = read_log(every_kind_of_record(tmp_path))
-
-    for out in ("new.mcap", "new"):
-        with pytest.raises(UsageError, match=r"is inside the input .*dive"):
-            export(log, log.path / out)
 
 
 def test_force_replaces_a_folder_that_says_that_it_was_written_by_us_and_no_other(tmp_path: Path) -> None:

@@ -28,14 +28,17 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def initialised(log: Path, target: Path) -> tuple[str, dict[str, Any]]:
-    """Return the text that init writes, and what it states."""
+    """Return the text that init writes, and what it states; replay accepts it unchanged."""
     output_of("init", log, "--output", target, "--force")
+    accepted(log, target)
     text = target.read_text(encoding="utf-8")
     return text, tomllib.loads(text)
 
 
 def accepted(log: Path, target: Path) -> None:
-    output_of("replay", log, "--config", target, "--filter", "dr", "--output", target.with_name("run"))
+    output_of(
+        "replay", log, "--config", target, "-f", "dr", "--plots", "none", "--force", "-o", target.with_name("run")
+    )
 
 
 def asked_in(log: Path, file: Path) -> tuple[str, str]:
@@ -292,7 +295,6 @@ def test_columns_of_unknown_types_are_proposed_and_the_rest_fits_the_data(tmp_pa
     assert found["compass"]["columns"] == {"heading": "heading_rad"}
     assert found["dvl"]["axes"] == "FRD"
     assert text.count(PROPOSED) == 2
-    accepted(log, tmp_path / "found.toml")
 
 
 def test_the_words_of_ships_and_flags_of_receivers_are_proposed_and_used(tmp_path: Path) -> None:
@@ -318,10 +320,9 @@ def test_the_words_of_ships_and_flags_of_receivers_are_proposed_and_used(tmp_pat
 
 def test_the_depth_of_a_transponder_is_no_depth_sensor(tmp_path: Path) -> None:
     rows = curved_dive(dvl="FRD")
-    fixes = [(ns, v["point.x"], v["point.y"]) for ns, _, _, v in rows if "point.x" in v]
     acoustic: list[Row] = [
         (ns, "/sensors/usbl", ACOUSTIC, {"header.stamp": ns, "east_m": x, "north_m": y, "depth_m": 20.0})
-        for ns, x, y in fixes
+        for ns, x, y in records(rows)[2]
     ]
     log = write_mcap(tmp_path / "dive.mcap", sorted([*(r for r in rows if "point.x" not in r[3]), *acoustic]))
 
@@ -331,23 +332,26 @@ def test_the_depth_of_a_transponder_is_no_depth_sensor(tmp_path: Path) -> None:
     assert found["depth"]["topic"] == "none"
 
 
-def without_units(folder: Path) -> Path:
-    """Write the dive as files whose columns state no units: DVL in Unix seconds, heading in Unix milliseconds."""
-    rows = in_radians(curved_dive(dvl="FRD"), float(np.degrees(1.0)))
-    dvl = [f"{ns / 1e9:.3f},{v['twist.linear.x']},{v['twist.linear.y']},0" for ns, at, _, v in rows if at == "/dvl"]
-    heading = [f"{ns // 10**6},{v['data']}" for ns, at, _, v in rows if at == "/heading"]
-    fixes = [f"{ns},{v['point.x']},{v['point.y']}" for ns, _, _, v in rows if "point.x" in v]
-    return write_csv(
-        folder,
-        dvl="\n".join(["time,vx,vy,vz", *dvl]),
-        ahrs="\n".join(["stamp,heading", *heading]),
-        usbl="\n".join(["time_ns,east_m,north_m", *fixes]),
-    )
+def records(rows: list[Row]) -> tuple[list[list[Any]], ...]:
+    """Return time [ns] and values of DVL, heading and fixes."""
+    dvl = [[ns, v["twist.linear.x"], v["twist.linear.y"]] for ns, at, _, v in rows if at == "/dvl"]
+    heading = [[ns, v["data"]] for ns, at, _, v in rows if at == "/heading"]
+    return dvl, heading, [[ns, v["point.x"], v["point.y"]] for ns, _, _, v in rows if "point.x" in v]
+
+
+UNITLESS = records(in_radians(curved_dive(dvl="FRD"), float(np.degrees(1.0))))
 
 
 @pytest.fixture
 def csv(tmp_path: Path) -> Path:
-    return without_units(tmp_path / "dive")
+    """Write the dive as files whose columns state no units: DVL in Unix seconds, heading in Unix milliseconds."""
+    dvl, heading, fixes = UNITLESS
+    return write_csv(
+        tmp_path / "dive",
+        dvl="\n".join(["time,vx,vy,vz", *(f"{ns / 1e9:.3f},{x},{y},0" for ns, x, y in dvl)]),
+        ahrs="\n".join(["stamp,heading", *(f"{ns // 10**6},{value}" for ns, value in heading)]),
+        usbl="\n".join(["time_ns,east_m,north_m", *(f"{ns},{x},{y}" for ns, x, y in fixes)]),
+    )
 
 
 def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Path) -> None:
@@ -356,7 +360,6 @@ def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Pa
     assert (found["dvl"]["columns"], found["compass"]["columns"]) == (DVL_COLUMNS, COMPASS_COLUMNS)
     assert (found["dvl"]["axes"], found["compass"]["unit"]) == ("FRD", "deg")
     assert text.count("# by the names of its columns") == text.count(PROPOSED) == 2
-    accepted(csv, tmp_path / "found.toml")
 
 
 def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
@@ -380,7 +383,6 @@ def test_velocities_that_are_impossible_in_metres_are_proposed_in_another_unit(c
 
     assert (found["dvl"]["unit"], found["dvl"]["axes"]) == (unit, "FRD")
     assert f"# CHECK: {why}" in text
-    accepted(csv, tmp_path / "found.toml")
 
 
 @pytest.mark.parametrize("form", ["Parquet", "HDF5", "MATLAB"])
@@ -427,7 +429,6 @@ def test_columns_beside_those_that_names_tell_are_proposed(tmp_path: Path) -> No
     assert found["usbl"]["columns"] == {"time_unix_s": "Time [s]", "lat_deg": "Target Lat", "lon_deg": "Target Lon"}
     assert found["compass"]["topic"] == "/nav/compass"
     assert "#   /nav: Battery\n" in text
-    accepted(tmp_path / "nav.csv", tmp_path / "found.toml")
 
 
 def test_columns_beside_those_that_a_configuration_states_have_its_time(tmp_path: Path) -> None:
@@ -517,14 +518,13 @@ def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(csv: Path
 
 def test_positions_without_direction_and_time_in_other_units_are_proposed(tmp_path: Path) -> None:
     """A tracking program's x and y, a truth in microseconds, one table whose columns have the words of ships."""
-    rows = in_radians(curved_dive(dvl="FRD"), float(np.degrees(1.0)))
-    dvl = [f"{ns // 1000},{v['twist.linear.x']},{v['twist.linear.y']},,,," for ns, at, _, v in rows if at == "/dvl"]
-    heading = [f"{ns // 1000},,,{v['data']},,," for ns, at, _, v in rows if at == "/heading"]
-    fixes = [f"{ns // 1000},,,,{v['point.x']},{v['point.y']},1" for ns, _, _, v in rows if "point.x" in v]
-    truth = [f"{ns // 1000},{v['point.x']},{v['point.y']}" for ns, _, _, v in rows if "point.x" in v]
+    dvl, heading, fixes = UNITLESS
+    rows = [f"{ns // 1000},{x},{y},,,," for ns, x, y in dvl] + [f"{ns // 1000},,,{value},,," for ns, value in heading]
+    rows += [f"{ns // 1000},,,,{x},{y},1" for ns, x, y in fixes]
+    truth = [f"{ns // 1000},{x},{y}" for ns, x, y in fixes]
     log = write_csv(
         tmp_path / "dive",
-        log="\n".join(["t_us,u,v,hdg,usbl_x,usbl_y,usbl_z", *sorted([*dvl, *heading, *fixes])]),
+        log="\n".join(["t_us,u,v,hdg,usbl_x,usbl_y,usbl_z", *sorted(rows)]),
         truth="\n".join(["timestamp_us,x,y", *truth]),
     )
 
@@ -533,7 +533,6 @@ def test_positions_without_direction_and_time_in_other_units_are_proposed(tmp_pa
     assert found["dvl"]["columns"] == {"time_unix_us": "t_us", "x": "u", "y": "v"}
     assert found["usbl"]["columns"] == {"time_unix_us": "t_us", "x": "usbl_x", "y": "usbl_y"}
     assert found["dvl"]["axes"] == "FRD"
-    accepted(log, tmp_path / "found.toml")
 
 
 def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_stated(csv: Path) -> None:

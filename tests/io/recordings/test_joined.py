@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from logs import read_as, refusal
-from recordings import SECOND, T0, Row, define, sentence, short_dive, stamp, write_bag, write_csv, write_mcap
+from recordings import SECOND, T0, Row, define, saved, sentence, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
 from usbldr.io.reading.opening import DEFAULT_REQUEST, Request, open_configured
@@ -58,7 +58,7 @@ def test_a_clock_offset_is_subtracted_from_any_field_of_time(tmp_path: Path) -> 
 def test_the_order_of_dates_is_said_once_for_all_files(tmp_path: Path) -> None:
     rows = "08.07.2026 12:20:00;1\n08.07.2026 12:21:00;2"
     write_csv(tmp_path / "dive", ship=f"Zeit;Heading [deg]\n{rows}", auv=f"Zeit;Tiefe [m]\n{rows}")
-    offset(tmp_path, "dive/auv.csv", 0.0)
+    saved(tmp_path / "usbldr.toml", AHEAD.format("dive/auv.csv").replace("2.5", "0.0"))
 
     said = [one.text for one in read_log(tmp_path / "dive").findings if one.code == "DATE-ORDER"]
 

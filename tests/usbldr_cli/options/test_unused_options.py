@@ -1,13 +1,17 @@
-"""An option that changes nothing for the chosen methods is said: the tracks themselves are the oracle."""
+"""An option that changes nothing is said: the tracks are the oracle; what --verbose and --progress say, on stderr."""
 
 import dataclasses
+import json
+import logging
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from commands import run
+from checkout import SAMPLES
+from commands import options_of, run
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import StudentT
 from usbldr.filters.replay.methods import METHODS
@@ -18,6 +22,7 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr.io.session import RunSettings, replay
 from usbldr_cli.compare import compare
+from usbldr_cli.main import COMMANDS
 from usbldr_cli.options.option import Option
 from usbldr_cli.options.unused_options import unused_options
 
@@ -96,3 +101,54 @@ def test_replay_compare_drill_and_check_say_it_in_one_line_and_go_on(tmp_path: P
         assert done.return_value == 0
     assert checked.stderr.splitlines()[0] == f"usbldr: {tmp_path / 'gate.toml'}: row 'r': {said}"
     assert "no effect" not in run("compare", file, "-f", "dr,cpf", "--particles", 20, *one).stderr
+
+
+DIVE = SAMPLES / "lawnmower_turn_db3"
+
+
+def replayed(tmp_path: Path, *options: str) -> tuple[str, list[str]]:
+    done = run("replay", DIVE, "-f", "ekf", "-o", tmp_path / "run", "--force", "--plots", "none", "-q", *options)
+    assert done.return_value == 0
+    return done.stdout, done.stderr.splitlines()
+
+
+def test_verbose_and_progress_say_what_is_read_chosen_and_why_and_the_time_and_place_of_each_stage(tmp_path):
+    usual, quiet = replayed(tmp_path)
+    (result, said), (same, lines) = (replayed(tmp_path, *words) for words in (["--verbose"], ["--progress", "json"]))
+
+    assert result == same == usual
+    assert not [line for line in quiet if "read the log" in line]
+    for wanted in ("log: ", "configuration: ", "dvl: /dvl/data (", "  axes FRD (configuration)", "truth: "):
+        assert any(line.startswith(f"usbldr: {wanted}") for line in said), (wanted, said)
+    timed = [line.rpartition(": ") for line in said if line.endswith(" s") and not line.startswith("usbldr:  ")]
+    took_s = {name.removeprefix("usbldr: "): float(seconds[:-2]) for name, _, seconds in timed}
+    assert {"open the log", "read the log", "run ekf", "write the results"} <= set(took_s)
+    assert all(seconds >= 0 for seconds in took_s.values())
+    assert not logging.getLogger("usbldr").handlers  # the next command in this process is silent again
+
+    events = [json.loads(line) for line in lines if line.startswith("{")]
+    stages = [(one["stage"], one["state"]) for one in events if one["event"] == "stage"]
+    for name in ("open the log", "read the log", "run ekf", "write the results"):
+        assert stages.index((name, "begin")) < stages.index((name, "end"))
+    ticks = [one for one in events if one["event"] == "progress"]
+    assert {one["stage"] for one in ticks} == {"run ekf"}
+    assert [one["done"] for one in ticks] == sorted({one["done"] for one in ticks})
+    assert ticks[-1]["done"] == ticks[-1]["total"] > 0
+    assert all(math.isfinite(one["seconds"]) for one in ticks)
+
+
+def test_runs_are_counted_one_by_one_and_named_with_verbose() -> None:
+    done = run("compare", DIVE, "-f", "usbl,dr", "--jobs", 1, "-q", "--progress", "json", "-v")
+
+    lines = done.stderr.splitlines()
+    ticks = [json.loads(line) for line in lines if line.startswith('{"event": "progress"')]
+    assert [(one["stage"], one["done"], one["total"]) for one in ticks][-1] == ("runs", 2, 2)
+    for method in ("usbl", "dr"):
+        assert any(line.startswith(f"usbldr: {method} on {DIVE}, seed 0: mean horizontal error ") for line in lines)
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_every_command_takes_verbose_and_the_long_ones_progress(name: str) -> None:
+    options = options_of(name)
+    assert {"-v", "--verbose"} <= options
+    assert ("--progress" in options) == (name in ("replay", "compare", "drill", "check", "baseline"))

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Generator
@@ -16,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from commands import run, write_short
+from commands import free_port, run, spoil, write_short
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.worker_options import WorkerChoices
@@ -60,12 +59,6 @@ def workers(address: str) -> Generator[list[subprocess.Popen[bytes]]]:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_short(tmp_path_factory.mktemp("logs") / "dive", "paper", 20.0)
-
-
-def free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
 
 
 def reported(outcomes: list[JobResult]) -> tuple[object, object]:
@@ -167,27 +160,26 @@ def ordered(unit: Job) -> run_jobs.Order:
     return run_jobs.Order((unit,), expected(unit))
 
 
-def test_a_worker_whose_log_differs_or_is_not_there_refuses(log: Path, tmp_path: Path) -> None:
-    moved = tmp_path / "dive"
-    shutil.copytree(log, moved)
-    order = ordered(Job(str(moved), "ekf", CHOICES))
-    configuration = moved / "usbldr.toml"
-    configuration.write_text(configuration.read_text().replace("sd_m = 1.0", "sd_m = 3.0"))
+@pytest.fixture
+def unit(log: Path, tmp_path: Path) -> Job:
+    """A job on a copy of the log."""
+    return Job(str(shutil.copytree(log, tmp_path / "dive")), "ekf", CHOICES)
+
+
+def test_a_worker_whose_log_differs_or_is_not_there_refuses(unit: Job) -> None:
+    order = ordered(unit)
+    spoil(Path(unit.log) / "usbldr.toml", "sd_m = 1.0", "sd_m = 3.0")
 
     with pytest.raises(UnfitWorkerError, match=r"dive or a file that belongs to it differs on"):
         run_jobs.run_order(order, frozenset())
-    shutil.rmtree(moved)
+    shutil.rmtree(unit.log)
     with pytest.raises(UnfitWorkerError, match=r"does not have .*dive: keep logs where all workers reach them"):
         run_jobs.run_order(order, frozenset())
 
 
-def test_a_log_that_changed_since_the_last_order_is_read_again(log: Path, tmp_path: Path) -> None:
-    moved = tmp_path / "dive"
-    shutil.copytree(log, moved)
-    unit = Job(str(moved), "ekf", CHOICES)
+def test_a_log_that_changed_since_the_last_order_is_read_again(unit: Job) -> None:
     (before,) = run_jobs.run_order(ordered(unit), frozenset())
-    configuration = moved / "usbldr.toml"
-    configuration.write_text(configuration.read_text().replace("sd_m = 1.0", "sd_m = 3.0"))
+    spoil(Path(unit.log) / "usbldr.toml", "sd_m = 1.0", "sd_m = 3.0")
 
     (after,) = run_jobs.run_order(ordered(unit), frozenset())
 

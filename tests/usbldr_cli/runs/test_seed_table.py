@@ -39,7 +39,8 @@ def row(name: str, *east_m: float, sampled: bool = True, dives: bool = True) -> 
 FAILED = JobResult(fault="dive: no dvl data", exit_code=3)
 
 
-def test_a_row_averages_its_seeds() -> None:
+def test_a_row_averages_its_seeds_and_a_metric_the_runs_that_have_it() -> None:
+    mixed = dataclasses.replace(row("cpf", 1.0, 1.0), outcomes=(outcome(1.0, surfacing_error_m=8.0), outcome(1.0)))
     reported = row_metrics(row("cpf", 1.0, 2.0, 6.0))
 
     assert reported["mean_abs_east_m"] == 3.0
@@ -48,11 +49,6 @@ def test_a_row_averages_its_seeds() -> None:
     assert reported["diverged_share"] == pytest.approx(1 / 3)  # 2, 4 and 12 m
     assert reported["nees_mean"] is None
     assert "diverged_share" not in row_metrics(row("ckf", 1.0, 2.0, sampled=False))
-
-
-def test_a_metric_is_averaged_over_the_runs_that_have_it() -> None:
-    mixed = dataclasses.replace(row("cpf", 1.0, 1.0), outcomes=(outcome(1.0, surfacing_error_m=8.0), outcome(1.0)))
-
     assert row_metrics(mixed)["surfacing_error_m"] == 8.0
 
 
@@ -66,31 +62,18 @@ def test_a_warning_of_many_runs_is_said_once_for_a_filter() -> None:
     ]
 
 
-def test_differences_are_taken_over_the_seeds_that_both_have() -> None:
-    first = row("cpf", 1.0, 2.0, 3.0)
-    second = dataclasses.replace(first, label="pf", outcomes=(outcome(2.0), FAILED, outcome(3.5)))
+def test_differences_are_taken_over_the_seeds_that_both_have_and_one_run_without_chance_stands_for_every_seed() -> None:
+    cpf = row("cpf", 1.0, 2.0, 3.0)
+    failed = dataclasses.replace(cpf, label="pf", outcomes=(outcome(2.0), FAILED, outcome(3.5)))
+    ckf, ekf = (row(name, east_m, sampled=False, dives=False) for name, east_m in (("ckf", 4.0), ("ekf", 4.5)))
 
-    found = difference(second, first, "mean_abs_east_m")
+    by_seeds = difference(failed, cpf, "mean_abs_east_m")
+    on_a_file = difference(row("cpf", 1.0, 2.0, 3.0, dives=False), ckf, "mean_abs_east_m")
 
-    assert found.mean == 0.75  # 1 and 0.5
-    assert found.se == pytest.approx(0.25)
-
-
-def test_on_a_file_the_one_run_without_chance_stands_for_every_seed() -> None:
-    sampled, steady = row("cpf", 1.0, 2.0, 3.0, dives=False), row("ckf", 4.0, sampled=False, dives=False)
-
-    found = difference(sampled, steady, "mean_abs_east_m")
-
-    assert (found.mean, found.significant) == (-2.0, False)  # t = 2 / 0.577 = 3.46 of 4.303
-    assert found.se == pytest.approx(3**-0.5)
-
-
-def test_two_runs_without_chance_have_a_difference_without_a_standard_error() -> None:
-    one, other = row("ekf", 1.5, sampled=False, dives=False), row("ckf", 1.0, sampled=False, dives=False)
-
-    found = difference(one, other, "mean_abs_east_m")
-
-    assert found == (0.5, None, None, None)
+    assert (by_seeds.mean, by_seeds.se) == (0.75, pytest.approx(0.25))  # 1 and 0.5
+    assert (on_a_file.mean, on_a_file.significant) == (-2.0, False)  # t = 2 / 0.577 = 3.46 of 4.303
+    assert on_a_file.se == pytest.approx(3**-0.5)
+    assert difference(ekf, ckf, "mean_abs_east_m") == (0.5, None, None, None)
 
 
 def test_a_described_row_names_what_it_is_compared_with() -> None:

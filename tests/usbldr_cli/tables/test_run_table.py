@@ -39,12 +39,12 @@ def test_every_number_of_the_table_is_in_report_json() -> None:
 
 
 def test_truth_order_alignment_and_share_stand_above_the_numbers_and_the_verdict_below_them() -> None:
-    run = a_run(CPF, Window(4.0, 50.0), "first")
-    text = render(run)
-    head = text.split("error in m")[0]
+    runs = [a_run(CPF, Window(4.0, 50.0), align) for align in ("first", "rigid")]
+    head = render(runs[0]).split("error in m")[0]
 
-    assert text.splitlines()[-1] == run.verdict
-    assert max(map(len, text.splitlines())) <= WIDTH
+    for run in runs:
+        assert render(run).splitlines()[-1] == run.verdict
+        assert max(map(len, render(run).splitlines())) <= WIDTH
     assert "truth        simulated: paper/gps" in head
     assert "47 of 61 epochs (77 % of the run)" in head
     assert "14 outside the window" in " ".join(head.split())
