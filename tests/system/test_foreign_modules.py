@@ -4,7 +4,6 @@ import importlib.metadata
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Generator, Sequence
@@ -15,6 +14,7 @@ import pytest
 import scipy.io
 
 from checkout import ROOT
+from commands import free_port
 from usbldr_cli.main import COMMANDS
 
 USBLDR = Path(sys.executable).with_name("usbldr")
@@ -122,9 +122,7 @@ def test_completion_executes_none(shell: str, folder: Path) -> None:
 def address(folder: Path, tmp_path: Path) -> Generator[str]:
     """A scheduler and two workers, started in that folder as docs/cluster.md says."""
     pytest.importorskip("distributed")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     text = (ROOT / "docs" / "cluster.md").read_text(encoding="utf-8")
     lines = re.findall(r"^((?:\w+=\w+ )*)(dask (?:scheduler|worker) .*)$", text, re.MULTILINE)
     started: list[subprocess.Popen[bytes]] = []

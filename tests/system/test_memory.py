@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as BagWriter
-from tests.support.recordings import ROS1, ROS2, T0
 
+from recordings import ROS1, ROS2, T0, message
 from usbldr.io.reading.read import read_log
 
 RATE_HZ = 200
@@ -44,20 +44,14 @@ def attitudes(count: int) -> np.ndarray:
 def imu_messages(count: int, bag: bool) -> tuple[np.ndarray, list[bytes]]:
     """Log times and IMU messages: one is serialized by rosbags, and its stamp and quaternion are exchanged."""
     store = ROS1 if bag else ROS2
-    types = store.types
     marks = [float(2**40 + k) for k in range(4)]
-    vector, cov = types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=9.81), np.zeros(9)
-    stamp = types["builtin_interfaces/msg/Time"](sec=123456789, nanosec=987654321)
-    sequence = {"seq": 0} if bag else {}
-    imu = types["sensor_msgs/msg/Imu"](
-        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="imu_link", **sequence),
-        orientation=types["geometry_msgs/msg/Quaternion"](*marks),
-        orientation_covariance=cov,
-        angular_velocity=vector,
-        angular_velocity_covariance=cov,
-        linear_acceleration=vector,
-        linear_acceleration_covariance=cov,
-    )
+    fields = {
+        "header.stamp": 123456789 * 10**9 + 987654321,
+        "header.frame_id": "imu_link",
+        "linear_acceleration.z": 9.81,
+    }
+    fields |= {f"orientation.{axis}": mark for axis, mark in zip("xyzw", marks, strict=True)}
+    imu = message("sensor_msgs/msg/Imu", fields, store)
     serialize = store.serialize_ros1 if bag else store.serialize_cdr
     sample = bytes(serialize(imu, "sensor_msgs/msg/Imu"))
     time_ns = T0 + np.arange(count) * (10**9 // RATE_HZ)

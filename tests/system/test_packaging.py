@@ -20,7 +20,7 @@ import usbldr.io
 from commands import output_of
 from needed_kernel import require_kernel
 from usbldr.filters import kernel
-from usbldr.filters.kernel import KERNEL
+from usbldr_cli.options.blas_threads import ONE_THREAD
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
@@ -28,10 +28,10 @@ Field: TypeAlias = tuple[str, str, int, int]  # name, type, offset, count
 FOLDERS = {"public": "usbldr", "filters": "usbldr.filters", "io": "usbldr.io", "usbldr_cli": "usbldr_cli"}
 
 
-def python(*arguments: str) -> str:
-    """Run Python inside the checkout, where a folder must not hide a package."""
-    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
+def python(*arguments: str, cwd: Path = ROOT, **environment: str) -> str:
+    """Run Python inside the checkout, where a folder must not hide a package; return what it prints."""
+    command, around = [sys.executable, *arguments], os.environ | environment
+    return subprocess.run(command, cwd=cwd, env=around, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def test_the_packages_to_install_are_the_folders_that_hold_python_files() -> None:
@@ -59,9 +59,7 @@ def test_python_started_in_the_checkout_finds_the_package_and_its_command_line()
 
 
 def test_the_version_tells_what_the_filters_run_on() -> None:
-    environment = {**os.environ, "USBLDR_KERNEL": "numpy"}
-    command = [sys.executable, "-m", "usbldr", "--version", "-v"]
-    reported = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.splitlines()
+    reported = python("-m", "usbldr", "--version", "-v", USBLDR_KERNEL="numpy").splitlines()
     assert reported == [f"usbldr, version {usbldr.__version__}", "filters: NumPy; USBLDR_KERNEL=numpy"]
     assert output_of("-v", "--version").splitlines()[1].startswith("filters: ")
 
@@ -120,10 +118,8 @@ def test_without_a_compiler_the_install_succeeds_and_numpy_runs(without_a_compil
         f"log = open_log({str(ROOT / 'sample_logs' / 'lawnmower_turn_db3')!r}); "
         "print(usbldr.__file__, score(log, timeline(log), 'ekf').trajectory.mean[-1, 4], KERNEL.name, KERNEL.reason)"
     )
-    environment = {**os.environ, "PYTHONPATH": str(without_a_compiler)}
-    command = [sys.executable, "-c", call]
-    done = subprocess.run(command, cwd=without_a_compiler, env=environment, capture_output=True, text=True, check=True)
-    place, east_m, kernel, reason = done.stdout.split(maxsplit=3)
+    said = python("-c", call, cwd=without_a_compiler, PYTHONPATH=str(without_a_compiler))
+    place, east_m, kernel, reason = said.split(maxsplit=3)
     assert Path(place).is_relative_to(without_a_compiler)
     assert math.isfinite(float(east_m))
     assert (kernel, reason.strip()) == ("numpy", "the kernel is not there: usbldr was installed without a C compiler")
@@ -170,11 +166,6 @@ def test_the_description_on_pypi_has_no_link_that_leads_nowhere(without_a_compil
     assert re.findall(r"^#+ .*", text, re.MULTILINE) == re.findall(r"^#+ .*", readme, re.MULTILINE)  # and all of it
 
 
-def test_the_kernel_is_compiled_if_there_is_a_compiler() -> None:
-    require_kernel()
-    assert KERNEL.advance is not None
-
-
 def swapped(step: list[Field]) -> list[Field]:
     return [step[1], step[0], *step[2:]]
 
@@ -200,3 +191,25 @@ def test_a_kernel_compiled_from_other_sources_does_not_run(change, monkeypatch):
 
     assert (chosen.name, chosen.advance) == ("numpy", None)
     assert chosen.reason == "the kernel was compiled from another version: install usbldr again"
+
+
+IMPORTS_LATE = """
+import os, sys
+from usbldr_cli.main import main
+assert "numpy" not in sys.modules  # which reads the environment when it is imported
+sys.argv[1:] = ["--version"]
+try:
+    main()
+finally:
+    print([os.environ.get(name) for name in %r])
+"""
+
+
+@pytest.mark.parametrize(("asked", "threads"), [({}, "1 1 1 1"), ({"OMP_NUM_THREADS": "3"}, "3 None None None")])
+def test_the_command_uses_one_thread_unless_told_otherwise(asked, threads, monkeypatch):
+    for name in ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+
+    printed = python("-c", IMPORTS_LATE % list(ONE_THREAD), **asked).splitlines()[-1]
+
+    assert printed == str([None if text == "None" else text for text in threads.split()])
