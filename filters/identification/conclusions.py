@@ -40,7 +40,7 @@ from usbldr.filters.types import Timeline, Vector
 LOG_PRIOR_ODDS = -math.log(STRONG_ODDS)  # of an error that exists against one that does not
 FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "deviation_rad": math.radians(10.0), "latency_s": 10.0}
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
-compass mounted any way round, stamps of a slow export. Each needs strong evidence once more."""
+compass mounted any way round or beside iron, stamps of a slow export. Each needs strong evidence once more."""
 FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none

@@ -4,6 +4,7 @@ GPS decides which of two mirror images the map is, and the truth's clock is comp
 either. Angles are degrees clockwise.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
 from usbldr.filters.frames import rotated, wrapped
 from usbldr.filters.identification.evidence import identify
-from usbldr.filters.identification.identification import Identification
+from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.doctor.clock_steps import clock_step_findings
 from usbldr.io.doctor.fix_noise import fix_noise_findings
@@ -78,6 +79,9 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         return CrossCheck((*steps, *(in_radians or moving)))
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
+    if identification is not None and not result.observable and _bends(identification):
+        result, identification = _by_evidence(log, timeline, result, identification)
+        line = _by_best_interpretation(log, timeline, result)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     delay_s = result.best.fit.latency_s
     if identification is not None:
@@ -152,6 +156,28 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
         return None
 
 
+def _bends(found: Identification) -> bool:
+    """Return whether errors bend dead reckoning, so that a rotation alone does not show which interpretation fits."""
+    return bool(found.parameters.changes) or any(one.key == "deviation" and one.exists for one in found.evidence)
+
+
+def _by_evidence(
+    log: Log, timeline: Timeline, result: InterpretationResult, found: Identification
+) -> tuple[InterpretationResult, Identification]:
+    """Return the plausible interpretation with the largest evidence, each with its sensor errors, if that is strong."""
+    tried = [(found.log_evidence, result.best, found)]
+    for one in result.plausible:
+        by_one = replace(result, best=one)
+        other = _identified(log, _by_best_interpretation(log, timeline, by_one), by_one) if one != result.best else None
+        tried += [(other.log_evidence, one, other)] if other else []
+    most, best, found_there = min(tried, key=lambda each: (-round(each[0], 1), sum(each[1].flips)))  # of mirror images
+    log_odds = most - max((odds for odds, one, _ in tried if one.mirror_class != best.mirror_class), default=most)
+    if log_odds <= math.log(STRONG_ODDS):
+        return result, found
+    fitting = tuple(one for one in result.plausible if one.mirror_class == best.mirror_class)
+    return replace(result, best=best, plausible=fitting, log_odds=log_odds), found_there
+
+
 FIXED_ADVICE = "the names of its columns say how it was read; check them, and the signs of their values"
 
 
@@ -206,11 +232,13 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
         if old != new:
             by_columns = log.convention(role, key).chosen_by == "column names"
             advice = FIXED_ADVICE if by_columns else f'state {key} = "{new}" under [{role}]'
-            text = (
-                f"read as {key} {old}, but {new} fits better; dead-reckoning-to-fix residual: "
-                f"{read.residual_m:.2f} m RMS as read, {best.residual_m:.2f} m with {best.description}; {mirrored}; "
-                f"{advice}"
+            fits = (
+                f"dead-reckoning-to-fix residual: {read.residual_m:.2f} m RMS as read, {best.residual_m:.2f} m with "
+                f"{best.description}"
             )
+            if result.log_odds is not None:
+                fits = f"with the sensor errors that each needs, the fixes say so by log odds {result.log_odds:+.1f}"
+            text = f"read as {key} {old}, but {new} fits better; {fits}; {mirrored}; {advice}"
             found.append(log.finding(CONVENTION_CODES[role], role, text, None, read.residual_m, "m"))
     usbl = log.topic_of("usbl")
     if result.contradicting and by is not None:

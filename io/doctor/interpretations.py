@@ -93,6 +93,7 @@ class InterpretationResult:
     decided_by: HandednessEvidence | None  # None: the mirror image fits equally well
     contradicting: tuple[HandednessEvidence, ...]  # sources that contradict
     plausible: tuple[Interpretation, ...]  # that fit nearly as well as the best and agree with the source
+    log_odds: float | None = None  # of the best against the next, each with sensor errors; None: by the residuals
 
     @property
     def mirror_image(self) -> Interpretation | None:

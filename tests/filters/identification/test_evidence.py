@@ -74,6 +74,7 @@ def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None
         (Faults(heading_bias_deg=3.0), "heading", (3.0,)),
         (Faults(heading_bias_deg=40.0), "heading", (40.0,)),
         (Faults(deviation_sin_deg=3.0, deviation_cos_deg=-2.0), "deviation", (3.0, -2.0)),
+        (Faults(deviation_sin_deg=-20.0, deviation_cos_deg=10.0), "deviation", (-20.0, 10.0)),
         (Faults(usbl_latency_s=0.7), "latency", (0.7,)),
         (Faults(usbl_latency_s=-1.8), "latency", (-1.8,)),
     ],

@@ -1,6 +1,8 @@
 """Conventions and clocks are judged by what the messages say, and not by fixes that no interpretation fits."""
 
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,9 @@ from curved import CONVENTIONS, FLIPPED, changed, curved_dive, stating, written
 from logs import with_table
 from recordings import HEADER, SECOND, T0, Row, define, fields
 from usbldr.filters.errors import UsageError
+from usbldr.io.doctor import interpretations
 from usbldr.io.doctor.cross_check import convention_warnings
+from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
@@ -70,6 +74,26 @@ def test_a_heading_that_turns_the_fixes_of_a_beacon_is_judged_with_them(tmp_path
     assert 'state convention = "NED" under [compass]' in found["HEADING-CONVENTION"]["text"]
     assert {"USBL-MOTION", "DVL-AXES"}.isdisjoint(found)
     assert {*cured}.isdisjoint(CONVENTIONS)
+
+
+def deviated(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an Imu beside iron: 12 sin H + 6 cos H degrees at the heading H."""
+    yaw_rad = 2 * np.arctan2(values["orientation.z"], values["orientation.w"])
+    yaw_rad -= np.radians(12 * np.cos(yaw_rad) + 6 * np.sin(yaw_rad))  # sin H = cos yaw
+    return dict(values) | {"orientation.z": np.sin(yaw_rad / 2), "orientation.w": np.cos(yaw_rad / 2)}
+
+
+@pytest.mark.long
+def test_interpretations_are_compared_with_the_deviation_that_each_needs(tmp_path, monkeypatch):
+    rows = [(*row[:3], deviated(row[3])) if row[1] == "/imu" else row for row in curved_dive(dvl="FRD", seconds=200)]
+    blind = replace(THRESHOLDS, clearly_better_ratio=0.01, gross_residual_ratio=0.01)  # residuals do not decide
+    monkeypatch.setattr(interpretations, "THRESHOLDS", blind)
+
+    found = findings(written(tmp_path, rows))
+
+    assert "but FRD fits better; with the sensor errors that each needs" in found["DVL-AXES"]["text"]
+    assert {"HEADING-CONVENTION", "MAP-FRAME", "CONVENTION-UNOBSERVABLE", "SENSOR-CHANGE"}.isdisjoint(found)
+    assert re.search(r"\(1[12]\.\d ± 0\.\d\) sin H \+ \([56]\.\d ± 0\.\d\) cos H", found["COMPASS-DEVIATION"]["text"])
 
 
 DEPTH_M, PLACE = 12.0, "position_easting position_northing position_depth"
