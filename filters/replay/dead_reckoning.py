@@ -99,7 +99,8 @@ def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], 
 
 def _until_first_fixes(timeline: Timeline, time_s: Vector) -> Timeline:
     """Return dead reckoning up to the epoch behind the last of the first fixes: the rest does not move the start."""
-    epochs = slice(int(np.searchsorted(timeline.time_s, time_s[:START_FIXES].max())) + 1)
+    last_s = float(np.max(time_s[:START_FIXES]))
+    epochs = slice(int(np.searchsorted(timeline.time_s, last_s)) + 1)
     return replace(
         timeline, time_s=timeline.time_s[epochs], dr_mps=timeline.dr_mps[epochs], dr_yaw_rad=timeline.dr_yaw_rad[epochs]
     )

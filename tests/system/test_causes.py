@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -275,7 +276,7 @@ def test_a_gps_that_moves_unlike_the_vehicle_is_no_truth_but_perhaps_the_place_o
 @pytest.mark.parametrize(("median", "judged"), [(0.1, True), (0.9, False)])
 def test_a_truth_is_not_judged_by_fixes_that_mostly_contradict_dead_reckoning(edited, monkeypatch, median, judged):
     log = read_log(edited("", usbl=in_degrees, gps=circling))
-    of_fixes = compare_interpretations(log, timeline(log))
+    of_fixes: Any = compare_interpretations(log, timeline(log))
     shares = iter([0.4, median, 0.9])  # of a quarter and of half of the fixes, and of the truth
     monkeypatch.setattr(motion, "unexplained_share", lambda *_: next(shares))
 

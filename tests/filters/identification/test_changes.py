@@ -3,6 +3,7 @@
 import itertools
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -258,8 +259,9 @@ def test_a_shift_that_is_nearly_as_likely_as_what_is_taken_stays_in_the_sigma(co
 
     assert (found.parameters.changes, found.parameters.rival_shift) == ((), shift if rival else ())
     assert any("from 200 s on the USBL fixes lie 0.0 m east" in one for one in found.warnings) == rival
-    without = run("adf", DIVE, replace(found.parameters, rival_shift=())).open_cov_m2
-    open_m2 = run("adf", DIVE, found.parameters).open_cov_m2 - without
+    with_both, without = (replace(found.parameters, rival_shift=one) for one in (found.parameters.rival_shift, ()))
+    tracks: list[Any] = [run("adf", DIVE, one) for one in (with_both, without)]
+    open_m2 = tracks[0].open_cov_m2 - tracks[1].open_cov_m2
     share = 0.5 if rival else 0.0
     np.testing.assert_allclose(open_m2[-1], share * 1e-6 * np.array([[1, -1], [-1, 1]]), rtol=0.1)
 
