@@ -26,6 +26,8 @@ SHIP_FAULTS = {
     "head 2°": HeadErrors(head_rad=np.radians(2.0)),
     "range 2 %": HeadErrors(range_scale=0.02),
     "head 2°, range 2 %, compass 3°": HeadErrors(np.radians(2.0), 0.02, np.radians(3.0)),
+    "head 15°": HeadErrors(head_rad=np.radians(15.0)),
+    "head 40°, range 7 %, compass 20°": HeadErrors(np.radians(40.0), 0.07, np.radians(20.0)),
     "drawn from the priors": None,
 }
 

@@ -38,10 +38,19 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Timeline, Vector
 
 LOG_PRIOR_ODDS = -math.log(STRONG_ODDS)  # of an error that exists against one that does not
-FAR_SD = {"scale": 0.2, "heading_rad": math.pi / 2, "deviation_rad": math.radians(10.0), "latency_s": 10.0}
+FAR_SD = {
+    "scale": 0.2,
+    "heading_rad": math.pi / 2,
+    "deviation_rad": math.radians(10.0),
+    "latency_s": 10.0,
+    "usbl_heading_rad": math.radians(30.0),
+    "usbl_range": 0.1,
+}
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
-compass mounted any way round or beside iron, stamps of a slow export. Each needs strong evidence once more."""
-FAR_KEYS = {SENSOR_ERRORS[field].key: field for field in FAR_SD}
+compass mounted any way round or beside iron, stamps of a slow export, a USBL head on a pole that was not surveyed. Each
+needs strong evidence once more."""
+HEAD_FIELDS = {"usbl_heading_rad": HEAD, "usbl_range": RANGE}
+FAR_KEYS = {HEAD_FIELDS.get(field) or SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 4.0  # [-] on the sigma of a settled error: its fixes come again; only 1/16 of what they say is counted twice

@@ -182,17 +182,18 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     far = [key for key in FAR_KEYS if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
-    if not far:
-        return [usual], []
-    errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in far})
-    wide = _about(
-        Member(replace(stated, errors=errors), usual.present), {s: start[s] for key in far for s in KEYS[key]}
-    )
-    for _ in range(LINEARISATIONS):
-        (wide,) = _relinearised([wide], fix_likelihoods(timeline, [wide]))
-    wide = wide._replace(parameters=estimate_usbl_noise(timeline, wide, wide.parameters))
-    at_fault = wide.parameters.process.position_m > CONTRADICTED * stated.process.position_m
-    return ([usual], [wide]) if at_fault else ([usual, wide], [])
+    members, at_fault = [usual], list[Member]()
+    of_vehicle = [key for key in far if key not in (HEAD, RANGE)]  # beside a head that rests they explain as much
+    for keys in filter(None, [of_vehicle, far] if of_vehicle != far else [far]):
+        errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in keys})
+        about = {state: start[state] for key in keys for state in KEYS[key]}
+        wide = _about(Member(replace(stated, errors=errors), usual.present), about)
+        for _ in range(LINEARISATIONS):
+            (wide,) = _relinearised([wide], fix_likelihoods(timeline, [wide]))
+        wide = wide._replace(parameters=estimate_usbl_noise(timeline, wide, wide.parameters))
+        contradicted = wide.parameters.process.position_m > CONTRADICTED * stated.process.position_m
+        (at_fault if contradicted else members).append(wide)
+    return members, at_fault
 
 
 def _choice(timeline: Timeline, member: Member, stated: Parameters) -> Choice:

@@ -66,6 +66,8 @@ STEPS: Mapping[str, float] = {
     "deviation_sin": math.radians(2.0),
     "deviation_cos": math.radians(2.0),
     "usbl_latency": 0.5,
+    "usbl_heading": math.radians(2.0),
+    "usbl_range": 0.02,
     "dvl_clock": 0.5,
     "compass_clock": 0.5,
 }
@@ -134,15 +136,17 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
     H[:, :, states.index("usbl_latency")] = -V_at
     for name, unit in zip(KEYS[LEVER], np.eye(2), strict=True):
         H[:, :, states.index(name)] = -rotated(yaw, unit)
-    residual_m = timeline.fix_m[:fixes] - reckoned_m - rotated(yaw, np.array(lever_m))
-    if timeline.fix_away_m is not None:
+    residual_m = line.fix_m[:fixes] - reckoned_m - rotated(yaw, np.array(lever_m))
+    if line.fix_away_m is not None:
         # from the head to dead reckoning and not to the fix: an outlier would explain itself by its own length
-        away_m = timeline.fix_away_m[:fixes] - residual_m + np.median(residual_m, axis=0)
+        away_m = line.fix_away_m[:fixes] - residual_m + np.median(residual_m, axis=0)
         H[:, :, states.index("usbl_heading")] = np.column_stack([-away_m[:, 1], away_m[:, 0]])
-        H[:, :, states.index("usbl_range")] = away_m
+        H[:, :, states.index("usbl_range")] = away_m / (1 + about["usbl_range"])
         if timeline.fix_levelled_by_m is not None:  # of h² = r² - z² the derivative is r² / h
             z_m2, h_m2 = timeline.fix_levelled_by_m[:fixes] ** 2, np.sum(away_m**2, axis=1)
             H[:, :, states.index("usbl_range")] *= (1 + z_m2 / np.maximum(h_m2, STEEP**2 * z_m2 + 1e-9))[:, None]
     for name in OF_USBL:
         H[gps, :, states.index(name)] = 0.0
+    for name in ("usbl_heading", "usbl_range"):
+        residual_m += H[:, :, states.index(name)] * about[name]
     return Linearised(residual_m, H)

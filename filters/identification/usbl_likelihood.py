@@ -28,6 +28,7 @@ from usbldr.filters.identification.linearisation import (
     OFFSET_STATES,
     PASS_STATES,
     RANGE,
+    STEPS,
     Linearised,
     Point,
     linearised,
@@ -36,13 +37,14 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.replay.dead_reckoning import START_FIXES, start_position, start_sensitivity
+from usbldr.filters.replay.dead_reckoning import START_FIXES, freed, start_position, start_sensitivity
 from usbldr.filters.replay.prior import starting_fixes
-from usbldr.filters.types import Array, Timeline, Vector
+from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 kept_linearised = lru_cache(maxsize=32)(linearised)  # members in turn share points; each takes 1.5 MB at most
-HEAD_ROWS = [PASS_STATES.index(name) for key in (HEAD, RANGE) for name in KEYS[key]]
+OF_HEAD = (*KEYS[HEAD], *KEYS[RANGE])
+HEAD_ROWS = [PASS_STATES.index(name) for name in OF_HEAD]
 
 
 class Member(NamedTuple):
@@ -70,7 +72,9 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     """Run adf over the first MAX_FIXES fixes for each member."""
     about = sorted({member.about for member in members})
     logs = [kept_linearised(timeline, members[0].parameters.usbl_from_dvl_m, MAX_FIXES, point) for point in about]
-    mean, cov = _start(timeline, members, logs[0])
+    rows_about = np.array([about.index(member.about) for member in members])
+    of_head = np.array([[dict(zip(STEPS, point, strict=True))[name] for name in OF_HEAD] for point in about])
+    mean, cov = _start(timeline, members, logs, of_head, rows_about)
     rows = np.flatnonzero(np.einsum("iim->im", cov).any(axis=1) | np.isin(PASS_STATES, OFFSET_STATES))
     used = [PASS_STATES[row] for row in rows]
     time_s = timeline.fix_time_s[:MAX_FIXES]
@@ -78,7 +82,7 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     fixes = FixPass(
         np.stack([log.residual_m for log in logs], axis=2),
         np.ascontiguousarray(np.stack([log.measurement_matrix[:, :, rows] for log in logs], axis=3)),
-        np.array([about.index(member.about) for member in members]),
+        rows_about,
         bias,
         _changes(timeline, members),
         BankNoise([m.parameters.usbl for m in members], [m.parameters.usbl_sd_scale for m in members]),
@@ -90,9 +94,10 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     after = np.zeros((2, len(PASS_STATES), len(members)))
     after[0, rows] = bank.mean
     after[1, rows] = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
-    heading, scale = HEAD_ROWS  # the pass found one factor, (1 + scale) exp(i heading), by its real and imaginary part
-    factor = 1 + after[0, scale] + 1j * after[0, heading]
-    after[0, heading], after[0, scale] = np.angle(factor), np.abs(factor) - 1
+    # beyond the point the pass found one factor, (1 + scale) exp(i heading), by its real and imaginary part
+    (heading, scale), (heading_there, scale_there) = HEAD_ROWS, of_head[rows_about].T
+    factor = 1 + after[0, scale] + 1j * (1 + scale_there) * (after[0, heading] - heading_there)
+    after[0, heading], after[0, scale] = heading_there + np.angle(factor), np.abs(factor) - 1
     return FixLikelihoods(total, *(dict(zip(PASS_STATES, each, strict=True)) for each in after))
 
 
@@ -106,21 +111,33 @@ def _changes(timeline: Timeline, members: Sequence[Member]) -> Array:
     return np.stack([fade, bias_m2, drift_variances_m2(timeline, time_s, every, scaled)])
 
 
-def _start(timeline: Timeline, members: Sequence[Member], log: Linearised) -> tuple[Array, Array]:
-    """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states."""
+def _start(
+    timeline: Timeline, members: Sequence[Member], logs: Sequence[Linearised], of_head: Array, about: Indices
+) -> tuple[Array, Array]:
+    """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states.
+
+    ``of_head`` (P, 2) are heading and range scale of the head at the points of the P logs, ``about`` (N,) that of each
+    member. Errors of the head move the first fixes.
+    """
     first, time_s = members[0].parameters, np.zeros(1)
-    carried = np.zeros((2, len(PASS_STATES)))
+    T = np.tile(np.eye(len(PASS_STATES)), (len(logs), 1, 1))
     if first.start is not None:
-        position, sd_m = np.array([first.start.east_m, first.start.north_m]), first.start.sd_m
+        sd_m, position = first.start.sd_m, np.array([[first.start.east_m, first.start.north_m]])
     else:
         own = np.ones(len(timeline.fix_m), dtype=np.bool_) if timeline.fix_is_gps is None else ~timeline.fix_is_gps
         fixes = starting_fixes(timeline.with_fixes(own), first)
         time_s = fixes.time_s
-        position, sd_m = start_position(timeline, time_s, fixes.position_m)
-        carried = start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
-        if fixes.sensor == "usbl":  # which an error of their head has moved
-            first_fixes = log.measurement_matrix[own[: len(log.residual_m)]][:START_FIXES]
-            carried[:, HEAD_ROWS] -= first_fixes[:, :, HEAD_ROWS].mean(axis=0)
+        position_m, sd_m = start_position(timeline, time_s, fixes.position_m)
+        position = np.tile(position_m, (len(logs), 1))
+        T[:, :2] += start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
+        for k, log in enumerate(logs if fixes.sensor == "usbl" else ()):
+            rows = np.flatnonzero(own[: len(log.residual_m)])[:START_FIXES]
+            moved = log.measurement_matrix[rows][:, :, HEAD_ROWS].mean(axis=0)
+            T[k, :2, HEAD_ROWS] -= moved.T
+            if of_head[k].any():  # not linear so far from the point
+                begin = timeline.with_fixes(rows)
+                apart_m = freed(begin, dict(zip(OF_HEAD, of_head[k].tolist(), strict=True))).fix_m - begin.fix_m
+                position[k] += apart_m.mean(axis=0) + moved @ of_head[k]
     walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)
@@ -129,8 +146,6 @@ def _start(timeline: Timeline, members: Sequence[Member], log: Linearised) -> tu
         always = BIAS_STATES + (CURRENT_STATES if first.water_track else ())
         for name in (*always, *(name for key in member.present for name in KEYS[key])):
             sd[PASS_STATES.index(name), column] = known[name]
-    T = np.eye(len(PASS_STATES))
-    T[:2] += carried
     mean = np.zeros_like(sd)
-    mean[:2] = position[:, None]
-    return mean, np.einsum("ik,km,jk->ijm", T, sd**2, T)
+    mean[:2] = np.broadcast_to(position, (len(logs), 2))[about].T
+    return mean, np.einsum("mik,km,mjk->ijm", T[about], sd**2, T[about])

@@ -269,7 +269,7 @@ def measured(head_m: Array, heading_deg: float = 0.0, range_scale: float = 0.0, 
     return replace(line, fix_m=head_m + away_m, fix_away_m=away_m)
 
 
-@pytest.mark.parametrize(("heading_deg", "scale"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-2.0, -0.02)])
+@pytest.mark.parametrize(("heading_deg", "scale"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-2.0, -0.02), (-15.0, 0.0), (40.0, 0.07)])
 def test_a_ship_that_moves_shows_the_errors_of_its_head(heading_deg: float, scale: float) -> None:
     line = measured(SHIP, heading_deg, scale)
 
@@ -282,13 +282,21 @@ def test_a_ship_that_moves_shows_the_errors_of_its_head(heading_deg: float, scal
     assert apart_m(run("adf", line, found.parameters), CLEAN).mean() < 0.3
 
 
-def test_the_compass_and_the_head_are_told_apart_beside_a_ship_that_moves() -> None:
-    line = measured(SHIP, 2.0, line=weaving_dive(Faults(heading_bias_deg=3.0)))
+@pytest.mark.parametrize(("head_deg", "bias_deg"), [(2.0, 3.0), (-12.0, 20.0)])
+def test_the_compass_and_the_head_are_told_apart_beside_a_ship_that_moves(head_deg: float, bias_deg: float) -> None:
+    line = measured(SHIP, head_deg, line=weaving_dive(Faults(heading_bias_deg=bias_deg)))
 
     found = identify(line, ASSUMED).estimates
 
-    assert found["usbl_heading_deg"].value == pytest.approx(2.0, abs=4 * found["usbl_heading_deg"].sd)
-    assert found["heading_bias_deg"].value == pytest.approx(3.0, abs=4 * found["heading_bias_deg"].sd)
+    assert found["usbl_heading_deg"].value == pytest.approx(head_deg, abs=4 * found["usbl_heading_deg"].sd)
+    assert found["heading_bias_deg"].value == pytest.approx(bias_deg, abs=4 * found["heading_bias_deg"].sd)
+
+
+def test_a_compass_that_is_far_off_beside_a_head_that_rests_is_no_error_of_the_head() -> None:
+    found = identify(measured(QUAY, 0.0, line=weaving_dive(Faults(heading_bias_deg=40.0))), ASSUMED)
+
+    assert found.estimates["heading_bias_deg"].value == pytest.approx(40.0, abs=2.0)
+    assert abs(np.degrees(found.parameters.settled["usbl_heading"])) < 2.0
 
 
 @pytest.mark.parametrize(("heading_deg", "scale"), [(1.0, 0.0), (0.0, 0.01)])
