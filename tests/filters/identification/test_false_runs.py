@@ -269,7 +269,9 @@ def measured(head_m: Array, heading_deg: float = 0.0, range_scale: float = 0.0, 
     return replace(line, fix_m=head_m + away_m, fix_away_m=away_m)
 
 
-@pytest.mark.parametrize(("heading_deg", "scale"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-2.0, -0.02), (-15.0, 0.0), (40.0, 0.07)])
+@pytest.mark.parametrize(
+    ("heading_deg", "scale"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-2.0, -0.02), (-15.0, 0.0), (40.0, 0.07)]
+)
 def test_a_ship_that_moves_shows_the_errors_of_its_head(heading_deg: float, scale: float) -> None:
     line = measured(SHIP, heading_deg, scale)
 
