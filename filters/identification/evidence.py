@@ -172,7 +172,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     """
     usual = Member(stated, frozenset(keys_of(timeline, stated)) - {COMPASS_CLOCK})  # which the other two clocks say
     found, sd = fix_likelihoods(timeline, [usual]), prior_sds(stated)
-    value = {state: float(found.mean[state][0]) for state in STEPS}
+    value = {state: float(mean[0]) for state, mean in found.mean.items()}
     # linear in both, half a turn is a scale of 2: they are the parts of one factor on dead reckoning
     factor = 1 - value["dvl_scale"] + 1j * value["heading_bias"]
     value |= {"dvl_scale": 1 / max(abs(factor), LEAST_FACTOR) - 1, "heading_bias": float(np.angle(factor))}
@@ -180,6 +180,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
     start = value | {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
     far = [key for key in FAR_KEYS if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
+    far += [COMPASS_CLOCK] if DVL_CLOCK in far else []
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     members, at_fault = [usual], list[Member]()

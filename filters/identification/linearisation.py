@@ -67,7 +67,6 @@ STEPS: Mapping[str, float] = {
     "deviation_cos": math.radians(2.0),
     "usbl_latency": 0.5,
     "usbl_heading": math.radians(2.0),
-    "usbl_range": 0.02,
     "dvl_clock": 0.5,
     "compass_clock": 0.5,
 }
@@ -141,12 +140,11 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
         # from the head to dead reckoning and not to the fix: an outlier would explain itself by its own length
         away_m = line.fix_away_m[:fixes] - residual_m + np.median(residual_m, axis=0)
         H[:, :, states.index("usbl_heading")] = np.column_stack([-away_m[:, 1], away_m[:, 0]])
-        H[:, :, states.index("usbl_range")] = away_m / (1 + about["usbl_range"])
+        H[:, :, states.index("usbl_range")] = away_m
         if timeline.fix_levelled_by_m is not None:  # of h² = r² - z² the derivative is r² / h
             z_m2, h_m2 = timeline.fix_levelled_by_m[:fixes] ** 2, np.sum(away_m**2, axis=1)
             H[:, :, states.index("usbl_range")] *= (1 + z_m2 / np.maximum(h_m2, STEEP**2 * z_m2 + 1e-9))[:, None]
     for name in OF_USBL:
         H[gps, :, states.index(name)] = 0.0
-    for name in ("usbl_heading", "usbl_range"):
-        residual_m += H[:, :, states.index(name)] * about[name]
+    residual_m += H[:, :, states.index("usbl_heading")] * about["usbl_heading"]
     return Linearised(residual_m, H)

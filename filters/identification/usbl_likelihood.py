@@ -43,8 +43,7 @@ from usbldr.filters.types import Array, Indices, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 kept_linearised = lru_cache(maxsize=32)(linearised)  # members in turn share points; each takes 1.5 MB at most
-OF_HEAD = (*KEYS[HEAD], *KEYS[RANGE])
-HEAD_ROWS = [PASS_STATES.index(name) for name in OF_HEAD]
+HEAD_ROWS = [PASS_STATES.index(name) for key in (HEAD, RANGE) for name in KEYS[key]]
 
 
 class Member(NamedTuple):
@@ -73,8 +72,8 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     about = sorted({member.about for member in members})
     logs = [kept_linearised(timeline, members[0].parameters.usbl_from_dvl_m, MAX_FIXES, point) for point in about]
     rows_about = np.array([about.index(member.about) for member in members])
-    of_head = np.array([[dict(zip(STEPS, point, strict=True))[name] for name in OF_HEAD] for point in about])
-    mean, cov = _start(timeline, members, logs, of_head, rows_about)
+    turned_rad = np.array([dict(zip(STEPS, point, strict=True))["usbl_heading"] for point in about])
+    mean, cov = _start(timeline, members, logs, turned_rad, rows_about)
     rows = np.flatnonzero(np.einsum("iim->im", cov).any(axis=1) | np.isin(PASS_STATES, OFFSET_STATES))
     used = [PASS_STATES[row] for row in rows]
     time_s = timeline.fix_time_s[:MAX_FIXES]
@@ -95,9 +94,9 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
     after[0, rows] = bank.mean
     after[1, rows] = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
     # beyond the point the pass found one factor, (1 + scale) exp(i heading), by its real and imaginary part
-    (heading, scale), (heading_there, scale_there) = HEAD_ROWS, of_head[rows_about].T
-    factor = 1 + after[0, scale] + 1j * (1 + scale_there) * (after[0, heading] - heading_there)
-    after[0, heading], after[0, scale] = heading_there + np.angle(factor), np.abs(factor) - 1
+    (heading, scale), there_rad = HEAD_ROWS, turned_rad[rows_about]
+    factor = 1 + after[0, scale] + 1j * (after[0, heading] - there_rad)
+    after[0, heading], after[0, scale] = there_rad + np.angle(factor), np.abs(factor) - 1
     return FixLikelihoods(total, *(dict(zip(PASS_STATES, each, strict=True)) for each in after))
 
 
@@ -112,11 +111,11 @@ def _changes(timeline: Timeline, members: Sequence[Member]) -> Array:
 
 
 def _start(
-    timeline: Timeline, members: Sequence[Member], logs: Sequence[Linearised], of_head: Array, about: Indices
+    timeline: Timeline, members: Sequence[Member], logs: Sequence[Linearised], turned_rad: Vector, about: Indices
 ) -> tuple[Array, Array]:
     """Return mean (n, N) and covariance (n, n, N) at the first epoch: as in prior.py, without the motion states.
 
-    ``of_head`` (P, 2) are heading and range scale of the head at the points of the P logs, ``about`` (N,) that of each
+    ``turned_rad`` (P,) is the heading error of the USBL head at the points of P logs, ``about`` (N,) the log of each
     member. Errors of the head move the first fixes.
     """
     first, time_s = members[0].parameters, np.zeros(1)
@@ -134,10 +133,10 @@ def _start(
             rows = np.flatnonzero(own[: len(log.residual_m)])[:START_FIXES]
             moved = log.measurement_matrix[rows][:, :, HEAD_ROWS].mean(axis=0)
             T[k, :2, HEAD_ROWS] -= moved.T
-            if of_head[k].any():  # not linear so far from the point
+            if turned_rad[k]:  # not linear so far from the point
                 begin = timeline.with_fixes(rows)
-                apart_m = freed(begin, dict(zip(OF_HEAD, of_head[k].tolist(), strict=True))).fix_m - begin.fix_m
-                position[k] += apart_m.mean(axis=0) + moved @ of_head[k]
+                apart_m = freed(begin, {"usbl_heading": float(turned_rad[k])}).fix_m - begin.fix_m
+                position[k] += apart_m.mean(axis=0) + moved[:, 0] * turned_rad[k]
     walked_m2 = max(0.0, float(time_s[0])) * np.array([m.parameters.process.position_m**2 for m in members])
     sd = np.zeros((len(PASS_STATES), len(members)))
     sd[:2] = np.sqrt(sd_m**2 + walked_m2)
