@@ -45,19 +45,12 @@ FAR_SD = {
     "latency_s": 10.0,
     "usbl_heading_rad": math.radians(30.0),
     "usbl_range": 0.1,
-    "dvl_clock_s": 5.0,
-    "compass_clock_s": 5.0,
 }
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
 compass mounted any way round or beside iron, stamps of a slow export, a USBL head on a pole that was not surveyed. Each
 needs strong evidence once more."""
-FIELD_KEYS = {
-    "usbl_heading_rad": HEAD,
-    "usbl_range": RANGE,
-    "dvl_clock_s": DVL_CLOCK,
-    "compass_clock_s": COMPASS_CLOCK,
-}
-FAR_KEYS = {FIELD_KEYS.get(field) or SENSOR_ERRORS[field].key: field for field in FAR_SD}
+HEAD_FIELDS = {"usbl_heading_rad": HEAD, "usbl_range": RANGE}
+FAR_KEYS = {HEAD_FIELDS.get(field) or SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 4.0  # [-] on the sigma of a settled error: its fixes come again; only 1/16 of what they say is counted twice

@@ -180,7 +180,6 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
     start = value | {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
     far = [key for key in FAR_KEYS if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
-    far += [COMPASS_CLOCK] if DVL_CLOCK in far else []
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     members, at_fault = [usual], list[Member]()
