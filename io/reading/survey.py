@@ -44,8 +44,8 @@ def survey(path: Path, request: Request) -> Survey:
             require(log, ("dvl", "compass"))  # without fixes, dead reckoning is still possible
     except UsbldrError as err:
         why = err.text_beside(path)
-        told = any(topic.problem and topic.problem in why for topic in topics)  # in the fault that is known
-        fault = f"{fault}; {why}" if fault and not told else fault or why
+        repeated = any(topic.problem and topic.problem in why for topic in topics)  # the fault that is known says it
+        fault = f"{fault}; {why}" if fault and not repeated else fault or why
         more = (err.finding,) if isinstance(err, PartsError) else ()
     findings = log.findings if log else (*reader.findings(), *more)
     unreadable = any(isinstance(unresolved, LogError) for unresolved in found.unresolved.values())
