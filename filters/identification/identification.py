@@ -137,8 +137,8 @@ class Identification:
         if not shift:
             return ""
         return (
-            f"{_shift_text((SensorChange(0.0, 0.0, 0.0), *shift)[-2], shift[-1])}: the log does not tell this from the "
-            "SENSOR-CHANGE at about that time, which is taken; the track's sigma covers both"
+            f"{_shift_text((SensorChange(0.0, 0.0, 0.0), *shift)[-2], shift[-1])}: by the log this is nearly as likely "
+            "as what the track assumes; its sigma covers both"
         )
 
     @property
