@@ -6,6 +6,7 @@ nothing before them contradicts. The likeliest histories are followed over all f
 likeliest after the last fix judges the first ones, too. Metres and seconds.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -20,10 +21,12 @@ from usbldr.filters.identification.identification import CONTRADICTED, STRONG_OD
 from usbldr.filters.identification.linearisation import BIAS_STATES, PASS_STATES, linearised, prior_sds
 from usbldr.filters.identification.noise_fit import estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
-from usbldr.filters.models.noise import robust_sd
+from usbldr.filters.models.noise import robust_sd, shown_sd
 from usbldr.filters.models.parameters import FalseStart, Parameters, Start
 from usbldr.filters.types import Mask, Timeline, Vector
 
+ROUNDS = 3  # of noise and false fixes in turn: a fourth changes hardly any
+CELL_SIGMAS = 3.0  # [-] of a fix: positions that differ by less are one
 UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
 
 
@@ -40,21 +43,27 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
     with the stated correlated error and the sigma that neighbouring fixes show, too, then with the noise that fits
-    those of them that are correct; the likeliest noise decides. None is false if half of them would be: nothing says
-    then which half.
+    those of them that are correct, ROUNDS times; the likeliest noise decides. None is false if one run has as many as
+    are correct: nothing says then which of both is the vehicle.
     """
     fitted, found = member.parameters, false_runs(timeline, member)
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
     if at_fault or found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
-        robust = robust_member(timeline, member, stated)
-        other = false_runs(timeline, robust)
-        found = max(found, other, key=lambda runs: runs.log_likelihood)
-        if not other.false.all():
-            correct = timeline.with_fixes(~other.false)
-            refitted = estimate_usbl_noise(correct, robust, stated)
-            other = false_runs(timeline, member._replace(parameters=refitted))
+        robust = member = robust_member(timeline, member, stated)
+        for _ in range(ROUNDS):
+            other = false_runs(timeline, member)
             found = max(found, other, key=lambda runs: runs.log_likelihood)
-    return found.false & (found.false[:MAX_FIXES].mean() < 0.5), found.log_likelihood
+            if other.false.all():
+                break
+            noise = estimate_usbl_noise(timeline.with_fixes(~other.false), robust, stated)
+            member = member._replace(parameters=noise)
+    return found.false & (_longest(found.false) < (~found.false[:MAX_FIXES]).sum()), found.log_likelihood
+
+
+def _longest(false: Mask) -> int:
+    """Return the number of fixes of the longest run."""
+    edges = np.flatnonzero(np.diff(false, prepend=False, append=False))
+    return int(np.diff(edges)[::2].max(initial=0))
 
 
 def robust_member(timeline: Timeline, member: Member, stated: Parameters) -> Member:
@@ -119,6 +128,7 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
         mean=np.concatenate([start_m, np.zeros(H.shape[2] - 2)]),
         cov=np.diag(np.append(sd[used] ** 2, np.zeros(4))),
         gradual=gradual,
+        cell_m=CELL_SIGMAS * float(np.sqrt(np.median(np.einsum("fkk->fk", noise.cov[0])))),
     )
     after = followed(search)
     row = int(np.argmax(after[-1].log_weight))
@@ -133,9 +143,13 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
 
 
 def _sd_scale(timeline: Timeline, member: Member) -> float:
-    """Return the factor on the stated sigmas by which neighbouring fixes differ; a median ignores where runs begin."""
+    """Return the factor on the stated sigmas by which neighbouring fixes differ; a median ignores where runs begin.
+
+    It does not ignore the tails of the noise, which the stated sigma has, too.
+    """
     residual_m = linearised(timeline, member.parameters.usbl_from_dvl_m, MAX_FIXES, member.about).residual_m
     sigma_m = np.linalg.cholesky(timeline.fix_cov_m2[1:MAX_FIXES])
     steps: Vector = np.linalg.solve(sigma_m, np.diff(residual_m, axis=0)[..., None]).ravel().astype(np.float64)
-    found = robust_sd(steps)
+    usual = np.median(timeline.fix_cov_m2[:MAX_FIXES, 0, 0]) * np.eye(2)
+    found = robust_sd(steps) * math.sqrt(float(usual[0, 0])) / shown_sd(member.parameters.usbl.modes(usual))
     return found if np.isfinite(found) and found > 0 else 1.0

@@ -2,7 +2,7 @@
 
 A Markov chain of two states, correct and in a run with an offset of its own: D. Reid, "An algorithm for tracking
 multiple targets", IEEE Trans. Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177. Histories that agree in the
-last RECENT fixes are one. Metres and seconds.
+last RECENT fixes, and nearly in the position, are one. Metres and seconds.
 """
 
 from typing import NamedTuple
@@ -15,10 +15,11 @@ from usbldr.filters.types import Array, Indices, Mask, Vector
 
 OFFSET_WALK_M = 0.1  # [m/√s] by judgement: an echo moves with the geometry, slowly
 RATE_MPS = 0.1  # [m/s] each axis, by judgement: of an offset that grows
-DURATIONS_S = ((60.0, 3600.0), (20.0, 120.0), (30.0, 60.0))
-"""Mean duration of a run and mean time between runs; the likeliest pair is taken."""
-HISTORIES = 10  # of each pair
+KINDS = ((60.0, 3600.0, OFFSET_SD_M), (20.0, 120.0, OFFSET_SD_M), (30.0, 60.0, 6.0))
+"""Mean duration of a run [s], mean time between runs [s], sigma of an offset, each axis [m]: the likeliest is taken."""
+HISTORIES = 10  # of each kind, and as many in a long run
 RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
+CELL_BITS = 12  # fixed: of the square in which a position lies, in each direction
 CORRECT, BEGINS, CONTINUES = range(3)
 RUN, OFFSET, RATE = slice(-4, None), slice(-4, -2), slice(-2, None)  # of the states, the last four are a run's
 
@@ -37,24 +38,25 @@ class HistorySearch(NamedTuple):
     mean: Vector  # (n,) at the start
     cov: Array  # (n, n)
     gradual: bool  # a run may begin with a fix that is not far from the track
+    cell_m: float  # histories whose positions lie in one square of this size may be one
 
     def followed(self) -> list["Followed"]:
         """Return the histories after each fix: the reference of the kernel."""
-        pairs, n = len(DURATIONS_S), len(self.mean)
+        kinds, n = len(KINDS), len(self.mean)
         now = _Histories(
-            np.zeros(pairs),
-            np.tile(self.mean, (pairs, 1)),
-            np.broadcast_to(self.cov, (pairs, n, n)),
-            np.zeros(pairs, np.bool_),
-            np.zeros(pairs, np.bool_),
-            np.arange(pairs),
-            *np.zeros((3, pairs), np.intp),
+            np.zeros(kinds),
+            np.tile(self.mean, (kinds, 1)),
+            np.broadcast_to(self.cov, (kinds, n, n)),
+            np.zeros(kinds, np.bool_),
+            np.zeros(kinds, np.bool_),
+            np.arange(kinds),
+            *np.zeros((3, kinds), np.intp),
         )
         followed: list[Followed] = []
         for f, z in enumerate(self.residual_m):
             now = _predicted(now, self.bias, self.fade[f], self.bias_m, self.drift_m2[f], self.dt_s[f])
             noise = Noise(self.noise.probabilities, self.noise.cov[:, f])
-            now, parent, decision = _updated(now, z, self.measurement_matrix[f], noise, self.dt_s[f], f, self.gradual)
+            now, parent, decision = _updated(now, z, self.measurement_matrix[f], noise, self.dt_s[f], f, self)
             followed.append(Followed(now.log_weight, now.first, parent, decision, now.gradual))
         return followed
 
@@ -77,7 +79,7 @@ class _Histories(NamedTuple):
     cov: Array  # (N, n, n)
     in_run: Mask  # (N,)
     gradual: Mask  # (N,) the run began with a fix that was not far from the track
-    pair: Indices  # (N,) in DURATIONS_S
+    kind: Indices  # (N,) in KINDS
     recent: Indices  # (N,) the last RECENT decisions as bits
     first: Indices  # (N,) how many of the first fixes are false
     octave: Indices  # (N,) of the fix with which the run began, or the last one if it was long, counted from 1; 0: none
@@ -99,7 +101,7 @@ def _predicted(now: _Histories, bias: slice, fade: float, bias_m: float, drift_m
 
 
 def _updated(
-    now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int, gradual: bool
+    now: _Histories, z: Vector, H: Array, noise: Noise, dt_s: float, f: int, search: HistorySearch
 ) -> tuple[_Histories, Indices, Indices]:
     """Return the likeliest histories with this fix, the history before of each, and what each takes the fix for."""
     count, offset = len(now.log_weight), now.cov[:, :, OFFSET]
@@ -107,8 +109,10 @@ def _updated(
     cross = np.concatenate([now.cov @ H.T] * 3)  # (3 N, n, 2)
     e, S = z - now.mean @ H.T, H @ cross[:count]
     # two offsets of which none is known: that of a run that begins, and that of first fixes that were all false
-    begun_m2 = np.maximum(OFFSET_SD_M**2, (e**2).sum(axis=1) / 2)[:, None, None] * np.eye(2)
-    apart_m2 = np.where(((now.first == f) & (f > 0))[:, None, None], begun_m2 - OFFSET_SD_M**2 * np.eye(2), 0.0)
+    usual_m2 = np.array(KINDS)[now.kind, 2] ** 2
+    begun = np.maximum(usual_m2, (e**2).sum(axis=1) / 2)
+    apart = np.where((now.first == f) & (f > 0), begun - usual_m2, 0.0)
+    begun_m2, apart_m2 = (variance[:, None, None] * np.eye(2) for variance in (begun, apart))
     shared = H @ offset
     cross[: 2 * count, RUN] = 0.0
     cross[:count, :2] += apart_m2
@@ -122,17 +126,17 @@ def _updated(
     of_fix = np.logaddexp.reduce(log_l, axis=0)
     near = _chi_square(e, S + noise.cov[0]) < FAR
     log_prior = _log_prior(now, dt_s, f)
-    log_prior[BEGINS, near & (now.first < f) & (not gradual)] = -np.inf
+    log_prior[BEGINS, near & (now.first < f) & (not search.gradual)] = -np.inf
     log_weight = of_fix + (now.log_weight + log_prior).ravel()
     # a tail as heavy as a scale that is not known
-    offset_m2 = np.concatenate([apart_m2[:, 0, 0] + OFFSET_SD_M**2, begun_m2[:, 0, 0]])
-    log_weight[: 2 * count] += 0.5 * np.log(OFFSET_SD_M**2 / offset_m2)
+    log_weight[: 2 * count] += 0.5 * np.log(np.tile(usual_m2, 2) / np.concatenate([apart + usual_m2, begun]))
     recent = ((now.recent[parent] << 1) | (decision != CORRECT)) & (2**RECENT - 1)
     in_run = decision != CORRECT
     short = now.in_run[parent] & ~in_run & (now.recent[parent] != 2**RECENT - 1)
     octave = np.where(decision == BEGINS, (f + 1).bit_length(), np.where(short, 0, now.octave[parent]))
     first = now.first[parent] + (in_run & (now.first[parent] == f))
-    kept, log_weight = _chosen(log_weight, now.pair[parent], recent, octave, np.where(in_run, 0, first), in_run)
+    cell = (np.floor(now.mean[parent, :2] / search.cell_m).astype(np.int64) & (2**CELL_BITS - 1)) @ [2**CELL_BITS, 1]
+    kept, log_weight = _chosen(log_weight, now.kind[parent], recent, octave, np.where(in_run, 0, first), in_run, cell)
     decision, parent, cross = decision[kept], parent[kept], cross[kept]
     mean, cov = now.mean[parent], now.cov[parent]
     ended = decision != CONTINUES
@@ -147,14 +151,14 @@ def _updated(
     cov += cross @ G @ cross.transpose(0, 2, 1)
     slowly = np.where(decision == BEGINS, near[parent], (decision == CONTINUES) & now.gradual[parent])
     after = _Histories(
-        log_weight, mean, cov, in_run[kept], slowly, now.pair[parent], recent[kept], first[kept], octave[kept]
+        log_weight, mean, cov, in_run[kept], slowly, now.kind[parent], recent[kept], first[kept], octave[kept]
     )
     return after, parent, decision
 
 
 def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
     """Return the log probability that each history takes the fix for correct, the first or another one of a run."""
-    run_s, gap_s = np.array(DURATIONS_S)[now.pair].T
+    run_s, gap_s, _ = np.array(KINDS)[now.kind].T
     begins = run_s / (run_s + gap_s) if f == 0 else -np.expm1(-dt_s / gap_s)
     ends = np.where(now.in_run, -np.expm1(-dt_s / run_s), 1.0)
     with np.errstate(divide="ignore"):
@@ -163,31 +167,41 @@ def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
 
 
 def _chosen(
-    log_weight: Vector, pair: Indices, recent: Indices, octave: Indices, start: Indices, in_run: Mask
+    log_weight: Vector, kind: Indices, recent: Indices, octave: Indices, start: Indices, in_run: Mask, cell: Indices
 ) -> tuple[Indices, Vector]:
-    """Return rows and weights of the likeliest HISTORIES of each pair, and of the likeliest long run of each octave.
+    """Return rows and weights of the likeliest HISTORIES of each kind, in a long run and else, and of some others.
 
-    So are the likeliest long run that has ended, of each octave, and the likeliest false start, of each octave of its
-    ``start`` fixes: many correct ones may have to follow until it is the likeliest of all. Of those that agree in the
-    recent fixes, or in the octave of a long run, the likeliest stands for all.
+    These are the likeliest long run of each octave and kind, the likeliest one that has ended, of each octave, and the
+    likeliest false start, of each octave of its ``start`` fixes: many correct ones may have to follow until it is the
+    likeliest of all. Of those that agree in the recent fixes, in the ``cell`` of the position and, of a long run, in
+    its octave, the likeliest stands for all.
     """
     order = np.argsort(-log_weight, kind="stable")
     order = order[np.isfinite(log_weight[order])]
     long = recent[order] == 2**RECENT - 1
     of_long = np.where(long | ~in_run[order], octave[order], 0)
-    code = ((pair[order] << RECENT | recent[order]) << 6) | of_long  # MAX_FIXES has 12 bits
+    code = ((kind[order] << RECENT | recent[order]) << 6 | of_long) << 2 * CELL_BITS | cell[
+        order
+    ]  # 12 bits of MAX_FIXES
     _, first, group = np.unique(code, return_index=True, return_inverse=True)
     top = log_weight[order[first]]
     total = top + np.log(np.bincount(group, np.exp(log_weight[order] - top[group])))
-    kept = order[first]
+    kept, long = order[first], long[first]
     likeliest = np.argsort(-total, kind="stable")
-    its_pair = np.where(long[first], -1, pair[kept])[likeliest]
-    rows = [np.flatnonzero(long[first]), *(likeliest[its_pair == p][:HISTORIES] for p in range(len(DURATIONS_S)))]
+    longest = likeliest[_first_of(np.where(long, kind[kept] << 6 | octave[kept], -1)[likeliest])]
+    others = likeliest[~np.isin(likeliest, longest)]
+    its_kind = 2 * kind[kept][others] + long[others]
+    rows = [longest, *(others[its_kind == k][:HISTORIES] for k in range(2 * len(KINDS)))]
     for ended in (np.frexp(start[kept])[1], np.where(in_run[kept], 0, octave[kept])):  # octaves
-        octaves, best = np.unique(ended[likeliest], return_index=True)
-        rows.append(likeliest[best[octaves > 0]])
+        rows.append(likeliest[_first_of(np.where(ended > 0, ended, -1)[likeliest])])
     each = np.unique(np.concatenate(rows))
     return kept[each], total[each]
+
+
+def _first_of(group: Indices) -> Indices:
+    """Return the row of the first of each group; -1 is none."""
+    groups, rows = np.unique(group, return_index=True)
+    return rows[groups >= 0]
 
 
 def _by_mode(e: Vector, S: Array, noise: Noise) -> tuple[Array, Array, Array]:

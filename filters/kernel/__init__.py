@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-CALLS = 6  # fixed: version of the arguments of the functions, as in module.c
+CALLS = 7  # fixed: version of the arguments of the functions, as in module.c
 FIELDS = {
     "Function": "number kind k nonlinear columns argument row axis angle bilinear uses",
     "NoiseModes": "probability log_probability R nominal",
@@ -20,7 +20,7 @@ FIELDS = {
     "Step": "dt_s remaining usual added state seed seeded gap readings padding",
     "Filter": "scale resample_below walk bias_s bias_m2 n N update move_steps bias_row padding",
     "Pass": "far offset_m2 log_negligible n N F G modes bias_row per_scalar padding",
-    "Search": "far offset_m2 walk_m2 rate_m2 bias_m2 n F modes pairs bias_row histories recent_bits gradual",
+    "Search": "far walk_m2 rate_m2 bias_m2 cell_m n F modes kinds bias_row histories recent_bits gradual",
 }
 """The structures of layout.h in the order in which Python writes their fields; types and offsets are the module's."""
 TYPES = {"double": "f8", "Covariance": "3f8", "int32_t": "i4", "uint32_t": "u4", "uint64_t": "u8"}

@@ -47,7 +47,7 @@ def run_histories(
     cov_m2: NDArray[float64],
     mean: NDArray[float64],
     cov: NDArray[float64],
-    durations_s: NDArray[float64],
+    kinds: NDArray[float64],
     log_weight: NDArray[float64],
     first: NDArray[int64],
     parent: NDArray[int64],

@@ -5,14 +5,14 @@
 #include "layout.h"
 
 enum { CORRECT, BEGINS, CONTINUES, DECISIONS };
-enum { CANDIDATES = DECISIONS * MAX_HISTORIES };
+enum { CANDIDATES = DECISIONS * MAX_HISTORIES, CELL_BITS = 12 };
 
 static const double LOG_2_PI = 0x1.d67f1c864beb4p+0;
 
 /* Of a history: what the next fix depends on, beside mean and covariance. */
 typedef struct {
     double log_weight;
-    int in_run, gradual, pair, recent, first, octave;
+    int in_run, gradual, kind, recent, first, octave;
 } Past;
 
 /* A history with a fix that it takes for one of the DECISIONS. */
@@ -22,7 +22,7 @@ typedef struct {
     double log_l[MAX_MODES], inverse[MAX_MODES][3], of_fix; /* likelihood of each mode, and of all */
     double added_m2; /* to the variances of the position (CORRECT) or the offset (BEGINS) */
     int parent, decision, order;
-    uint32_t code; /* those of one code agree */
+    uint64_t code; /* those of one code agree */
 } Candidate;
 
 static double *row_of(double *cov, int n, int i) { return cov + (size_t)i * n; }
@@ -82,7 +82,7 @@ static void weigh(const Search *s, const SearchArrays *a, int f, Candidate *c) {
 static void branch(const Search *s, const SearchArrays *a, int f, int parent, const Past *past, const double *mean,
                    double *cov, Candidate *of) {
     int n = s->n, offset = n - 4;
-    const double *H = a->H + (size_t)f * 2 * n, *durations_s = a->durations_s + 2 * past->pair;
+    const double *H = a->H + (size_t)f * 2 * n, *kind = a->kinds + 3 * past->kind;
     double e[2], S[3] = {0}, shared[2][2] = {{0}}, inverse[3], dt_s = a->changes[3 * f], cross[MAX_STATES][2] = {{0}};
     for (int k = 0; k < 2; k++) {
         e[k] = a->residual[2 * f + k];
@@ -98,10 +98,10 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
     inverted(S, a->R + 4 * (size_t)f, inverse);
     int near = chi_square(e, inverse) < s->far, recent = s->recent_bits, all = (1 << recent) - 1;
     int starts = past->first == f;
-    double begun_m2 = fmax(s->offset_m2, (e[0] * e[0] + e[1] * e[1]) / 2);
-    double apart_m2 = starts && f > 0 ? begun_m2 - s->offset_m2 : 0.0;
-    double begins = f ? -expm1(-dt_s / durations_s[1]) : durations_s[0] / (durations_s[0] + durations_s[1]);
-    double ends = past->in_run ? -expm1(-dt_s / durations_s[0]) : 1.0;
+    double usual_m2 = kind[2] * kind[2], begun_m2 = fmax(usual_m2, (e[0] * e[0] + e[1] * e[1]) / 2);
+    double apart_m2 = starts && f > 0 ? begun_m2 - usual_m2 : 0.0;
+    double begins = f ? -expm1(-dt_s / kind[1]) : kind[0] / (kind[0] + kind[1]);
+    double ends = past->in_run ? -expm1(-dt_s / kind[0]) : 1.0;
     double prior[DECISIONS] = {log((1 - begins) * ends), log(begins * ends), log(1 - ends)};
     if (near && past->first < f && !s->gradual) prior[BEGINS] = -INFINITY;
     for (int d = 0; d < DECISIONS; d++) {
@@ -130,8 +130,8 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
         c->parent = parent, c->decision = d, c->past = *past;
         c->past.log_weight += c->of_fix + prior[d];
         /* a tail as heavy as a scale that is not known */
-        if (d == CORRECT) c->past.log_weight += 0.5 * log(s->offset_m2 / (s->offset_m2 + added));
-        if (d == BEGINS) c->past.log_weight += 0.5 * log(s->offset_m2 / added);
+        if (d == CORRECT) c->past.log_weight += 0.5 * log(usual_m2 / (usual_m2 + added));
+        if (d == BEGINS) c->past.log_weight += 0.5 * log(usual_m2 / added);
         c->past.in_run = in_run;
         c->past.gradual = d == BEGINS ? near : d == CONTINUES && past->gradual;
         c->past.recent = ((past->recent << 1) | in_run) & all;
@@ -139,7 +139,9 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
         if (d == CORRECT && past->in_run && past->recent != all) c->past.octave = 0;
         c->past.first = past->first + (in_run && starts);
         int of_long = c->past.recent == all || !in_run ? c->past.octave : 0;
-        c->code = (((uint32_t)past->pair << recent | (uint32_t)c->past.recent) << 6) | (uint32_t)of_long;
+        c->code = (((uint64_t)past->kind << recent | (uint64_t)c->past.recent) << 6) | (uint64_t)of_long;
+        for (int k = 0; k < 2; k++)
+            c->code = c->code << CELL_BITS | ((uint64_t)(int64_t)floor(mean[k] / s->cell_m) & ((1 << CELL_BITS) - 1));
     }
 }
 
@@ -162,8 +164,8 @@ static int by_order(const void *x, const void *y) {
 
 /* Keep the likeliest of those that agree, with the weight of all, and of these the ones of _chosen; return how many. */
 static int choose(const Search *s, Candidate **list, int count) {
-    int groups = 0, kept = 0, all = (1 << s->recent_bits) - 1, of_pair[MAX_PAIRS] = {0};
-    unsigned char started[33] = {0}, ended[33] = {0};
+    int groups = 0, kept = 0, all = (1 << s->recent_bits) - 1, of_kind[MAX_KINDS][2] = {{0}};
+    unsigned char longest[MAX_KINDS][33] = {{0}}, started[33] = {0}, ended[33] = {0};
     qsort(list, (size_t)count, sizeof *list, by_code);
     for (int i = 0, end; i < count; i = end) {
         double top = list[i]->past.log_weight, sum = 0.0;
@@ -176,9 +178,10 @@ static int choose(const Search *s, Candidate **list, int count) {
     qsort(list, (size_t)groups, sizeof *list, by_weight);
     for (int i = 0; i < groups; i++) {
         const Past *p = &list[i]->past;
-        int wanted = p->recent == all, start = p->in_run ? 0 : octave_of((uint32_t)p->first);
-        int octave = p->in_run ? 0 : p->octave;
-        if (!wanted) wanted = of_pair[p->pair]++ < s->histories;
+        int is_long = p->recent == all, wanted = is_long && !longest[p->kind][p->octave];
+        int octave = p->in_run ? 0 : p->octave, start = p->in_run ? 0 : octave_of((uint32_t)p->first);
+        if (wanted) longest[p->kind][p->octave] = 1;
+        else wanted = of_kind[p->kind][is_long]++ < s->histories;
         if (start && !started[start]) wanted = started[start] = 1;
         if (octave && !ended[octave]) wanted = ended[octave] = 1;
         if (wanted) list[kept++] = list[i];
@@ -214,14 +217,14 @@ static void correct(const Search *s, const Candidate *c, double *mean, double *c
 }
 
 int run_histories(const Search *s, const SearchArrays *a) {
-    int n = s->n, count = s->pairs;
+    int n = s->n, count = s->kinds;
     size_t one = (size_t)(n + n * n), bank = MAX_HISTORIES * one;
     double *memory = malloc(2 * bank * sizeof(double)), *now = memory, *then = memory + bank;
     Candidate *candidates = malloc(CANDIDATES * sizeof(Candidate)), *list[CANDIDATES];
     Past past[MAX_HISTORIES] = {{0}};
     int status = memory && candidates ? GOOD : NO_MEMORY;
     for (int h = 0; status == GOOD && h < count; h++) {
-        past[h].pair = h;
+        past[h].kind = h;
         memcpy(now + one * (size_t)h, a->mean + (size_t)h * n, sizeof(double) * (size_t)n);
         memcpy(now + one * (size_t)h + n, a->cov + (size_t)(h * n) * n, sizeof(double) * (size_t)(n * n));
     }

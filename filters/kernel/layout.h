@@ -101,17 +101,17 @@ typedef struct {
 enum { PASS_ARRAYS = 13 };
 
 /* The search for false fixes in a row: histories.c. The last four of n states are those of a run: offset and rate. */
-enum { MAX_HISTORIES = 128, MAX_PAIRS = 4 }; /* of MAX_SEARCHED fixes: at most 90 */
+enum { MAX_HISTORIES = 128, MAX_KINDS = 4 }; /* of MAX_SEARCHED fixes: at most 120 */
 #define SEARCH_FIELDS(FIELD) \
-    FIELD(double, far, ) FIELD(double, offset_m2, ) FIELD(double, walk_m2, ) FIELD(double, rate_m2, ) \
-    FIELD(double, bias_m2, ) \
-    FIELD(int32_t, n, ) FIELD(int32_t, F, ) FIELD(int32_t, modes, ) FIELD(int32_t, pairs, ) \
+    FIELD(double, far, ) FIELD(double, walk_m2, ) FIELD(double, rate_m2, ) FIELD(double, bias_m2, ) \
+    FIELD(double, cell_m, ) /* two histories that agree in the recent fixes lie in the same square of this size */ \
+    FIELD(int32_t, n, ) FIELD(int32_t, F, ) FIELD(int32_t, modes, ) FIELD(int32_t, kinds, ) \
     FIELD(int32_t, bias_row, ) FIELD(int32_t, histories, ) FIELD(int32_t, recent_bits, ) FIELD(int32_t, gradual, )
 typedef struct { SEARCH_FIELDS(DECLARED) } Search;
 
 typedef struct {
     const double *residual, *H, *changes, *probability, *R; /* (F, 2), (F, 2, n), (F, 3), (modes), (modes, F, 2, 2) */
-    const double *mean, *cov, *durations_s;                 /* (pairs, n), (pairs, n, n), (pairs, 2) */
+    const double *mean, *cov, *kinds;                       /* (kinds, n), (kinds, n, n), (kinds, 3) */
     double *log_weight;                                     /* (F, MAX_HISTORIES): results after each fix */
     int64_t *first, *parent, *decision, *gradual;           /* as log_weight */
     int64_t *count;                                         /* (F): how many of them there are */

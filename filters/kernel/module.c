@@ -113,16 +113,16 @@ static PyObject *py_run_histories(PyObject *self, PyObject *args) {
         return NULL;
     const Search *s = part[0].buf;
     int good = part[0].len == sizeof(Search) && s->n > 6 && s->n <= MAX_STATES && s->F >= 0 && s->modes > 0 &&
-               s->modes <= MAX_MODES && s->pairs > 0 && s->pairs <= MAX_PAIRS && s->bias_row >= 2 &&
-               s->bias_row < s->n - 5 && s->histories > 0 && s->recent_bits > 0 && s->recent_bits < 20;
+               s->modes <= MAX_MODES && s->kinds > 0 && s->kinds <= MAX_KINDS && s->bias_row >= 2 &&
+               s->bias_row < s->n - 5 && s->histories > 0 && s->recent_bits > 0 && s->recent_bits < 20 && s->cell_m > 0.0;
     if (good) {
         int octaves = 0;
         while (s->F >> octaves) octaves++;
-        good = s->pairs * (s->histories + octaves) + 2 * octaves <= MAX_HISTORIES;
+        good = s->kinds * (2 * s->histories + octaves) + 2 * octaves <= MAX_HISTORIES;
         Py_ssize_t n = s->n, F = s->F, result = F * MAX_HISTORIES;
         const Py_ssize_t sizes[SEARCH_ARRAYS] = {
-            2 * F,        2 * F * n, 3 * F,  s->modes, 4 * s->modes * F, s->pairs * n, s->pairs * n * n,
-            2 * s->pairs, result,    result, result,   result,           result,       F};
+            2 * F,        2 * F * n, 3 * F,  s->modes, 4 * s->modes * F, s->kinds * n, s->kinds * n * n,
+            3 * s->kinds, result,    result, result,   result,           result,       F};
         for (int i = 0; i < SEARCH_ARRAYS; i++) good = good && a[i].len == 8 * sizes[i];
     }
     if (good) {
@@ -162,7 +162,7 @@ static void add_structure(PyObject *layout, const char *name, size_t size, const
     Py_XDECREF(both);
 }
 
-enum { CALLS = 6 }; /* counts the changes of the arguments of the functions */
+enum { CALLS = 7 }; /* counts the changes of the arguments of the functions */
 static PyMethodDef METHODS[] = {{"advance", py_advance, METH_VARARGS, "Run steps on a bank; see span.h."},
                                 {"run_pass", py_run_pass, METH_VARARGS, "Run a bank over fixes; see fixes.h."},
                                 {"run_histories", py_run_histories, METH_VARARGS, "Follow false fixes; see histories.c."},

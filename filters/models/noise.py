@@ -15,6 +15,7 @@ from usbldr.filters.models.quantities import SHARE, Limits, Quantity
 from usbldr.filters.types import Array, Mask, Vector
 
 TO_SD = 1.4826  # fixed: 1-sigma over the median of the size, of a normal error
+BISECTIONS = 30  # fixed: of a median, to 1e-9 of the largest sigma
 MAX_NOMINAL_RATIO = 4.0  # of variances: of Student-t with 4 degrees of freedom, outliers are then beyond 3 sigma
 
 
@@ -175,6 +176,19 @@ class BankNoise:
         eye, of_each = np.eye(len(R))[:, :, None], R.reshape(*R.shape[:2], -1)
         cov = self.gain[:, None, None] * of_each + self.offset[:, None, None] * eye
         return Noise(self.probabilities, cov, self.per_scalar)
+
+
+def shown_sd(noise: Noise) -> float:
+    """Return the 1-sigma that ``robust_sd`` shows on average for one scalar of each measurement, whatever its tails."""
+    variance = noise.cov[:, 0, 0]
+    sd = np.sqrt(variance[:, None] + variance).ravel()  # of differences
+    probability = np.outer(noise.probabilities, noise.probabilities).ravel()
+    low, high = 0.0, float(sd.max())
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        share = sum(p * math.erf(middle / one / math.sqrt(2)) for p, one in zip(probability, sd, strict=True))
+        low, high = (middle, high) if share < 0.5 else (low, middle)
+    return TO_SD * low / math.sqrt(2)
 
 
 def chi_square_quantile(probability: float, dof: float) -> float:

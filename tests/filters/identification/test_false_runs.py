@@ -119,6 +119,18 @@ def test_fixes_of_which_half_are_elsewhere_are_all_kept() -> None:
     assert identify(moved(T > 195, np.array([40.0, -30.0])), ASSUMED).parameters.false_fixes == ()
 
 
+def test_false_fixes_may_be_half_of_all_if_each_run_has_an_offset_of_its_own() -> None:
+    """Each run is shorter than what is correct: that half shares one place."""
+    false, angle = T % 60 >= 26, 2.4 * (T // 60)
+    line = moved(false, 6.0 * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+    found = np.isin(np.arange(len(T)), identify(line, ASSUMED).parameters.false_fixes)
+
+    assert false.mean() > 0.5
+    assert np.mean(found == false) > 0.95
+    assert mean_error_m(line) < 0.5
+
+
 def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     line = moved(RUNS["middle"], np.array([40.0, -30.0]))
 

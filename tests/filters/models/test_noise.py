@@ -10,9 +10,11 @@ from usbldr.filters.models.noise import (
     Gaussian,
     Mixture,
     Noise,
+    NoiseFamily,
     StudentT,
     chi_square_quantile,
     robust_sd,
+    shown_sd,
 )
 from usbldr.filters.models.normal_scores import normal_scores
 
@@ -55,6 +57,15 @@ def test_a_reading_of_20_sigma_pulls_as_little_as_student_t_says() -> None:
     weight = noise.probabilities * np.exp(-0.5 * 400 / v) / np.sqrt(v)
 
     assert (weight / v).sum() * 20 / weight.sum() == pytest.approx(0.248, rel=0.1)
+
+
+@pytest.mark.parametrize("family", [Gaussian(), Mixture(), StudentT(), Contamination()])
+def test_shown_sd_is_the_robust_sd_of_drawn_noise(family: NoiseFamily) -> None:
+    rng, modes = np.random.default_rng(1), family.modes(0.7 * np.eye(2))
+    mode = rng.choice(len(modes.probabilities), 100_000, p=modes.probabilities)
+    drawn = rng.normal(size=100_000) * np.sqrt(modes.cov[mode, 0, 0])
+
+    assert shown_sd(modes) == pytest.approx(robust_sd(np.diff(drawn)), rel=0.02)
 
 
 PRINTED = [(0.95, 1, 3.841), (0.99, 1, 6.635), (0.95, 2, 5.991), (0.99, 2, 9.210)]
