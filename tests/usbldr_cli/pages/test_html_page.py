@@ -290,10 +290,10 @@ const raised = words(left);
 document.querySelectorAll(".tools button")[2].click();
 const [all, height] = [words(left), left.viewBox.baseVal.height];
 dispatchEvent(new Event("beforeprint"));
-const printed = left.viewBox.baseVal.height;
+const [printed, wide] = [left.viewBox.baseVal.height, left.viewBox.baseVal.width];
 dispatchEvent(new Event("afterprint"));
 const again = left.viewBox.baseVal.height;
-const found = { marks, tip, zoomed, moved, raised, all, right: words(right), heights: [height, printed, again] };
+const found = { marks, tip, zoomed, moved, raised, all, right: words(right), heights: [height, printed, again], wide };
 document.body.dataset.found = btoa(encodeURIComponent(JSON.stringify(found)));
 </script></body>"""
 
@@ -313,7 +313,7 @@ def test_a_page_shows_the_marks_of_the_picture_and_is_used_by_finger_keys_and_pr
     page = html(Page("", "", (Section("", (Plot("a", "", ""),)),)), {"a": page_data(figure)})
     (tmp_path / "page.html").write_text(page.replace("</body>", TOUCH), encoding="utf-8")
 
-    shown, console = in_chromium(tmp_path / "page.html", tmp_path / "profile")
+    shown, console = in_chromium(tmp_path / "page.html", tmp_path / "profile", "--window-size=600,800")
 
     assert console == []
     found = json.loads(unquote(base64.b64decode(re.findall(r'data-found="([^"]*)"', shown)[0]).decode()))
@@ -326,6 +326,7 @@ def test_a_page_shows_the_marks_of_the_picture_and_is_used_by_finger_keys_and_pr
     assert "1e+12" in found["right"]
     height, printed, again = found["heights"]
     assert printed < height == again
+    assert found["wide"] < 360  # beside the other panel on a sheet of 700, although the window is narrow
 
 
 def drawn() -> tuple[Any, Any]:
