@@ -165,7 +165,7 @@ def _error_title(report: ErrorReport, k: int) -> str:
     errors = (report.east, report.north)[k]
     text = (
         f"{AXES[k]}: mean |error| {errors.mean_abs_m:.2f} m, rmse {errors.rmse_m:.2f} m, "
-        f"bias {errors.bias_m:+.2f} m, 95 % below {errors.p95_abs_m:.2f} m, all below {errors.max_abs_m:.2f} m"
+        f"bias {errors.bias_m:+z.2f} m, 95 % below {errors.p95_abs_m:.2f} m, all below {errors.max_abs_m:.2f} m"
     )
     if report.sd_m is not None:
         inside = np.mean(np.abs(report.error_m[:, k]) <= 2 * report.sd_m[:, k])
