@@ -41,6 +41,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "REPEATED": "info",
     "USBL-REPEATED": "info",
     "GPS-HELD": "info",
+    "DVL-HELD": "info",
     "OUT-OF-ORDER": "info",
     "NO-HEADER": "info",
     "SAME-STAMP": "info",

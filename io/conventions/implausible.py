@@ -106,11 +106,21 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     text = f"are exactly 0 between records at speed: the DVL has no lock then, although it calls them valid; {LEFT_OUT}"
     found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
+    records, held = _without_held(records, tables)
     records, spikes = _without_spikes(records, velocity_spikes, "m/s")
     displaced = false_velocities(records.time_s, records.values, _fixes(records, tables))
     text = f"lie between two steps of the velocity, there and back, that the vehicle did not make; {LEFT_OUT}"
     steps = _stretch_finding("DVL-JUMP", records, displaced, text)
-    return records.without(displaced), [*found, *stuck_found, *spikes, *steps]
+    return records.without(displaced), [*found, *stuck_found, *held, *spikes, *steps]
+
+
+def _without_held(records: Records, tables: Tables) -> Judged:
+    copied = copied_fixes(records.values)
+    if not copied.any() or not noisy(records.values[~copied]):
+        return records, []
+    copied = _while_moving(copied, records.time_s, tables)
+    text = f"repeat the previous velocity to the last digit; {LEFT_OUT}"
+    return records.without(copied), _stretch_finding("DVL-HELD", records, copied, text)
 
 
 def _fixes(records: Records, tables: Tables) -> Fixes | None:

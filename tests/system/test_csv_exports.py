@@ -141,6 +141,25 @@ def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.Da
     assert "adf: mean horizontal error 0.2" in line or "adf: mean horizontal error 0.1" in line, line
 
 
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.long
+def test_one_table_of_all_sensors_is_replayed_whether_empty_cells_or_the_last_values_fill_it(held, dive, tmp_path):
+    tables = [
+        table[["t", *names.values()]].set_axis(["t", *names], axis=1)
+        for table, names in ((dive[sensor], METRIC[sensor]) for sensor in dive)
+    ]
+    whole = pd.concat(tables).groupby("t", as_index=False).first()
+    whole = whole.ffill() if held else whole
+    whole["Time"] = whole.pop("t").dt.strftime("%m/%d/%Y %I:%M:%S.%f %p")
+    whole.to_csv(tmp_path / "survey.csv", index=False)
+
+    output_of("init", tmp_path / "survey.csv")
+    options = ["-f", "adf", "--plots", "none", "-q", "-o", tmp_path / "run"]
+    line = run("replay", tmp_path / "survey.csv", *options).stdout
+
+    assert "adf: mean horizontal error 0.2" in line or "adf: mean horizontal error 0.1" in line, line
+
+
 @pytest.mark.long
 def test_init_states_no_axes_that_the_names_of_columns_contradict(dive, tmp_path):
     names = METRIC | {

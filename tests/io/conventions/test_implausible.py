@@ -139,6 +139,18 @@ def test_of_fixes_that_are_polled_faster_than_the_usbl_pings_each_is_used_once(d
     assert lost(log) == {"usbl": times(log, "usbl")[every % 3 != 0].tolist()}
 
 
+def test_velocities_that_a_table_holds_until_the_next_are_used_once(dive: Log) -> None:
+    """The table goes on with the last velocity also while the DVL is silent."""
+    every, silent = np.arange(len(times(dive, "dvl"))), within(dive, "dvl", 400, 440)
+    fresh = (every % 4 == 0) & ~silent
+    held = dive.tables["dvl"][VELOCITY].to_numpy()[np.maximum.accumulate(np.where(fresh, every, 0))]
+
+    log = changed(dive, "dvl", VELOCITY, held)
+
+    assert found(log) == ["DVL-HELD"]
+    assert lost(log) == {"dvl": times(log, "dvl")[~fresh].tolist()}
+
+
 def test_gps_fixes_that_are_sent_again_are_no_fixes_and_no_truth(dive: Log) -> None:
     """A table with a row for each DVL record shows each GPS fix several times, as if the vehicle stopped for it."""
     rows = np.arange(len(times(dive, "dvl"))) // 5 * 5
