@@ -5,7 +5,7 @@ are taken for those of the ship that carries the head.
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
@@ -23,6 +23,7 @@ from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.tables.csv_sheets import PROPOSED
+from usbldr.io.tables.date_times import of_times
 
 WHY_MM = "CHECK: in m/s its velocities are impossible"
 WHY_HEAD = "CHECK: the ship that carries the head; if the vehicle does, state beacon; lever_arm_m from antenna to head"
@@ -109,12 +110,13 @@ def _draft(path: Path, request: Request) -> Draft:
     return Draft(examination, stated, proposals, unread, unused, fault, head, roles.chosen)
 
 
-def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: Collection[str]) -> tuple[TopicInfo, ...]:
+def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: set[str]) -> tuple[TopicInfo, ...]:
     """Return the topics of no sensor, and tables with columns of none; those that proposals have ``named`` are used."""
     found: dict[TopicInfo, None] = {}
     for topic in topics:
         columns = topic.unused if topic.table else [name for name, _ in topic.first_row]
-        left = tuple(name for name in columns if name not in named)
+        given = named if named.isdisjoint(columns) else named | of_times(columns)
+        left = tuple(name for name in columns if name not in given)
         if left or not (columns or topic.table or topic.name in used.values()):
             found.setdefault(replace(whole_table(topic), unused=left))
     return tuple(found)

@@ -33,7 +33,7 @@ from usbldr.io.tables.unnamed_columns import is_number
 
 NAMES_OF_AXES = {
     "x": "u|surge|along(_track|ship)?|longitudinal|(fore|forward|fwd)_aft",
-    "y": "v|sway|(across|athwart)(_track|ships?)?|transversal|lateral|port_(starboard|stbd)|(starboard|stbd)_port",
+    "y": "v|sway|(across|athwart)(_track|ships?)?|transvers(e|al)|lateral|port_(starboard|stbd)|(starboard|stbd)_port",
     "z": "w|heave|vertical|up_down",
 }
 VECTORS = tuple(

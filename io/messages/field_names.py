@@ -38,7 +38,7 @@ RULES: Sequence[Rule] = (
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(receive_time|(received|arrival)(_time|_unix)?)"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge|voraus"),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|right|steuerbord|rechts)"),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|stb|right|steuerbord|rechts)"),
     Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left|backbord|links)", -1.0),
     Rule("dvl", "up_mps", "velocity", "(?<!down_)(up|upward)"),
     Rule("dvl", "up_mps", "velocity", "(?<!up_)(down|downward)", -1.0),
@@ -49,7 +49,7 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_t(rue)?)?|hdt|steuerkurs"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_(t(rue)?|rw))?|hdt|steuerkurs"),
     *(Rule("compass", f"{angle}_deg", "angle", angle, alone=False) for angle in ("roll", "pitch")),  # beside a heading
     Rule("depth", "depth_m", "length", "depth|tiefe"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
@@ -68,7 +68,7 @@ RULES: Sequence[Rule] = (
     Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
 )
 NEUTRAL: Mapping[Dimension | None, str] = {
-    "velocity": "v|vel|velocity|velocities|speed|bottom_track|bt|body|vehicle",
+    "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
     "angle": "angle",
     "length": "position|pos|coordinate|distance",
 }

@@ -36,7 +36,9 @@ MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
-DATE_NAME, CLOCK_NAME = (re.compile(rf"(^|[\s_])({words})") for words in ("date|day|ymd|yyyy", "time|clock|utc|hh?mm"))
+DATE_NAME, CLOCK_NAME = (
+    re.compile(rf"(^|[\s_])({words})") for words in ("date|datum|day|ymd|yyyy", "time|clock|utc|hh?mm")
+)
 SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|(seconds?|time)[\s_]of[\s_](the[\s_])?day)")
 NAMED_ZONE = re.compile(r"(?:(?:UTC|GMT) ?|[\[(] ?)([+-])(\d{1,2})(?::?([0-5]\d))?(?!\d)", re.IGNORECASE)
 """A zone that a column's name states: "Time (UTC+2)", "Time [+02:00]"."""
@@ -180,6 +182,12 @@ def parted_time(names: Iterable[str]) -> Mapping[str, str]:
     }
     whole = next((parts for parts in PARTED if all(len(found[part]) == 1 for part in parts)), ())
     return {part: found[part][0] for part in whole}
+
+
+def of_times(names: Sequence[str]) -> set[str]:
+    """Return the columns of dates, of weeks, and of other parts of times."""
+    dates = {name for name in names if DATE_NAME.search(words_of(name))}
+    return dates.union(parted_time(names).values(), week_and_time(names) or ())
 
 
 def _of_parts(parts: Mapping[str, str], columns: Mapping[str, Sequence[str]]) -> list[str]:

@@ -14,14 +14,7 @@ from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plai
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, TEXTS, Sheet, configured_sheet, foreign_sheets, plain_names
-from usbldr.io.tables.date_times import (
-    DATE_NAME,
-    DAYS,
-    UNKNOWN_ZONE,
-    named_zone,
-    parted_time,
-    week_and_time,
-)
+from usbldr.io.tables.date_times import DAYS, UNKNOWN_ZONE, named_zone, of_times
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import TimeColumn
 
@@ -156,10 +149,10 @@ def topic_sheets(
 def _unused(table: TableHead, sheets: Iterable[Sheet | None]) -> tuple[str, ...]:
     """Return the plain names of a table's columns that no sheet uses, without those of times and their parts."""
     names = plain_names(table.names)
-    used = {*parted_time(names).values(), *(week_and_time(names) or ())}
+    used = of_times(names) | {""}
     for sheet in filter(None, sheets):
         used |= {*sheet.columns.values(), *(clock.column for clock in (sheet.received, sheet.stamp) if clock)}
-    return tuple(name for name in names if name not in used | {""} and not DATE_NAME.search(name.lower()))
+    return tuple(name for name in names if name not in used)
 
 
 def _interpreted(table: TableHead) -> tuple[Sheet | None, Mapping[str, Sheet]]:

@@ -92,7 +92,22 @@ NOTES = {
     "usbl": {"Transponder Lat (WGS84)": "lat_deg", "Transponder Long (WGS84)": "lon_deg"},
     "gps": {"GPS Lat (WGS84)": "lat_deg", "GPS Long (WGS84)": "lon_deg"},
 }
+GERMAN = {
+    "dvl": {"V voraus [m/s]": "forward_mps", "V stb [m/s]": "starboard_mps"},
+    "compass": {"Heading rw [°]": "heading_deg"},
+    "usbl": {"Transponder Breite [°]": "lat_deg", "Transponder Länge [°]": "lon_deg"},
+    "gps": {"GPS Breite [°]": "lat_deg", "GPS Länge [°]": "lon_deg"},
+}
+SHORT = {
+    "dvl": {"BT_Spd_Fwd_kn": lambda table: table["forward_mps"] / KNOT_MPS,
+            "BT_Spd_Stbd_kn": lambda table: table["starboard_mps"] / KNOT_MPS},
+    "compass": {"FOG_True_Hdg": "heading_deg"},
+    "usbl": {"Tgt_Lat": "lat_deg", "Tgt_Lon": "lon_deg"},
+    "gps": {"Lat": "lat_deg", "Lon": "lon_deg"},
+}  # fmt: skip
 EXPORTS = {
+    "german": Export(two("Datum", "%d.%m.%Y", "Uhrzeit", "%H:%M:%S.%f"), GERMAN, ";"),
+    "short": Export(two("LogDate", "%d.%m.%Y", "LogTime", "%H:%M:%S.%f"), SHORT),
     "point_dates": Export(one("Time", "%d.%m.%Y %H:%M:%S.%f"), METRIC, ";"),
     "us_dates": Export(one("Timestamp", "%m/%d/%Y %I:%M:%S.%f %p"), METRIC),
     "iso_zone": Export(one("UTC", "%Y-%m-%dT%H:%M:%S.%fZ"), KNOTS),
@@ -136,6 +151,7 @@ def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.Da
 
     said = output_of("init", tmp_path / "log")
     assert "written" in said
+    assert "that no sensor uses" not in (tmp_path / "log" / "usbldr.toml").read_text(encoding="utf-8")
     line = run("replay", tmp_path / "log", "-f", "adf", "--plots", "none", "-q", "-o", tmp_path / "run").stdout
 
     assert "adf: mean horizontal error 0.2" in line or "adf: mean horizontal error 0.1" in line, line

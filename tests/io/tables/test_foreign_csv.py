@@ -140,6 +140,8 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "the body": ("dive", "Forward Velocity BT (m/s),Starboard (body) [m/s],Heading Angle (deg)\n1.5,0.25,30.5", AHEAD),
     "German": ("dive", "Geschwindigkeit voraus (m/s),Geschwindigkeit rechts (m/s),Steuerkurs (°)\n1.5,0.25,30.5",
                AHEAD),
+    "short German": ("dive", "V voraus [m/s],V stb [m/s],Heading rw [°]\n1.5,0.25,30.5", AHEAD),
+    "short": ("dive", "Fwd_Spd_mps,Stbd_Spd_mps,Hdg_deg\n1.5,0.25,30.5", AHEAD),
     "degrees and minutes": ("dive", "Heading (deg),GPS Lat,GPS Lon\n30.5,,\n31,43° 06.5' N,5° 54.25' W", TOULON),
     "blanks": ("dive", "Heading (deg),GPS Latitude,GPS Longitude\n30.5,,\n31,43 06.5 N,005 54.25 W", TOULON),
     "NMEA": ("dive", "Heading (deg),GPS Lat,GPS N/S,GPS Lon,GPS E/W\n30.5,,,,\n31,4306.5,N,00554.25,W", TOULON),
