@@ -49,7 +49,7 @@ class Log:
     raws: Mapping[str, RawRecords] = field(default_factory=dict[str, RawRecords])  # by role, if requested
     attitude: pd.DataFrame | None = None  # time_s, roll_deg, pitch_deg of the compass, evenly spread over the log
     altitude: pd.DataFrame | None = None  # time_s, altitude_m of the DVL above the bottom, where its records have it
-    unread: Mapping[str, str] = field(default_factory=dict[str, str])  # topic -> why it cannot be read
+    unread: Mapping[str, str] = field(default_factory=dict[str, str])  # topic -> why it gives no records
 
     @property
     def map_unknown(self) -> bool:
@@ -90,7 +90,7 @@ class Log:
 def missing_sensor_text(log: Log, role: str) -> str:
     """Return a sentence that a log has no records of a sensor, which sensors it has, and how to add one."""
     have = ", ".join(log.tables) or "none"
-    unread = "".join(f"; {topic} cannot be read: {why}" for topic, why in islice(log.unread.items(), MAX_UNREAD))
+    unread = "".join(f"; {topic} {why}" for topic, why in islice(log.unread.items(), MAX_UNREAD))
     fixes = "; without it, --filter usbl judges the raw fixes" if role != "usbl" and "usbl" in log.tables else ""
     return (
         f"no {role} data (sensors in this log: {have}); name its topic by --{role} TOPIC, "

@@ -55,11 +55,17 @@ VELOCITY = ("starboard_mps", "forward_mps")
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
 
+def is_recording(place: Path) -> bool:
+    """Tell whether a place is a recording of messages: MCAP, a bag, a rosbag2 folder or file."""
+    formats = (".mcap", ".bag", ".db3")
+    return (place.suffix in formats and place.is_file()) or (place.is_dir() and (place / "metadata.yaml").is_file())
+
+
 def find_truth_file(name: str, log: Path, from_option: bool) -> Path | None:
-    """Return the truth file of that name: of an option from here, else from the folder that holds the log."""
+    """Return the file of positions, or the recording: of an option from here, else from the folder of the log."""
     places = [Path(name)] if from_option else []
     places.append(log.resolve().parent / name)
-    return next((place for place in places if place.is_file()), None)
+    return next((place for place in places if place.is_file() or is_recording(place)), None)
 
 
 def truth_from_table(

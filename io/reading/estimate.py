@@ -1,6 +1,5 @@
 """A track that a vehicle or another program computed, to be judged like those of the filters: a topic or a file."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,16 +13,14 @@ from usbldr.io.axes import named_ned
 from usbldr.io.conventions.converted import chosen_convention
 from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.conventions.truth import distances_if_exchanged, find_truth_file, read_truth_file
-from usbldr.io.decoding.collected import read_whole
+from usbldr.io.conventions.truth import distances_if_exchanged, find_truth_file, is_recording, read_truth_file
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import OriginKind
 from usbldr.io.log import Log
-from usbldr.io.messages.layouts import raw_records, wanted_paths
-from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import find_topic, topic_named
-from usbldr.io.reader import Nanoseconds, TopicInfo
+from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, open_configured
+from usbldr.io.reading.recorded_positions import only_positions, raw_positions
 from usbldr.io.settings.sensor_sections import TruthSection
 
 COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
@@ -57,10 +54,9 @@ def read_estimate(log: Log, request: Request, name: str, frame: str | None = Non
 
 def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log, Trajectory, str, bool]:
     """Return the log and the track, its frame, and whether only the default chose between ENU and NED."""
-    recording = next((place for place in (Path(name), log.path.resolve().parent / name) if _is_recording(place)), None)
-    file = None if recording else find_truth_file(name, log.path, from_option=True)
-    if recording is not None:
-        table, label, used, by_default = _of_topic(log, recording, request, None, frame)
+    file = find_truth_file(name, log.path, from_option=True)
+    if file is not None and is_recording(file):
+        table, label, used, by_default = _of_topic(log, file, request, None, frame)
     elif file is None:
         if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
             raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
@@ -82,21 +78,6 @@ def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log
     return replace(log, truth=truth), _trajectory(table, label, log.start_ns), used, by_default and bool(used)
 
 
-def _is_recording(place: Path) -> bool:
-    """Tell whether a place is a recording of messages: MCAP, a bag, a rosbag2 folder or file."""
-    formats = (".mcap", ".bag", ".db3")
-    return (place.suffix in formats and place.is_file()) or (place.is_dir() and (place / "metadata.yaml").is_file())
-
-
-def _only_pose(path: Path, topics: Sequence[TopicInfo]) -> str:
-    """Return the one topic of positions in a recording; raise UsageError that lists them if there are several."""
-    names = [topic.name for topic in topics if topic.count and message_layout_of("truth", topic) is not None]
-    if len(names) != 1:
-        which = f"several topics of positions ({', '.join(names)})" if names else "no topic of positions"
-        raise UsageError(f"--estimate {path.name} has {which}: join it by --with {path.name}, and name its topic")
-    return names[0]
-
-
 def _of_topic(
     log: Log, path: Path, request: Request, name: str | None, frame: str | None
 ) -> tuple[pd.DataFrame, str, str, bool]:
@@ -104,14 +85,13 @@ def _of_topic(
     if not path.exists():
         raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
     reader = open_configured(path, request if name else replace(request, configuration="none", joined=())).reader
-    name = _only_pose(path, reader.topics()) if name is None else name
+    name = only_positions(path, reader.topics(), "--estimate") if name is None else name
     if find_topic(reader.topics(), name) is None:
         hint = did_you_mean(name, [topic.name for topic in reader.topics()], 3)
         raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic{hint}", path=log.path)
     choice = topic_named(path, reader.topics(), "truth", name, "option")
     topic, layout = choice.topic, choice.layout
-    paths = wanted_paths(topic, layout)
-    raw = raw_records(path, topic, layout, read_whole(reader, {topic.name: list(paths.values())})[topic.name], paths)
+    raw = raw_positions(reader, choice)
     try:
         is_ned = named_ned(raw.frame_id)
         used, chosen, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")

@@ -23,6 +23,7 @@ from usbldr.io.conventions.usbl_head import ship_choices
 from usbldr.io.findings import Finding
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import blocks
+from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import SENSORS
 from usbldr.io.provenance import provenance_lines
 from usbldr.io.reader import Reader, TopicInfo, utc
@@ -115,12 +116,20 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         findings=tuple(dict.fromkeys([*reader.findings(), *findings])),  # sensors of one topic say the same of it
         altitude=altitude,
         attitude=None if sensors.attitude is None else _attitude_table(sensors.attitude, start_ns),
-        unread={topic.name: topic.problem for topic in topics if topic.problem},
+        unread=_unread(path, topics, alone=not tables),
         raws=sensors.raws,
     )
     say(*(line for role, one in log.provenance.items() for line in provenance_lines(role, one)))
     say(f"truth: {f'{log.truth.source}, kind {log.truth.kind}' if log.truth else 'none'}")
     return examined(log)
+
+
+def _unread(path: Path, topics: Sequence[TopicInfo], alone: bool) -> dict[str, str]:
+    """Return topics that give no records, and why; beside no sensor at all, also those of a computed track."""
+    found = {topic.name: f"cannot be read: {topic.problem}" for topic in topics if topic.problem}
+    judged = f"is a track: usbldr evaluate LOG --estimate {path.name} judges it beside the sensors of LOG"
+    tracks = (topic.name for topic in topics if alone and topic.count and message_layout_of("truth", topic))
+    return found | dict.fromkeys(tracks, judged)
 
 
 def _without_messages(reader: Reader) -> LogError:

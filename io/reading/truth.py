@@ -8,7 +8,7 @@ from pathlib import Path
 from usbldr.filters.errors import LogError, UsageError, did_you_mean
 from usbldr.filters.types import Truth
 from usbldr.io.conventions.sanity import repeated_fix_findings, truth_jump_findings, truth_overlap_findings
-from usbldr.io.conventions.truth import by_fixes, find_truth_file, read_truth_file, truth_from_table
+from usbldr.io.conventions.truth import by_fixes, find_truth_file, is_recording, read_truth_file, truth_from_table
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
@@ -16,6 +16,7 @@ from usbldr.io.messages.roles import TopicChoice, find_topic, topic_named
 from usbldr.io.provenance import Provenance
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request
+from usbldr.io.reading.recorded_positions import recorded_truth
 from usbldr.io.reading.sensors import SensorTables
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.tables.csv_text import text_files
@@ -96,7 +97,9 @@ def read_truth(
     own: dict[str, Provenance] = {}
     findings: list[Finding] = []
     tables, section, gps = sensors.tables, configuration.truth, sensors.provenance.get("gps")
-    if source.file is not None:
+    if source.file is not None and is_recording(source.file):
+        table, own["truth"], findings = recorded_truth(source.file, source.chosen_by, section, sensors.origin)
+    elif source.file is not None:
         table, own["truth"], *_ = read_truth_file(source.file, source.chosen_by, section, start_ns, sensors.origin)
     elif source.off:
         table = None

@@ -147,18 +147,27 @@ def test_what_cannot_be_judged_is_one_sentence(own: Path) -> None:
 
 
 @pytest.mark.parametrize("write", [write_mcap, write_bag, write_rosbag2])
-def test_a_track_in_a_recording_of_its_own_is_its_only_topic_of_positions(tmp_path: Path, write: Any) -> None:
+def test_a_track_or_a_truth_in_a_recording_of_its_own_is_its_only_topic_of_positions(tmp_path, write) -> None:
     rows = onboard(ODOMETRY, "pose", "odom", 0.5, 0.5)
     log = write_mcap(tmp_path / "dive.mcap", rows)
     (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
-    name = {write_mcap: "nav.mcap", write_bag: "nav.bag", write_rosbag2: "nav"}[write]
-    write(tmp_path / name, [row for row in rows if row[1] == "/nav"])
+    ending = {write_mcap: ".mcap", write_bag: ".bag", write_rosbag2: ""}[write]
+    nav, gps = tmp_path / f"nav{ending}", tmp_path / f"gps{ending}"
+    for file, topic in ((nav, "/nav"), (gps, "/gps/fix")):
+        write(file, [row for row in rows if row[1] == topic])
 
-    alone, inside = judged(log, tmp_path / name), judged(log, "/nav", "--force")
+    alone, inside = judged(log, nav), judged(log, "/nav", "--force")
+    by_file = judged(log, "/nav", "--truth", gps, "--gps", "none", "--force")
 
-    assert alone["metrics"]["rmse_east_m"] == pytest.approx(inside["metrics"]["rmse_east_m"], abs=1e-6)
+    for one in (alone, by_file):
+        assert one["metrics"]["rmse_east_m"] == pytest.approx(inside["metrics"]["rmse_east_m"], abs=1e-6)
+    assert by_file["truth"]["source"] == gps.name
+    assert "truth" in [file["role"] for file in by_file["provenance"]["inputs"]]
     with pytest.raises(UsageError, match=r"has several topics of positions \(/gps/fix, /nav\)|\(/nav, /gps/fix\)"):
         judged(log, write_mcap(tmp_path / "both.mcap", rows), "--force")
+    with pytest.raises(UsageError, match=r"truth both.mcap has several topics of positions"):
+        judged(log, "/nav", "--truth", tmp_path / "both.mcap", "--force")
+    assert f"/nav is a track: usbldr evaluate LOG --estimate {nav.name} judges it" in str(run("replay", nav).exception)
 
 
 def shifted(rows: list[Row], east_m: float, north_m: float) -> list[Row]:
