@@ -69,21 +69,25 @@ def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: P
     assert "2 of 2 runs were finished" in run("compare", dive, "-f", "ckf", *sweep, "-o", tmp_path / "swept").stderr
 
 
-def test_a_run_with_a_stated_key_is_verified_and_checked_with_it(dive: Path, tmp_path: Path) -> None:
-    output_of("replay", dive, "-f", "ckf", "--set", "usbl.sd_scale=4", "--plots", "none", "-o", tmp_path / "run")
+def test_a_run_with_a_stated_key_and_without_some_fixes_is_verified_and_checked_so(dive: Path, tmp_path: Path) -> None:
+    options = ["--set", "usbl.sd_scale=4", "--exclude", "usbl@30:60"]
+    output_of("replay", dive, "-f", "ckf", *options, "--plots", "none", "-o", tmp_path / "run")
     report = report_of(tmp_path / "run")
     baseline = tmp_path / "baseline.toml"
     value = report["metrics"]["rmse_east_m"]
     baseline.write_text(
         f'schema = 1\n[[row]]\nname = "a"\nlog = "{dive}"\nfilter = "ckf"\nset = ["usbl.sd_scale=4"]\n'
+        'exclude = ["usbl@30:60"]\n'
         f"[row.metrics]\nrmse_east_m = {{ value = {value!r}, abs = 1e-9, direction = 'both' }}\n"
     )
 
     assert {"code": "SET", "text": "usbl.sd_scale=4, by --set"}.items() <= report["findings"][0].items()
     assert "bit-identical" in output_of("replay", "--verify", tmp_path / "run")
     assert run("check", baseline, "--output", "none").return_value == 0
-    baseline.write_text(baseline.read_text().replace("=4", "=1"))
-    assert run("check", baseline, "--output", "none").return_value == 1
+    stated = baseline.read_text()
+    for changed in (stated.replace("=4", "=1"), stated.replace('exclude = ["usbl@30:60"]\n', "")):
+        baseline.write_text(changed)
+        assert run("check", baseline, "--output", "none").return_value == 1
 
 
 @pytest.mark.parametrize(
