@@ -96,10 +96,24 @@ def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..
     assert replayed(edited(dvl=in_ms, compass=in_ms, usbl=in_ms, gps=in_ms))[0] == 3
 
 
+BARE = '[dvl]\ntopic = "/dvl"\ncolumns = { time_ns = "time_ns", x = "vx", y = "vy" }\n'
+
+
+@pytest.mark.long
+def test_axes_by_default_are_decided_by_the_turns_of_a_real_log(edited: Callable[..., Path], river) -> None:
+    tables, configuration = river
+
+    def bare(table: pd.DataFrame) -> pd.DataFrame:
+        return table[["time_ns"]].assign(vx=table["forward_mps"], vy=table["starboard_mps"])
+
+    said = replayed(edited(configuration.replace("[dvl]\n", BARE), tables, dvl=bare))[1]
+
+    assert "/dvl: read as axes FLU, but FRD fits better" in said
+    assert 'state axes = "FRD" under [dvl] [DVL-AXES]' in said
+
+
 @pytest.mark.long
 def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Callable[..., Path]) -> None:
-    columns = '[dvl]\ntopic = "/dvl"\ncolumns = { time_ns = "time_ns", x = "vx", y = "vy" }\n'
-
     def unnamed(table: pd.DataFrame) -> pd.DataFrame:
         return pd.DataFrame({"time_ns": table["time_ns"], "vx": 1.0, "vy": 0.0})
 
@@ -107,7 +121,7 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
         noise = np.random.default_rng(2).normal(size=(len(table), 2))
         return table.assign(east_m=noise[:, 0], north_m=seconds(table) + noise[:, 1])
 
-    log = edited(columns + LIMITS.partition("\n")[2].partition("\n")[2], dvl=unnamed, usbl=north,
+    log = edited(BARE + LIMITS.partition("\n")[2].partition("\n")[2], dvl=unnamed, usbl=north,
                  compass=lambda table: table.assign(heading_deg=0.0))  # fmt: skip
     assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in replayed(log, "--truth", "none")[1]
 
