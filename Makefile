@@ -99,10 +99,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: $(VENV)/bin/python pyproject.toml $(KERNEL)
+	@echo "Installing usbldr with what it needs in $(VENV), and compiling its filters: about a minute."
 	$(BIN)/pip install --quiet --disable-pip-version-check -e .
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml $(KERNEL)
+	@echo "Installing usbldr with what its tests need in $(VENV), and compiling its filters: about a minute."
 	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[dev]'
 	touch $@ $(VENV)/installed
 
