@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from usbldr.filters.evaluation.consistency import DOF, nees
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.io.reports.run import Run
-from usbldr_cli.figures.health import BINS, bin_means, mean_bounds
+from usbldr_cli.figures.health import BINS, bin_means, draw_bounds, mean_bounds
 from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses, usual_box
 from usbldr_cli.figures.style import (
@@ -98,10 +98,7 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     bottom, top = 0.01 * DOF, max(20.0 * DOF, 1.5 * float(np.nanmax(bins[:, 1])))
     style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "alpha": 0.3, "label": "NEES of an epoch"}
     plot_inside(axes, t, values, (bottom, top), color=mine, **style)
-    style = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
-    axes.fill_between(
-        edges, low, high, step="post", label=f"95 % bounds of {mean_s:.0f} s means if the covariance is right", **style
-    )
+    draw_bounds(axes, edges, (low, high), f"95 % bounds of {mean_s:.0f} s means if the covariance is right")
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3, label=f"mean of {mean_s:.0f} s")
     axes.axhline(DOF, color=TRUTH_COLOUR, lw=0.8)
     logarithmic(axes)

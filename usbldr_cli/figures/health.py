@@ -152,9 +152,7 @@ def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
     plot_inside(axes, t, nis, (low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
     axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
-    bound = "95 % bounds of the mean NIS"
-    style: dict[str, Any] = {"fc": "none", "ec": "#444444", "ls": ":", "lw": 0.9}  # no grey: that is an outage
-    axes.fill_between(edges, *mean_bounds(bins[:, 2], dof), step="post", label=bound, **style)
+    draw_bounds(axes, edges, mean_bounds(bins[:, 2], dof), "95 % bounds of the mean NIS")
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)
     logarithmic(axes)  # shows outliers of hundreds, values near 0, and the means
     axes.set_ylim(low, high)
@@ -162,6 +160,12 @@ def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     axes.set_title(
         f"NIS of {sensor}: mean {nis.mean():.2f} (expected {dof:.0f}); line: {edges[1] - edges[0]:.0f} s means"
     )
+
+
+def draw_bounds(axes: Axes, edges: Vector, bounds: tuple[Vector, Vector], label: str) -> None:
+    """Draw two bounds between edges as lines: a shade is an outage."""
+    for bound, name in zip(bounds, (label, f"_{label}"), strict=True):
+        axes.plot(edges, bound, drawstyle="steps-post", color="#444444", ls=":", lw=0.9, label=name)
 
 
 def bin_means(t: Vector, nis: Vector, edges: Vector) -> Array:

@@ -255,12 +255,9 @@ def _band(band: PolyCollection, columns: _Columns) -> dict[str, Any]:
         kept = thinned(edge[:, 0], edge[:, 1], back[:, 1])
         for column, values in ((x, edge[kept, 0]), (low, edge[kept, 1]), (high, back[kept, 1])):
             column += [values, np.array([np.nan])]
-    face, edges = band.get_facecolor(), band.get_edgecolor()
-    outlined = not len(face)
     return {
         "kind": "band",
-        "colour": _colour(edges[0] if outlined else face[0]),
-        "outlined": outlined,
+        "colour": _colour(band.get_facecolor()[0]),
         **{name: columns.place(np.concatenate(parts)) for name, parts in (("x", x), ("low", low), ("high", high))},
     }
 

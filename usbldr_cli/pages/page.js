@@ -195,8 +195,7 @@ class Panel {
         : `M${this.left} ${this.py(mark.across)}H${this.left + this.wide}`;
       element("path", { ...stroke, d }, parent);
     } else if (mark.kind === "band") {
-      const look = mark.outlined ? { ...stroke, "stroke-width": 1, "stroke-dasharray": "2 3" } : fill;
-      element("path", { ...look, d: this.band(mark) }, parent);
+      element("path", { ...fill, d: this.band(mark) }, parent);
     } else if (mark.kind === "area") {
       element("path", { ...fill, d: `${this.way(mark)}Z` }, parent);
     } else if (mark.kind === "text") {
@@ -488,13 +487,13 @@ class Figure {
 function sample(mark) {
   const svg = element("svg", { width: 24, height: 12, "aria-hidden": "true" });
   const colour = paint(mark.colour);
-  if (["shade", "area"].includes(mark.kind) || (mark.kind === "band" && !mark.outlined)) {
+  if (["shade", "area", "band"].includes(mark.kind)) {
     const opacity = mark.kind === "shade" ? 1 : Math.max(mark.alpha, 0.2);
     element("rect", { width: 24, height: 12, fill: colour, opacity }, svg);
     return svg;
   }
   if (mark.kind !== "points") {
-    const dash = mark.outlined ? "2 3" : mark.dash || "none";
+    const dash = mark.dash || "none";
     const width = Math.max((mark.width || 1) * POINT_PX, 1.2);
     element("path", { d: "M0 6H24", stroke: colour, "stroke-width": width, "stroke-dasharray": dash }, svg);
   }
