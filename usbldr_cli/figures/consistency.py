@@ -69,9 +69,12 @@ def _draw_coloured(figure: Figure, axes: Axes, report: ErrorReport) -> None:
 
 
 def _draw_ellipses(axes: Axes, report: ErrorReport, plane: Plane) -> int:
-    """Draw the filter's ellipses at equal times; return how many times as large."""
+    """Draw the filter's ellipses in the middle of equal times; return how many times as large.
+
+    That of a start which the first fixes make certain would cover the track.
+    """
     assert report.cov_m2 is not None
-    rows = np.unique(np.linspace(0, len(report.time_s) - 1, ELLIPSES).astype(int))
+    rows = np.unique(((np.arange(ELLIPSES) + 0.5) / ELLIPSES * len(report.time_s)).astype(int))
     rows = rows[np.isfinite(report.cov_m2[rows]).all(axis=(1, 2))]
     cov_m2 = (report.cov_m2 + report.truth_cov_m2)[rows]
     usual_m = 2 * float(np.median(np.sqrt(np.trace(cov_m2, axis1=1, axis2=2) / 2)))
