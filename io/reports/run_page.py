@@ -88,18 +88,23 @@ def _largest(run: Run, report: ErrorReport) -> str:
     return text if last_s is None else f"{text}, {at_s - last_s:.0f} s after the last fix that was used"
 
 
-CALIBRATION = "What the filter estimated beside the track, at the end of the run."
+CALIBRATION = (
+    "What the filter estimated beside the track, at the end of the run, and the log odds of such an error by the log "
+    "(3: 20 to 1)."
+)
 
 
 def calibration_table(run: Run) -> Table:
-    """Return the estimated sensor errors with their sigmas, and the sigma that was assumed before."""
+    """Return the estimated sensor errors with their sigmas, the sigma that was assumed before, and the evidence."""
     assumed = assumed_sd(run.identification.parameters.errors)
+    odds = {found.name: one.log_odds for one in run.identification.evidence for found in one.estimates}
     rows: list[tuple[str, ...]] = []
     for error in estimated_errors(run.scored.trajectory, run.identification.undecided):
         factor, unit = in_unit(error.unit)
         found = with_sigma(factor * float(error.value[-1]), factor * float(error.sd[-1]))
-        rows.append((error.title, found, f"{factor * assumed[error.name]:.3g}", unit))
-    return Table("sensor error", ("estimate", "sigma before", "unit"), tuple(rows))
+        evidence = f"{odds[error.name]:+.1f}" if error.name in odds else ""
+        rows.append((error.title, found, f"{factor * assumed[error.name]:.3g}", unit, evidence))
+    return Table("sensor error", ("estimate", "sigma before", "unit", "evidence"), tuple(rows))
 
 
 def provenance_section(made: RunProvenance) -> Section:
