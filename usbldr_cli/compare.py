@@ -233,13 +233,12 @@ def _cell(log: str, method: str, seeds: int, choices: RunChoices, selection: dic
 
 
 def _results(rows: "Sequence[ComparisonRow]", request: dict[str, Any]) -> ResultFiles:
-    from usbldr_cli.runs.seed_table import overall, records
+    from usbldr_cli.runs.seed_table import overall, records, seed_records
     from usbldr_cli.tables.compare_table import page, render
 
     contents = records(rows)
-    return ResultFiles(
-        "compare", request, {"rows": contents}, contents, partial(page, rows), partial(render, rows), overall(rows)
-    )
+    shown = partial(page, rows), partial(render, rows), overall(rows)
+    return ResultFiles("compare", request, {"rows": contents}, contents, *shown, seed_records(rows))
 
 
 def _pictures(rows: "Sequence[ComparisonRow]", plots: str) -> "Sequence[Picture] | None":

@@ -32,6 +32,7 @@ class ResultFiles:
     page: Callable[[Sequence[Picture | Plot], RunProvenance], Page]
     text: Callable[[bool], str]  # for a terminal, with or without colour
     verdict: str
+    seeds: Sequence[Mapping[str, Any]] = ()  # of a CSV of its own: a row for each run
 
     def json(self) -> dict[str, Any]:
         """Return the content of the JSON file, with how it was made."""
@@ -50,10 +51,11 @@ class ResultFiles:
                 from usbldr_cli.pages.html_page import draw_page
 
                 shown = draw_page(folder, pictures, lambda blocks: self.page(blocks, made), plot_format)
-            table = pd.DataFrame(self.records).to_csv(index=False, lineterminator="\n")
-            texts = {"csv": table, "md": markdown(self.page(shown, made)), "json": json_text(self.json()) + "\n"}
+            tables = {"_seeds.csv": self.seeds, ".csv": self.records}
+            csv = {end: pd.DataFrame(of).to_csv(index=False, lineterminator="\n") for end, of in tables.items() if of}
+            texts = csv | {".md": markdown(self.page(shown, made)), ".json": json_text(self.json()) + "\n"}
             for ending, text in texts.items():
-                write_atomically(folder / f"{self.name}.{ending}", text.encode())
+                write_atomically(folder / f"{self.name}{ending}", text.encode())
 
     def print(self, output: Path | None, json_to: str | None, quiet: bool) -> None:
         """Print the tables, or their last line, or the rows as JSON."""

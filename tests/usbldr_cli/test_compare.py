@@ -1,5 +1,6 @@
 """usbldr compare on a short simulated dive in a file: what it writes, keeps, refuses; fixes of many dives; --bound."""
 
+import csv
 import dataclasses
 import json
 import re
@@ -50,7 +51,7 @@ def test_quiet_prints_the_verdict_of_the_json_file_alone(dive: Path, tmp_path: P
     assert printed.strip().splitlines()[-1] == content(tmp_path / "out")["verdict"]
     assert "mean error" not in printed
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"compare.csv", "compare.json", "compare.md", "units"}  # and no picture
+    assert names == {"compare.csv", "compare.json", "compare.md", "compare_seeds.csv", "units"}  # and no picture
 
 
 def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: Path, tmp_path: Path) -> None:
@@ -112,8 +113,14 @@ def test_samplers_run_once_a_seed_the_others_once_a_file_and_the_folder_holds_no
     assert rows[1]["mean_horizontal_m_se"] > 0
     assert "mean_horizontal_m_se" not in rows[0]
     assert len(list((compared / "units").glob("*.json"))) == 5
-    names = ["by_filter.png", "compare.csv", "compare.json", "compare.md", "error_cdf.png", "errors.png"]
-    assert sorted(path.name for path in compared.iterdir()) == [*names, "report.html", "track.png", "units"]
+    tables = ["compare.csv", "compare.json", "compare.md", "compare_seeds.csv"]
+    others = ["error_cdf.png", "errors.png", "report.html", "track.png", "units"]
+    assert sorted(path.name for path in compared.iterdir()) == ["by_filter.png", *tables, *others]
+    with (compared / "compare_seeds.csv").open(encoding="utf-8", newline="") as file:
+        runs = list(csv.DictReader(file))
+    assert [(one["filter"], one["seed"]) for one in runs] == [("ckf", "0"), *(("pf", k) for k in "012"), ("usbl", "0")]
+    mean_m = sum(float(one["mean_horizontal_m"]) for one in runs[1:4]) / 3
+    assert mean_m == pytest.approx(rows[1]["mean_horizontal_m"])
     assert all(path.suffix in (".json", ".npz") for path in (compared / "units").iterdir())
 
 

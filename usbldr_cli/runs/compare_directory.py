@@ -1,11 +1,12 @@
 """The folder of a comparison or a drill: made first, so that finished runs are kept; its tables are written last.
 
-units/          one JSON and one .npz for each finished run
-compare.json    every row and every number; drill.json likewise, and so on
-compare.csv     the same rows
-compare.md      the tables and figures
-*.png           the figures
-report.html     all of it as one page with interactive figures
+units/             one JSON and one .npz for each finished run
+compare.json       every row and every number; drill.json likewise, and so on
+compare.csv        the same rows
+compare_seeds.csv  a row for each log, filter and seed
+compare.md         the tables and figures
+*.png              the figures
+report.html        all of it as one page with interactive figures
 """
 
 import json
@@ -19,7 +20,7 @@ from usbldr.io.writing import writing
 
 UNITS, TABLES = "units", "compare.json"
 OWN = re.compile(
-    r"(compare|drill)\.(json|csv|md)|report\.html|\.?(track|errors|error_cdf|by_filter|by_log|drill)[\w.-]*\.(png|svg|pdf)|\..*\.part"
+    r"(compare|drill)\.(json|csv|md)|compare_seeds\.csv|report\.html|\.?(track|errors|error_cdf|by_filter|by_log|drill)[\w.-]*\.(png|svg|pdf)|\..*\.part"
 )
 OWN_UNIT = re.compile(r"[0-9a-f]{32}\.(json|npz)|\..*\.part")
 

@@ -191,6 +191,15 @@ def records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
     return contents
 
 
+def seed_records(rows: Sequence[ComparisonRow]) -> list[dict[str, Any]]:
+    """Return each run with its metrics: a row for each log, filter and seed."""
+    return [
+        {"log": row.log, "filter": row.label, "seed": seed, "fault": run.fault, **run.metrics}
+        for row in rows
+        for seed, run in zip(row.seeds, row.outcomes, strict=True)
+    ]
+
+
 def row_content(row: ComparisonRow, first: ComparisonRow, rows: Sequence[ComparisonRow] = ()) -> dict[str, Any]:
     """Return a row for compare.json and compare.csv."""
     content: dict[str, Any] = {"log": row.log, "filter": row.label, "seeds": len(row.good), "fault": row.fault}
