@@ -54,12 +54,12 @@ def _table(path: Path, start_ns: int) -> SampleTimes:
     try:
         table = pd.read_csv(path)
     except (ValueError, OSError) as err:
-        raise LogError(f"{path} is not a CSV table: {str(err).splitlines()[0]}", path=path) from err
+        raise LogError(f"not a CSV table: {str(err).splitlines()[0]}", path=path) from err
     lower = {str(name).strip().lower(): str(name) for name in table.columns}
     units = {key: unit for key, unit in TIME_UNITS_NS.items() if key not in AT_1970}
     keys = [key for key in (*units, *DATES) if key in lower]
     if not keys:
-        raise LogError(f"{path} has no column of times: name one {', '.join((*units, DATES[0]))}", path=path)
+        raise LogError(f"no column of times: name one {', '.join((*units, DATES[0]))}", path=path)
     column = table[lower[keys[0]]]
     if keys[0] in DATES:
         moments = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
@@ -73,7 +73,7 @@ def _table(path: Path, start_ns: int) -> SampleTimes:
         time_ns = counted.astype("int64").to_numpy() + (start_ns if keys[0] == "time_s" else 0)
     if bad.any():
         row = int(np.argmax(bad.to_numpy()))
-        raise LogError(f"{path}: row {row + 2}: {column.iloc[row]!r} is no time ({lower[keys[0]]})", path=path)
+        raise LogError(f"row {row + 2}: {column.iloc[row]!r} is no time ({lower[keys[0]]})", path=path)
     others = table.drop(columns=[lower[keys[0]]])
     return SampleTimes(np.asarray(time_ns, dtype=np.int64), [str(row + 1) for row in range(len(table))], others)
 
@@ -94,11 +94,11 @@ def _photos(folder: Path) -> SampleTimes:
     """Return when the photos of a folder were taken, by EXIF; without a zone their times are UTC."""
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PHOTOS)
     if not files:
-        raise LogError(f"{folder} holds no photo ({', '.join(PHOTOS)})", path=folder)
+        raise LogError(f"no photo in this folder ({', '.join(PHOTOS)})", path=folder)
     times = {file.name: _taken_ns(file) for file in files}
     untimed = [name for name, time_ns in times.items() if time_ns is None]
     if untimed:
-        raise LogError(f"{folder}: {listed(untimed, 1)} states no time (EXIF DateTimeOriginal)", path=folder)
+        raise LogError(f"no time (EXIF DateTimeOriginal) in {listed(untimed, 1)}", path=folder)
     time_ns = np.array([found for found in times.values() if found is not None], dtype=np.int64)
     return SampleTimes(time_ns, list(times), pd.DataFrame(index=range(len(times))))
 

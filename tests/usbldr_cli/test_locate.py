@@ -111,7 +111,8 @@ def test_photos_are_timed_by_exif_and_the_clock(dive, tmp_path):
     assert list(found.name) == ["one.jpg"]
     assert found.time_ns[0] == 1_767_225_600_000_000_000 + 100_250_000_000
     image.save(tmp_path / "photos" / "two.jpg")
-    assert "two.jpg states no time" in str(run("locate", dive, "--at", tmp_path / "photos").exception)
+    untimed = str(run("locate", dive, "--at", tmp_path / "photos").exception)
+    assert untimed == f"{tmp_path / 'photos'}: no time (EXIF DateTimeOriginal) in two.jpg"
 
 
 @pytest.mark.long
@@ -132,7 +133,7 @@ def test_places_err_as_the_track_does_on_the_sample_logs(name, tmp_path):
 def test_what_cannot_be_located_is_one_sentence(dive, tmp_path):
     table = tmp_path / "samples.csv"
     table.write_text("moment\n1\n")
-    assert "no column of times" in str(run("locate", dive, "--at", table).exception)
+    assert str(run("locate", dive, "--at", table).exception).startswith(f"{table}: no column of times: name one ")
     table.write_text("time_s\n1\nnoon\n")
     assert "row 3: 'noon' is no time" in str(run("locate", dive, "--at", table).exception)
     assert "not a run directory" in str(run("locate", tmp_path, "--at", table).exception)
