@@ -22,7 +22,6 @@ FALSE_SIGMAS = 4.0  # of a fix from the line between its neighbours: a false one
 LEAST_OWN = 0.05  # [1] of a fix's variance: the least that a track may leave to it
 NO_WEIGHT = 1e-6  # [1] of a fix that was left out: its variance is a million times larger
 BINS = 3  # of slant or horizontal range, with equal numbers of fixes
-NOISE_AXES = ("range_m", "bearing_deg", "east_m", "north_m")  # fields of FixStatistics
 
 
 class RangeShare(NamedTuple):

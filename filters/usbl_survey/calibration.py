@@ -13,7 +13,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import wrapped
 from usbldr.filters.types import Array, Mask, Vector
-from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed, residuals
+from usbldr.filters.usbl_survey.geometry import LATENCIES, NAMES, PLACE, UsblSurvey, placed, residuals
 
 DOF = 4.0  # of the errors' distribution: heavy tails, and 95 % of the information if they are normal
 PRIOR_SD = np.array([10.0, 10.0, 180.0, 0.05, 30.0, 30.0, 1.0, 1.0, 1e5, 1e5, 1e4])
@@ -27,7 +27,6 @@ MAX_ROUNDS = 400  # of the steps after, and of searches for false fixes
 MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
 MIN_FIXES = 40  # four for each parameter that a pattern can settle
 FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
-LATENCIES = slice(6, 8)  # fixed: of attitude and of position in NAMES
 RANGE, ANGLE = 0, 1  # kinds of residuals; bearing and elevation share a sigma
 KINDS = np.array([RANGE, ANGLE, ANGLE])
 

@@ -26,9 +26,8 @@ NAMES = (
     *("east_m", "north_m", "depth_m"),
 )
 """The errors of an installation, and the place of the transponder: the order of every vector of parameters here."""
-PLACE = slice(8, 11)  # of the transponder in NAMES
+LATENCIES, PLACE = slice(6, 8), slice(8, 11)  # of attitude and of position, of the transponder in NAMES
 SMOOTHED_S = 2.01  # [s] more than the noise of positions, less than a wave; 0.01 lest rounding decide what is within
-UNITS = tuple(name.rsplit("_", 1)[1] if name != "scale" else "" for name in NAMES)
 
 
 class ShipMotion(NamedTuple):
@@ -173,7 +172,7 @@ def residuals(survey: UsblSurvey, values: Vector) -> Array:
 
 def _head_at(survey: UsblSurvey, values: Vector) -> tuple[Array, Array]:
     """Return the matrices (n, 3, 3) that turn the fixes to the map, and the head's east, north, up (n, 3) at each."""
-    attitude_latency_s, position_latency_s = values[6:8]
+    attitude_latency_s, position_latency_s = values[LATENCIES]
     attitudes = survey.ship.attitudes(survey.time_s + attitude_latency_s)
     antenna = survey.ship.positions(survey.time_s, position_latency_s)
     turning = attitude = attitude_matrix(*attitudes.T)

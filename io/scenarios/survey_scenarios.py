@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 import numpy as np
 import pandas as pd
 from msgspec import Meta
-from msgspec.structs import astuple
+from msgspec.structs import asdict, astuple
 
-from usbldr.filters.simulation.usbl_survey import RecordNoise, SurveyScenario, Swing, simulate_survey
+from usbldr.filters.simulation.usbl_survey import SurveyScenario, simulate_survey
 from usbldr.filters.usbl_survey.geometry import UsblSurvey
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.scenarios.sections import LegSection, Part
@@ -102,24 +102,15 @@ def find_survey(name: str) -> SurveyScenario:
     """
     file = file_of(name, "survey", FOLDER)
     stated = checked(read_document(file), SurveyFile, file)
-    ship, fixes, legs = stated.ship, stated.fixes, legs_of(stated.leg)
     return made(
         SurveyScenario,
-        fixes,
+        stated.ship,
+        **asdict(stated.fixes),
         name=file.stem,
         about=stated.about,
-        duration_s=sum(leg.duration_s for leg in legs),
-        legs=legs,
-        yaw_rad=yaw_rad(ship.heading_deg),
-        east_m=ship.east_m,
-        north_m=ship.north_m,
-        current_mps=(0.0, 0.0),
-        roll=Swing(ship.roll_deg, ship.roll_period_s),
-        pitch=Swing(ship.pitch_deg, ship.pitch_period_s),
-        position=RecordNoise(ship.position_rate_hz, ship.position_sd_m),
-        attitude=RecordNoise(ship.attitude_rate_hz, ship.attitude_sd_deg),
+        legs=legs_of(stated.leg),
+        yaw_rad=yaw_rad(stated.ship.heading_deg),
         true_values=np.array([*astuple(stated.installation), *astuple(stated.transponder)]),
-        fix_rate_hz=fixes.rate_hz,
     )
 
 

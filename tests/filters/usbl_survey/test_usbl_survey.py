@@ -10,6 +10,7 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.usbl_survey import simulate_survey
 from usbldr.filters.usbl_survey.calibration import assumed, calibrated, expected_cov, halves, known_of
 from usbldr.filters.usbl_survey.geometry import (
+    LATENCIES,
     NAMES,
     PLACE,
     attitude_matrix,
@@ -31,14 +32,14 @@ ERRORS = slice(0, 8)
 
 
 def noiseless(scenario, **changes):
-    exact = {key: getattr(scenario, key)._replace(sd=0.0) for key in ("position", "attitude")}
-    return replace(scenario, range_sd_m=0.0, angle_sd_deg=0.0, outlier_share=0.0, **exact, **changes)
+    exact = dict.fromkeys(("position_sd_m", "attitude_sd_deg", "range_sd_m", "angle_sd_deg", "outlier_share"), 0.0)
+    return replace(scenario, **exact, **changes)
 
 
 def in_time():
     """Return a survey without noise and latencies, and its true values."""
     exact = BOX.true_values * np.where([name.endswith("latency_s") for name in NAMES], 0.0, 1.0)
-    return simulate_survey(noiseless(BOX, true_values=exact), 0), exact
+    return simulate_survey(noiseless(BOX, true_values=exact, position_rate_hz=20.0), 0), exact
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +56,13 @@ def test_an_attitude_turns_as_rotations_of_scipy_do():
     ned = Rotation.from_euler("ZYX", angles, degrees=True).apply(frd)
     turned = np.einsum("nij,nj->ni", attitude_matrix(*angles.T), vectors)
     assert turned == pytest.approx(ned[:, [1, 0, 2]] * [1, 1, -1], abs=1e-12)
+
+
+def test_records_come_at_their_rates_with_and_without_latencies():
+    plain = replace(BOX, true_values=BOX.true_values * np.where(np.arange(11) == LATENCIES.start, 0.0, 1.0))
+    for scenario in (BOX, plain, replace(BOX, true_values=in_time()[1])):
+        ship = simulate_survey(scenario, 0).ship
+        assert [np.diff(t)[0] for t in (ship.position_time_s, ship.attitude_time_s)] == pytest.approx([0.2, 0.05])
 
 
 def test_exact_fixes_place_the_transponder_and_leave_no_residual():
@@ -196,7 +204,7 @@ def test_a_head_mounted_backwards_is_found():
 
 
 def test_fixes_that_are_level_already_are_not_turned_again():
-    level = replace(BOX, roll=BOX.roll._replace(amplitude_deg=0.0), pitch=BOX.pitch._replace(amplitude_deg=0.0))
+    level = replace(BOX, roll_deg=0.0, pitch_deg=0.0)
     rolling = simulate_survey(BOX, 4)
     compensated = replace(simulate_survey(level, 4), ship=rolling.ship)
     assert levelled(rolling, STATED, KNOWN)[1]
