@@ -1,8 +1,8 @@
 """Positions in photos: GPS tags in a copy of a JPEG whose other bytes stay as they are, or an XMP sidecar.
 
-The tags go behind what the EXIF block holds, so that every offset in it still holds, also those within maker notes:
-Pillow encodes the picture anew, and libraries that write EXIF again lose such notes. Sources: EXIF 2.32 (CIPA
-DC-008), section 4; TIFF 6.0; XMP specification part 2.
+The tags, as Pillow writes them, go behind what the EXIF block holds, so that every offset in it still holds, also those
+within maker notes: Pillow encodes a picture anew, and libraries that write EXIF again lose such notes. Sources: EXIF
+2.32 (CIPA DC-008), section 4; TIFF 6.0; XMP specification part 2.
 """
 
 import math
@@ -17,7 +17,7 @@ from usbldr.io.writing import writing
 
 JPEGS = (".jpg", ".jpeg")
 START, APP1, SCAN, HEAD = b"\xff\xd8", 0xE1, 0xDA, b"Exif\0\0"  # fixed: of JPEG files
-GPS_POINTER, BYTE, ASCII, LONG, RATIONAL = 0x8825, 1, 2, 4, 5  # fixed: by TIFF and EXIF
+GPS_POINTER, LONG = 0x8825, 4  # fixed: by TIFF and EXIF
 MAX_SEGMENT = 65_533  # [bytes] fixed: the length of a JPEG segment has 16 bits and counts itself
 PARTS = 10**6  # of a second of arc and of a metre: 0.03 mm on the ground, and finer than any depth
 
@@ -84,44 +84,32 @@ def _with_gps(tiff: bytes, place: Place) -> bytes:
     pointer = struct.pack(order + "HHII", GPS_POINTER, LONG, 1, gps_at)
     entries = sorted([*entries, pointer], key=lambda one: struct.unpack_from(order + "H", one)[0])
     directory = struct.pack(order + "H", len(entries)) + b"".join(entries) + struct.pack(order + "I", following)
-    return made[:4] + struct.pack(order + "I", len(made)) + made[8:] + directory + _gps_directory(order, gps_at, place)
+    header = tiff[:4] + struct.pack(order + "I", len(made))
+    return header + made[8:] + directory + _gps_directory(tiff[:2], gps_at, place)
 
 
-def _gps_directory(order: str, at: int, place: Place) -> bytes:
+def _gps_directory(order: bytes, at: int, place: Place) -> bytes:
     """Return the directory of GPS tags that begins at an offset of its TIFF block, with its values behind it."""
+    from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
-    def rationals(*values: float) -> tuple[int, int, bytes]:
-        pairs = [part for value in values for part in (round(value * PARTS), PARTS)]
-        return RATIONAL, len(values), struct.pack(f"{order}{len(pairs)}I", *pairs)
+    def ratio(value: float) -> IFDRational:
+        return IFDRational(round(value * PARTS), PARTS)
 
-    def text(value: str) -> tuple[int, int, bytes]:
-        return ASCII, len(value) + 1, value.encode() + b"\0"
+    def angle(degrees: float) -> tuple[IFDRational, ...]:
+        minutes, seconds = divmod(round(abs(degrees) * 3600 * PARTS), 60 * PARTS)  # whole, so that no part is 60
+        return IFDRational(minutes // 60), IFDRational(minutes % 60), IFDRational(seconds, PARTS)
 
-    def angle(degrees: float) -> tuple[int, int, bytes]:
-        micros = round(abs(degrees) * 3600 * PARTS)  # of a second, so that no part is 60
-        minutes, seconds = divmod(micros, 60 * PARTS)
-        numbers = (minutes // 60, 1, minutes % 60, 1, seconds, PARTS)
-        return RATIONAL, 3, struct.pack(order + "6I", *numbers)
-
-    tags = {
-        0: (BYTE, 4, b"\2\3\0\0"),  # version 2.3
-        1: text("S" if place.lat_deg < 0 else "N"),
-        2: angle(place.lat_deg),
-        3: text("W" if place.lon_deg < 0 else "E"),
-        4: angle(place.lon_deg),
-        18: text("WGS-84"),
-    }
+    tags: dict[int, object] = {0: b"\2\3\0\0", 18: "WGS-84"}  # version 2.3
+    tags |= {1: "S" if place.lat_deg < 0 else "N", 2: angle(place.lat_deg)}
+    tags |= {3: "W" if place.lon_deg < 0 else "E", 4: angle(place.lon_deg)}
     if math.isfinite(place.depth_m):
-        tags |= {5: (BYTE, 1, bytes([place.depth_m > 0])), 6: rationals(abs(place.depth_m))}  # 1: below sea level
+        tags |= {5: bytes([place.depth_m > 0]), 6: ratio(abs(place.depth_m))}  # 1: below sea level
     if math.isfinite(place.radius95_m):
-        tags[31] = rationals(place.radius95_m)  # GPSHPositioningError
-    entries, values = list[bytes](), b""
-    behind = at + 2 + 12 * len(tags) + 4
-    for tag, (kind, count, value) in sorted(tags.items()):
-        here = value.ljust(4, b"\0") if len(value) <= 4 else struct.pack(order + "I", behind + len(values))
-        entries.append(struct.pack(order + "HHI", tag, kind, count) + here)
-        values += (value + b"\0" * (len(value) % 2)) if len(value) > 4 else b""
-    return struct.pack(order + "H", len(tags)) + b"".join(entries) + struct.pack(order + "I", 0) + values
+        tags[31] = ratio(place.radius95_m)  # GPSHPositioningError
+    directory = ImageFileDirectory_v2(prefix=order)
+    for tag, value in tags.items():
+        directory[tag] = value
+    return directory.tobytes(at)
 
 
 def sidecar(place: Place) -> str:
