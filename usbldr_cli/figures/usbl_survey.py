@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Mask, Vector
 from usbldr.filters.usbl_survey.calibration import assumed
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey, placed, residuals, seen_from_head
 from usbldr.filters.usbl_survey.verdict import SurveyVerdict
@@ -13,7 +13,7 @@ from usbldr.io.reports.usbl_calibration import Calibration, summary
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.plane import frame_square, plane_axes, usual_box
-from usbldr_cli.figures.style import REJECTED_COLOUR, Axes, Figure, legend_below, titled_figure
+from usbldr_cli.figures.style import REJECTED_COLOUR, Figure, legend_below, titled_figure
 
 BEFORE_COLOUR, AFTER_COLOUR = "#999999", "#0072b2"
 TRACK_COLOUR = "#444444"
@@ -28,6 +28,13 @@ class FittedSurvey(NamedTuple):
     stated: Vector  # (11,) the installation of the configuration
     verdict: SurveyVerdict
     report: Calibration
+
+    @property
+    def kinds(self) -> list[tuple[Mask, str, str]]:
+        """Which fixes are good and which false, with their colours and labels; none of which there are none."""
+        good = self.verdict.installation.good
+        kinds = (good, AFTER_COLOUR, "good fix"), (~good, REJECTED_COLOUR, "false fix")
+        return [kind for kind in kinds if kind[0].any()]
 
 
 def survey_pictures(found: FittedSurvey) -> list[Picture]:
@@ -51,17 +58,15 @@ def transponder_figure(found: FittedSurvey) -> Figure:
     panels = figure.subplots(1, 2)
     before = placed(survey, assumed(survey, found.stated))[fit.good, :2]
     after = placed(survey, fit.values)[fit.good, :2]
-    place = fit.values[PLACE][:2]
-    both = np.vstack([before, after])
-    for axes, shown, text in zip(panels, (both, after), ("before and after", "after"), strict=True):
-        if text != "after":
-            axes.plot(*before.T, ".", color=BEFORE_COLOUR, ms=3, label="as configured")
-        axes.plot(*after.T, ".", color=AFTER_COLOUR, ms=3, label="calibrated" if text != "after" else "_calibrated")
-        axes.plot(*place, "k+", ms=12, mew=1.5, label="fitted place" if text != "after" else "_fitted place")
+    panels[0].plot(*before.T, ".", color=BEFORE_COLOUR, ms=3, label="as configured")
+    shown = {"before and after": np.vstack([before, after]), "after": after}
+    for axes, (text, points) in zip(panels, shown.items(), strict=True):
+        axes.plot(*after.T, ".", color=AFTER_COLOUR, ms=3, label="calibrated")
+        axes.plot(*fit.values[PLACE][:2], "k+", ms=12, mew=1.5, label="fitted place")
         axes.set_title(text)
         plane_axes(axes)
-        frame_square(axes, usual_box(shown), 0.15)
-    legend_below(figure, list(panels))
+        frame_square(axes, usual_box(points), 0.15)
+    legend_below(figure, panels[:1])
     return figure
 
 
@@ -77,9 +82,8 @@ def survey_figure(found: FittedSurvey) -> Figure:
     plane_axes(left)
     frame_square(left, np.vstack([track, fit.values[PLACE][:2]]), 0.08)
     seen = seen_from_head(survey, fit.values)[:, :2]
-    for chosen, colour, label in ((fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")):
-        if chosen.any():
-            right.plot(*seen[chosen].T, ".", color=colour, ms=3, label=label)
+    for chosen, colour, label in found.kinds:
+        right.plot(*seen[chosen].T, ".", color=colour, ms=3, label=label)
     right.plot(0, 0, "k^", ms=8, label="head")
     right.set_aspect("equal")
     right.set_title("from the head: all directions are needed")
@@ -106,23 +110,18 @@ def residual_figure(found: FittedSurvey) -> Figure:
     )
     figure = titled_figure(f"Residuals: {found.report.log.path.name}", detail, 12, 7.5)
     panels = figure.subplots(3, 4, sharex="col", sharey="row")
-    kinds = (fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")
     for row, (name, sd) in enumerate(zip(RESIDUALS, sds, strict=True)):
         edge = SHOWN_SIGMAS * sd
-        for column, (label, values) in enumerate(against.items()):
-            axes: Axes = panels[row, column]
+        for axes, values in zip(panels[row], against.values(), strict=True):
             axes.axhspan(-sd, sd, color="#dddddd", lw=0, zorder=0)
-            for chosen, colour, kind in kinds:
-                if chosen.any():
-                    once = f"{'' if row == column == 0 else '_'}{kind}"
-                    style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": once}
-                    plot_inside(axes, values[chosen], differences[chosen, row], (-edge, edge), **style)
+            for chosen, colour, label in found.kinds:
+                style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": label}
+                plot_inside(axes, values[chosen], differences[chosen, row], (-edge, edge), **style)
             axes.set_ylim(-edge * 1.05, edge * 1.05)
-            if column == 0:
-                axes.set_ylabel(name)
-            if row == len(RESIDUALS) - 1:
-                axes.set_xlabel(label)
-    legend_below(figure, list(panels[0]))
+        panels[row, 0].set_ylabel(name)
+    for axes, label in zip(panels[-1], against, strict=True):
+        axes.set_xlabel(label)
+    legend_below(figure, panels[0, :1])
     return figure
 
 
@@ -138,10 +137,9 @@ def polar_figure(found: FittedSurvey) -> Figure:
         for radius, style in ((SHOWN_SIGMAS, "-"), (SHOWN_SIGMAS - 1, "--"), (SHOWN_SIGMAS + 1, "--")):
             axes.plot(radius * np.sin(around), radius * np.cos(around), style, color=TRACK_COLOUR, lw=0.8)
         away = SHOWN_SIGMAS + np.clip(off, -SHOWN_SIGMAS, SHOWN_SIGMAS)
-        for chosen, colour, label in ((fit.good, AFTER_COLOUR, "good fix"), (~fit.good, REJECTED_COLOUR, "false fix")):
-            if chosen.any():
-                at = away * np.sin(survey.bearing_rad), away * np.cos(survey.bearing_rad)
-                axes.plot(at[0][chosen], at[1][chosen], ".", color=colour, ms=2.5, label=label)
+        at = np.column_stack([away * np.sin(survey.bearing_rad), away * np.cos(survey.bearing_rad)])
+        for chosen, colour, label in found.kinds:
+            axes.plot(*at[chosen].T, ".", color=colour, ms=2.5, label=label)
         axes.set(xlim=(-widest, widest), ylim=(-widest, widest), aspect="equal", title=name.split(" [")[0])
         axes.set(xticks=[], yticks=[], xlabel="starboard")
     panels[0].set_ylabel("forward")
