@@ -20,8 +20,6 @@ from usbldr_cli.options.output_files import (
 from usbldr_cli.options.verbosity import verbose_option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from usbldr.io.reading.opening import Request
     from usbldr.io.reports.run_provenance import RunProvenance
     from usbldr.io.reports.usbl_calibration import Calibration
@@ -29,32 +27,24 @@ if TYPE_CHECKING:
 
     Stated = tuple[float | None, float, float | None]  # the transponder's depth and its sigma, that of latencies
 
+AT_LEAST_0 = click.FloatRange(min=0)
+DEPTH = "Depth of the transponder below the surface."
+LATENCY = "1-sigma of the stated latencies: 0.02 if pulses keep the clocks together.  [default: 1]"
+
 
 @click.command()
 @log_options
-@click.option(
-    "--transponder-depth",
-    "depth_m",
-    type=click.FloatRange(min=0),
-    metavar="METRES",
-    help="Depth of the transponder below the surface.",
-)
+@click.option("--transponder-depth", "depth_m", type=AT_LEAST_0, metavar="METRES", help=DEPTH)
 @click.option(
     "--transponder-depth-sd",
     "depth_sd_m",
-    type=click.FloatRange(min=0),
+    type=AT_LEAST_0,
     metavar="METRES",
     default=0.5,
     show_default=True,
     help="1-sigma of --transponder-depth.",
 )
-@click.option(
-    "--latency-sd",
-    "latency_sd_s",
-    type=click.FloatRange(min=0),
-    metavar="SECONDS",
-    help="1-sigma of the stated latencies: 0.02 if pulses keep the clocks together.  [default: 1]",
-)
+@click.option("--latency-sd", "latency_sd_s", type=AT_LEAST_0, metavar="SECONDS", help=LATENCY)
 @toml_option("--write", "write_to", help="Write a configuration with the installation that was found.")
 @folder_option("Folder for figures, page and report.json.  [default: none]")
 @json_option("calibration")
@@ -86,19 +76,31 @@ def calibrate_usbl(
     $ usbldr calibrate-usbl survey --write usbldr.toml -o calibration
     $ usbldr calibrate-usbl survey-box --plan
     """
+    from usbldr.io.reading.usbl_survey import is_dive
+    from usbldr.io.scenarios.survey_scenarios import is_survey
+
+    stated = (depth_m, depth_sd_m, latency_sd_s)
     if plan:
-        _print_plan(log, (depth_m, depth_sd_m, latency_sd_s))
+        _print_plan(log, stated)
         return 0
-    _refuse_scenario(log)
+    if not Path(log).is_dir() and is_survey(log):
+        raise UsageError(f"{log} is a scenario: write its survey by usbldr simulate {log} -o FOLDER, or state --plan")
     request = read_request(**selection)
     read = inputs(log, request)
     refuse_file("--write", write_to, force, read, output)
     refuse_file("--json", json_to, force, read, output)
     if output is not None:
         require_free(output, read, force)
-    found, pictures = _calibration(log, request, selection, (depth_m, depth_sd_m, latency_sd_s))
+    made = request_provenance({"log": log, "selection": selection})
+    if is_dive(Path(log), request):
+        for option, value in (("--transponder-depth", depth_m), ("--latency-sd", latency_sd_s)):
+            if value is not None:
+                raise UsageError(f"{option} is for a survey; {log} has a DVL, so that it is read as a dive")
+        found, pictures = _by_dive(log, request, made, drawn=output is not None)
+    else:
+        found, pictures = _by_survey(log, request, made, stated, drawn=output is not None)
     if output is not None:
-        _write_folder(found, pictures(), output, force)
+        _write_folder(found, pictures, output, force)
     if write_to is not None:
         from usbldr.io.reports.usbl_calibration import calibrated_configuration
 
@@ -109,32 +111,9 @@ def calibrate_usbl(
     return 0 if found.verdict.result == "good" else CheckError.exit_code
 
 
-def _refuse_scenario(log: str) -> None:
-    """Raise UsageError for the name of a survey's scenario, which has no fixes before it is simulated."""
-    from usbldr.io.scenarios.survey_scenarios import is_survey
-
-    if not Path(log).is_dir() and is_survey(log):
-        raise UsageError(f"{log} is a scenario: write its survey by usbldr simulate {log} -o FOLDER, or state --plan")
-
-
-def _calibration(
-    log: str, request: "Request", selection: dict[str, Any], stated: "Stated"
-) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
-    """Return the calibration by a survey, or by a dive if the log has a DVL, and what gives its figures."""
-    from usbldr.io.reading.usbl_survey import is_dive
-
-    made = request_provenance({"log": log, "selection": selection})
-    if is_dive(Path(log), request):
-        for option, value in (("--transponder-depth", stated[0]), ("--latency-sd", stated[2])):
-            if value is not None:
-                raise UsageError(f"{option} is for a survey; {log} has a DVL, so that it is read as a dive")
-        return _by_dive(log, request, made)
-    return _by_survey(log, request, made, stated)
-
-
 def _by_survey(
-    log: str, request: "Request", made: "RunProvenance", stated: "Stated"
-) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
+    log: str, request: "Request", made: "RunProvenance", stated: "Stated", drawn: bool
+) -> "tuple[Calibration, list[Picture]]":
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import judged, levelled
     from usbldr.io.reading.usbl_survey import read_usbl_survey
@@ -147,35 +126,29 @@ def _by_survey(
         survey, level = levelled(survey, read.stated, known)
     verdict = judged(survey, read.stated, known)
     found = of_survey(read, survey, level, verdict, known, made)
+    if not drawn:
+        return found, []
+    from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures  # imports matplotlib
 
-    def pictures() -> list["Picture"]:
-        from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures
-
-        return survey_pictures(FittedSurvey(survey, read.stated, verdict, found))
-
-    return found, pictures
+    return found, survey_pictures(FittedSurvey(survey, read.stated, verdict, found))
 
 
-def _by_dive(
-    log: str, request: "Request", made: "RunProvenance"
-) -> tuple["Calibration", "Callable[[], list[Picture]]"]:
+def _by_dive(log: str, request: "Request", made: "RunProvenance", drawn: bool) -> "tuple[Calibration, list[Picture]]":
     from usbldr.io.doctor.head_calibration import calibrated_by_dive
+    from usbldr.io.reports.run import Run, ScoredTrack
     from usbldr.io.reports.usbl_calibration import of_dive
     from usbldr.io.session import open_log
 
     read = open_log(log, request)
     dive = calibrated_by_dive(read)
-    fixes = len(dive.timeline.fix_time_s)
+    found = of_dive(read, dive.verdict, dive.slant_m, len(dive.timeline.fix_time_s), dive.sentence, made)
+    if not drawn:
+        return found, []
+    from usbldr_cli.figures.drawing import Picture  # imports matplotlib
+    from usbldr_cli.figures.fixes import fix_figure
 
-    def pictures() -> list["Picture"]:
-        from usbldr.io.reports.run import Run, ScoredTrack
-        from usbldr_cli.figures.drawing import Picture
-        from usbldr_cli.figures.fixes import fix_figure
-
-        run = Run(read, dive.timeline, dive.identification, ScoredTrack(dive.track, None))
-        return [Picture("fixes", "What fixes differ by from the track without them", lambda: fix_figure(run))]
-
-    return of_dive(read, dive.verdict, dive.slant_m, fixes, dive.sentence, made), pictures
+    run = Run(read, dive.timeline, dive.identification, ScoredTrack(dive.track, None))
+    return found, [Picture("fixes", "What fixes differ by from the track without them", partial(fix_figure, run))]
 
 
 def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path, force: bool) -> None:
