@@ -1,11 +1,11 @@
-"""Time windows (from, to) in seconds since the start of the log, both ends included."""
+"""Times in seconds since the start of the log: windows (from, to), both ends included, and columns at other times."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Array, Vector
 
 TimeWindow = tuple[float, float]  # from, to: seconds since the start of the log
 
@@ -21,3 +21,9 @@ def in_windows(time_s: Vector, windows: Sequence[TimeWindow]) -> NDArray[np.bool
 def windows_text(windows: Sequence[TimeWindow]) -> str:
     """Return the windows as text: "0 to 60, 500 to 520 s"."""
     return ", ".join(f"{start_s:g} to {end_s:g}" for start_s, end_s in windows) + " s"
+
+
+def columns_at(time_s: Vector, known_s: Vector, values: Array, outside: float | None = None) -> Array:
+    """Return columns (k, m) of known times at others, (n, m); before and after, the first and last, or ``outside``."""
+    columns: list[Array] = list(values.T)
+    return np.column_stack([np.interp(time_s, known_s, one, left=outside, right=outside) for one in columns])

@@ -12,6 +12,7 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.types import Array, Mask, Outage, Timeline, Trajectory, Vector
+from usbldr.filters.windows import columns_at
 
 COLUMNS: Mapping[str, tuple[str, str, str, str]] = {
     "dvl": ("dvl_mps", "dr_mps", "dvl_count", "dvl_sd_mps"),
@@ -54,7 +55,7 @@ def nudge(timeline: Timeline) -> Trajectory:
     reckoned = dr(timeline, np.zeros(2))
     stamps, first = np.unique(timeline.fix_time_s, return_index=True)
     offset: Array = (timeline.fix_m - interpolate(timeline, reckoned.position_m, timeline.fix_time_s))[first]
-    shift = np.column_stack([np.interp(timeline.time_s, stamps, offset[:, axis]) for axis in (0, 1)])
+    shift = columns_at(timeline.time_s, stamps, offset)
     mean = np.column_stack([reckoned.mean[:, :3], reckoned.position_m + shift])
     return Trajectory("nudge", reckoned.names, timeline.time_s, mean, cov=None)
 
@@ -234,7 +235,7 @@ def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, s
     by_error |= {"usbl_latency": rotated(yaw_rad, timeline.dr_mps)}
     if timeline.fix_away_m is not None:
         t, fix_s, head_m = timeline.time_s, timeline.fix_time_s, timeline.fix_m - timeline.fix_away_m
-        away_m: Array = position_m - np.column_stack([np.interp(t, fix_s, head_m[:, axis]) for axis in (0, 1)])
+        away_m: Array = position_m - columns_at(t, fix_s, head_m)
         by_error |= {"usbl_heading": np.column_stack([-away_m[:, 1], away_m[:, 0]]), "usbl_range": away_m}
     cov_m2 = np.zeros((len(position_m), 2, 2))
     for name, one_sigma in sd.items():
@@ -261,5 +262,4 @@ def integrate(timeline: Timeline, rate: Array) -> Array:
 
 def interpolate(timeline: Timeline, values: Array, time_s: Vector) -> Array:
     """Return columns of the epochs, (K, k), interpolated at other times, (T, k)."""
-    columns: list[Array] = list(values.T)
-    return np.column_stack([np.interp(time_s, timeline.time_s, column) for column in columns])
+    return columns_at(time_s, timeline.time_s, values)

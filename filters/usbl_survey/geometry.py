@@ -19,6 +19,7 @@ import numpy as np
 
 from usbldr.filters.frames import wrapped
 from usbldr.filters.types import Array, Mask, Vector
+from usbldr.filters.windows import columns_at
 
 NAMES = (
     *("mount_roll_deg", "mount_pitch_deg", "mount_heading_deg", "scale"),
@@ -41,19 +42,11 @@ class ShipMotion(NamedTuple):
 
     def positions(self, time_s: Vector, latency_s: float) -> Array:
         """Return the antenna's east and north as recorded a latency after the times, (n, 2); NaN outside."""
-        return _interpolated(time_s + latency_s, self.position_time_s, self.smoothed_m)
+        return columns_at(time_s + latency_s, self.position_time_s, self.smoothed_m, np.nan)
 
     def attitudes(self, time_s: Vector) -> Array:
         """Return heading, pitch and roll in degrees, (n, 3), NaN outside of the records."""
-        return _interpolated(time_s, self.attitude_time_s, self.attitude_deg)
-
-
-def _interpolated(time_s: Vector, known_s: Vector, values: Array) -> Array:
-    """Return the values (k, m) of known times (k,) at others (n,), (n, m); NaN outside."""
-    found = np.empty((len(time_s), values.shape[1]))
-    for column in range(values.shape[1]):
-        found[:, column] = np.interp(time_s, known_s, values[:, column], left=np.nan, right=np.nan)
-    return found
+        return columns_at(time_s, self.attitude_time_s, self.attitude_deg, np.nan)
 
 
 def ship_motion(position_time_s: Vector, position_m: Array, attitude_time_s: Vector, attitude_deg: Array) -> ShipMotion:

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from usbldr.filters.evaluation.fix_statistics import columns_at
 from usbldr.filters.frames import convergence_rad, rotated
 from usbldr.filters.types import Array, Vector
+from usbldr.filters.windows import columns_at
 from usbldr.io.conventions.implausible import Records
 from usbldr.io.conventions.time_series import bracketing, unwrap
 from usbldr.io.log import Log

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError
-from usbldr.filters.evaluation.fix_statistics import columns_at
 from usbldr.filters.types import Array, Mask, Truth, Vector
+from usbldr.filters.windows import columns_at
 from usbldr.io.conventions.attitude import QUATERNION
 from usbldr.io.conventions.grids import grid_to_geodetic
 from usbldr.io.conventions.positions import heading_of_quaternion

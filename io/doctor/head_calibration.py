@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation.fix_statistics import columns_at
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import HEAD, KEYS, RANGE, REPORTED
@@ -24,6 +23,7 @@ from usbldr.filters.updates import UpdateTable
 from usbldr.filters.usbl_survey.calibration import PRIOR_SD, halves
 from usbldr.filters.usbl_survey.verdict import SETTLED_SHARE, UNCHANGED, Parameter, Verdict, decided, scatter
 from usbldr.filters.usbl_survey.vertical import VerticalFit
+from usbldr.filters.windows import columns_at
 from usbldr.io.doctor.fix_vertical import depth_below_head_m, vertical_of
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline

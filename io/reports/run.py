@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from usbldr.filters.bounds.dive_bounds import PositionBound
 from usbldr.filters.evaluation.consistency import DOF
 from usbldr.filters.evaluation.error_report import ErrorReport
-from usbldr.filters.evaluation.fix_statistics import FixStatistics, columns_at, fix_statistics, left_out_residuals
+from usbldr.filters.evaluation.fix_statistics import FixStatistics, fix_statistics, left_out_residuals
 from usbldr.filters.evaluation.influence import LeaveOneOut
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.frames import rotated
@@ -20,6 +20,7 @@ from usbldr.filters.replay.dead_reckoning import freed, without_changes
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
+from usbldr.filters.windows import columns_at
 from usbldr.io.log import Log
 from usbldr.io.reports.poses import column_at
 from usbldr.io.reports.run_provenance import RunProvenance
