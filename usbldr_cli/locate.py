@@ -145,24 +145,17 @@ def _write(file: Path, table: "pd.DataFrame", title: str) -> None:
 
 
 def _geojson(rows: "list[dict[Any, Any]]") -> str:
-    """Return the located rows as points of RFC 7946."""
+    """Return the located rows as points of RFC 7946; an unknown number is null."""
+    from usbldr.io.reports.report_json import json_values
     from usbldr.io.reports.tracks import feature, geojson_text
 
-    return geojson_text(
-        [feature("Point", _place(one), {str(name): _plain(value) for name, value in one.items()}) for one in rows]
-    )
+    return geojson_text([feature("Point", _place(one), json_values(one)) for one in rows])
 
 
 def _place(one: "dict[Any, Any]") -> list[float]:
     """Return longitude, latitude and, if the depth is known, the height above the sea."""
     place = [round(one["lon_deg"], 9), round(one["lat_deg"], 9)]
     return [*place, round(-one["depth_m"], 4)] if math.isfinite(one["depth_m"]) else place
-
-
-def _plain(value: Any) -> Any:
-    """Return a cell as JSON can hold it: an unknown number is null."""
-    value = value.item() if hasattr(value, "item") else value
-    return None if isinstance(value, float) and value - value != 0 else value
 
 
 def _kml(rows: "list[dict[Any, Any]]", title: str) -> str:
