@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,12 +16,8 @@ from usbldr.io.reports.run_directory import REPORT
 
 NOTABLE_SIGMAS = 3.0  # of a dive's own sigma and the spread of all: 1 in 1000 by chance
 LEAST_DIVES = 3  # of which one can be the odd one
-NOISE = {
-    "range_m": ("range", "m"),
-    "bearing_deg": ("bearing", "deg"),
-    "east_m": ("east", "m"),
-    "north_m": ("north", "m"),
-}
+NOISE = ("range_m", "bearing_deg", "east_m", "north_m")  # fields of the statistics: what is noisy, and its unit
+PARTS = ("white", "slow")
 
 
 class DiveFixes(NamedTuple):
@@ -49,58 +46,49 @@ def read_dives(folders: Sequence[Path]) -> list[DiveFixes]:
 
 def fleet_table(dives: Sequence[DiveFixes]) -> Table:
     """Return a row for each dive; * marks noise that is larger than that of the dives together."""
-    axes = ["range_m", "bearing_deg"] if any(one.statistics["range_m"] for one in dives) else ["east_m", "north_m"]
-    parts = [(axis, part) for axis in axes for part in ("white", "slow")]
-    columns = [_noise(dives, *one) for one in parts]
-    heads = ("start", "fixes", "good", *(f"{part} {NOISE[axis][0]} {NOISE[axis][1]}" for axis, part in parts))
+    axes = NOISE[:2] if any(one.statistics["range_m"] for one in dives) else NOISE[2:]
+    noises = {f"{part} {axis.replace('_', ' ')}": _cells(*_noise(dives, axis, part)) for axis in axes for part in PARTS}
     body = [
         (
             dive.run,
             dive.start_utc[:10],
             str(dive.statistics["fixes"]),
             f"{100 * dive.statistics['good_share']:.0f} %",
-            *cells,
+            *(cells[k] for cells in noises.values()),
             *_scatter(dive.statistics["scatter"]),
         )
-        for dive, cells in zip(dives, zip(*columns, strict=True), strict=True)
+        for k, dive in enumerate(dives)
     ]
-    return Table("run", (*heads, "DRMS m", "CEP95 m", "DRMS %"), tuple(body))
+    return Table("run", ("start", "fixes", "good", *noises, "DRMS m", "CEP95 m", "DRMS %"), tuple(body))
 
 
 def worse(dives: Sequence[DiveFixes]) -> list[str]:
     """Return a sentence for each noise of a dive that is notably larger than that of all dives."""
     found: list[str] = []
-    for axis, (name, unit) in NOISE.items():
-        for part in ("white", "slow"):
-            sd, own = _values(dives, axis, part)
-            for k in np.flatnonzero(_notable(sd, own)).tolist():
-                text = f"{sd[k]:.2f} {unit}, median of all {np.nanmedian(sd):.2f} {unit}"
-                found.append(f"{dives[k].run}: {part} noise in {name} {text}")
+    for axis, part in product(NOISE, PARTS):
+        name, unit = axis.split("_")
+        sd, _, larger = _noise(dives, axis, part)
+        for k in np.flatnonzero(larger).tolist():
+            text = f"{sd[k]:.2f} {unit}, median of all {np.nanmedian(sd):.2f} {unit}"
+            found.append(f"{dives[k].run}: {part} noise in {name} {text}")
     return found
 
 
-def _values(dives: Sequence[DiveFixes], axis: str, part: str) -> tuple[Vector, Vector]:
+def _noise(dives: Sequence[DiveFixes], axis: str, part: str) -> tuple[Vector, Vector, Mask]:
+    """Return a part of the noise of each dive, its own sigma, and whether it is notably larger than that of all."""
     noises: list[Any] = [one.statistics[axis] for one in dives]
     rows = [(np.nan, np.nan) if one is None else (one[part]["sd"], one[part]["sd_of_sd"]) for one in noises]
     sd, own = np.array(rows, dtype=float).T
-    return sd, own
-
-
-def _notable(sd: Vector, own: Vector) -> Mask:
     if int(np.isfinite(sd).sum()) < LEAST_DIVES:
-        return np.zeros(len(sd), dtype=bool)
-    middle = np.nanmedian(sd)
-    spread = TO_SD * np.nanmedian(np.abs(sd - middle))
-    larger: Mask = sd - middle > NOTABLE_SIGMAS * np.hypot(own, spread)
-    return larger
+        return sd, own, np.zeros(len(sd), dtype=bool)
+    more = sd - np.nanmedian(sd)
+    spread = TO_SD * np.nanmedian(np.abs(more))
+    return sd, own, more > NOTABLE_SIGMAS * np.hypot(own, spread)
 
 
-def _noise(dives: Sequence[DiveFixes], axis: str, part: str) -> list[str]:
-    sd, own = _values(dives, axis, part)
-    marks = np.where(_notable(sd, own), "*", "")
-    return [
-        f"{a:.2f} ± {b:.2f}{mark}" if np.isfinite(a) else "" for a, b, mark in zip(sd, own, marks.tolist(), strict=True)
-    ]
+def _cells(sd: Vector, own: Vector, larger: Mask) -> list[str]:
+    marks = np.where(larger, "*", "").tolist()
+    return [f"{a:.2f} ± {b:.2f}{m}" if np.isfinite(a) else "" for a, b, m in zip(sd, own, marks, strict=True)]
 
 
 def _scatter(found: dict[str, Any] | None) -> tuple[str, str, str]:
