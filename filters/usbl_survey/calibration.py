@@ -137,6 +137,14 @@ def _sds(fit: Installation) -> Vector:
     return np.array([fit.range_sd_m, fit.angle_sd_rad])[KINDS]
 
 
+def _in_sigmas(survey: UsblSurvey, fit: Installation) -> tuple[Array, Array, Mask]:
+    """Return residuals (n, 3) and derivatives (n, 3, 11) over the sigmas, and which are known; 0 where they are not."""
+    r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
+    there = np.isfinite(r) & np.isfinite(J).all(axis=2)
+    sds = _sds(fit)
+    return np.where(there, r, 0.0) / sds, np.where(there[..., None], J, 0.0) / sds[None, :, None], there
+
+
 def cost(survey: UsblSurvey, fit: Installation, known: Known) -> float:
     """Return minus the log posterior, but for a constant."""
     z = residuals(survey, fit.values) / _sds(fit)
@@ -150,10 +158,7 @@ def _fitted(
     """Return the fit by reweighted Gauss-Newton steps with Levenberg's damping, and whether it converged."""
     fit, lowest, damping = begun, cost(survey, begun, known), 1e-3
     for _ in range(rounds):
-        r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
-        there = np.isfinite(r) & np.isfinite(J).all(axis=2)
-        z = np.where(there, r, 0.0) / _sds(fit)
-        G = np.where(there[..., None], J, 0.0) / _sds(fit)[None, :, None]
+        z, G, there = _in_sigmas(survey, fit)
         w = (DOF + 1) / (DOF + z**2) * there
         H = np.einsum("nk,nki,nkj->ij", w, G, G) + np.diag(known.sd**-2.0)
         g = np.einsum("nk,nki,nk->i", w, G, z) + (fit.values - known.values) / known.sd**2
@@ -178,7 +183,7 @@ def _with_noise(survey: UsblSurvey, values: Vector, weights: Array, fit: Install
     r = residuals(survey, values)
     parts = [(r[:, 0], weights[:, 0]), (r[:, 1:], weights[:, 1:])]
     sd = [float(np.sqrt(np.nansum(w * part**2) / np.sum(w > 0))) for part, w in parts]
-    return Installation(values, fit.cov, max(sd[0], 1e-4), max(sd[1], 1e-7), fit.good)
+    return replace(fit, values=values, range_sd_m=max(sd[0], 1e-4), angle_sd_rad=max(sd[1], 1e-7))
 
 
 def _derivatives(survey: UsblSurvey, values: Vector) -> Array:
@@ -193,23 +198,17 @@ def _derivatives(survey: UsblSurvey, values: Vector) -> Array:
 
 
 def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Installation:
-    r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
-    there = np.isfinite(r) & np.isfinite(J).all(axis=2)
-    sds = _sds(fit)
-    z = np.where(there, r, 0.0) / sds
-    G = np.where(there[..., None], J, 0.0) / sds[None, :, None]
+    z, G, there = _in_sigmas(survey, fit)
     slope = (DOF + 1) * (DOF - z**2) / (DOF + z**2) ** 2 * there
     pull = (DOF + 1) * z / (DOF + z**2)
     prior = np.diag(known.sd**-2.0)
     # the mean slope of each kind: single slopes are negative at false fixes
     mean_slope = np.array([slope[:, kind == KINDS].sum() / there[:, kind == KINDS].sum() for kind in (RANGE, ANGLE)])
-    curvature = np.einsum("k,nki,nkj->ij", mean_slope[KINDS], G, G) + prior
-    bread = _inverse(curvature)
-    scores = np.einsum("nk,nki->ni", pull, G)
-    cov = bread @ (long_run(scores) + prior) @ bread
+    bread = _inverse(np.einsum("k,nki,nkj->ij", mean_slope[KINDS], G, G) + prior)
+    cov = bread @ (long_run(np.einsum("nk,nki->ni", pull, G)) + prior) @ bread
     values = fit.values.copy()
     values[HEADING] = wrapped(float(values[HEADING]), 180.0)
-    return Installation(values, cov, fit.range_sd_m, fit.angle_sd_rad, fit.good)
+    return replace(fit, values=values, cov=cov)
 
 
 def long_run(scores: Array) -> Array:
