@@ -171,7 +171,9 @@ def test_a_moving_ship_and_a_depth_settle_the_head_and_its_configuration_needs_n
     assert content["after"]["drms_m"] < content["before"]["drms_m"] / 2  # 2 degrees at 100 m are 3.5 m
     written = {*content["files"], "report.json", "fixes.png", "report.html", "report.md"}
     assert {path.name for path in (tmp_path / "calibration").iterdir()} == written
-    assert {"USBL-HEADING", "USBL-RANGE"}.isdisjoint(findings(dive, "--config", str(tmp_path / "found.toml")))
+    left = findings(dive, "--config", str(tmp_path / "found.toml"))
+    assert {"USBL-HEADING", "USBL-RANGE"}.isdisjoint(left)
+    assert "z of 200 fixes against the depth: the head has roll -0.8" in left["USBL-VERTICAL"]["text"]
 
 
 def test_a_ship_that_rests_without_depths_leaves_the_head_open_and_says_what_would_settle_it(tmp_path):
@@ -192,6 +194,9 @@ def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its
         out = str(tmp_path / f"{name}-run")
         run("replay", str(dive), "--filter", "adf", "--smooth", "--plots", "none", "--output", out)
         drms_m.append(report_of(Path(out))["fix_statistics"]["scatter"]["drms_m"])
+        depth_m = pd.read_csv(Path(out) / "pose_5hz.csv").depth_m
+        assert depth_m.between(39.5, 80.5).all()
+        assert f",{-depth_m[0]:.2f}" in (Path(out) / "track.kml").read_text()
     assert drms_m[1] == pytest.approx(drms_m[0], rel=0.05)
 
 
