@@ -107,11 +107,10 @@ def _without_false(survey: UsblSurvey, fit: Installation, known: Known) -> Insta
     return _with_covariance(survey.part(fit.good), fit, known)
 
 
-def expected_cov(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> Array:
-    """Return the covariance (11, 11) that fixes with Student-t errors of these sigmas (metres, radians) will give."""
-    J = _derivatives(survey, values)
-    scaled = np.where(np.isfinite(J).all(axis=2, keepdims=True), J, 0.0) / np.array(sd)[KINDS][None, :, None]
-    information = (DOF + 1) / (DOF + 3) * np.einsum("nki,nkj->ij", scaled, scaled)
+def expected_cov(survey: UsblSurvey, fit: Installation, known: Known) -> Array:
+    """Return the covariance (11, 11) that fixes with Student-t errors of the sigmas of the fit will give."""
+    _, G, _ = _in_sigmas(survey, fit)
+    information = (DOF + 1) / (DOF + 3) * np.einsum("nki,nkj->ij", G, G)
     return _inverse(information + np.diag(known.sd**-2.0))
 
 

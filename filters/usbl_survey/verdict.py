@@ -123,8 +123,8 @@ def judged(survey: UsblSurvey, stated: Vector, known: Known) -> SurveyVerdict:
 
 def planned(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> list[Parameter]:
     """Return what `judged` will say of a survey with Student-t errors of these sigmas (metres, radians)."""
-    cov = expected_cov(survey, values, known, sd)
-    return described(survey, Installation(values, cov, *sd, np.ones(len(survey), dtype=np.bool_)))
+    fit = Installation(values, np.eye(len(NAMES)), *sd, np.ones(len(survey), dtype=np.bool_))
+    return described(survey, replace(fit, cov=expected_cov(survey, fit, known)))
 
 
 def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:

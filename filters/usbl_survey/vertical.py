@@ -10,12 +10,12 @@ import numpy as np
 
 from usbldr.filters.types import Array, Vector
 from usbldr.filters.usbl_survey.calibration import DOF, PRIOR_SD, long_run
+from usbldr.filters.usbl_survey.verdict import UNCHANGED
 
 NAMES = ("roll_deg", "pitch_deg", "scale", "offset_m")  # of the parameters, in this order
 OFFSET_SD_M = 5.0  # of the depth of the head below the surface, and of the pressure of the air, before the fit
 LEAST = 40  # fixes with a vertical and a depth, ten for each parameter
 ROUNDS = 20  # of reweighting: it converges in ten
-UNCHANGED = 0.5  # of the sigma before: the dive has said nothing
 
 
 class VerticalFit(NamedTuple):
@@ -44,7 +44,7 @@ def vertical_fit(drop_m: Vector, depth_m: Vector, along_m: Array) -> VerticalFit
     starboard, forward = along_m[there].T
     H = np.column_stack([-np.radians(starboard), np.radians(forward), -depth_m[there], np.ones(len(forward))])
     y = drop_m[there] - depth_m[there]
-    prior_sd = np.array([PRIOR_SD[0], PRIOR_SD[1], PRIOR_SD[3], OFFSET_SD_M])
+    prior_sd = np.array([*PRIOR_SD[[0, 1, 3]], OFFSET_SD_M])
     value: Vector = np.zeros(4)
     reach_m = np.hypot(starboard, forward)
     weight, sd_m = np.ones(len(y)), np.full(len(y), max(float(np.median(np.abs(y - np.median(y)))) / 0.6745, 1e-4))

@@ -32,12 +32,12 @@ from usbldr.io.settings.sensor_sections import GpsSection, Head, UsblSection
 from usbldr.io.stages import stage
 
 MAX_GAP_S = 3.0  # [s] across which the ship's position and attitude are interpolated, as max_gap_s of a head
-ROLES = {"usbl": "usbl", SHIP: "gps", SHIP_HEADING: "compass"}  # by default, if the configuration names no head
 NEEDS = {
-    "usbl": "fixes of the USBL (state topic under [usbl])",
-    SHIP: "the ship's positions (state topic in head of [usbl])",
-    SHIP_HEADING: "the ship's heading (state heading_topic in head of [usbl])",
+    "usbl": ("usbl", "fixes of the USBL (state topic under [usbl])"),
+    SHIP: ("gps", "the ship's positions (state topic in head of [usbl])"),
+    SHIP_HEADING: ("compass", "the ship's heading (state heading_topic in head of [usbl])"),
 }
+"""What a survey needs: the role that has it if the configuration names no head, and its words."""
 
 
 class SurveyLog(NamedTuple):
@@ -71,11 +71,11 @@ def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
     configuration, reader = opened.configuration, opened.reader
     topics = reader.topics()
     roles = roles_of(topics, request, opened)
-    choices = {ship: roles.chosen[role] for ship, role in ROLES.items() if role in roles.chosen}
+    choices = {needed: roles.chosen[role] for needed, (role, _) in NEEDS.items() if role in roles.chosen}
     choices |= ship_choices(path, topics, configuration.usbl.head, roles.chosen)
-    for needed, what in NEEDS.items():
+    for needed, (role, what) in NEEDS.items():
         if needed not in choices:
-            raise roles.unresolved.get(ROLES[needed]) or LogError(f"the survey lacks {what}", path=path)
+            raise roles.unresolved.get(role) or LogError(f"the survey lacks {what}", path=path)
     in_file, _ = read_roles(reader, choices, {}, tilted=True)
     raws, found = in_time_order(in_file, frozenset(), request.part or configuration.part)
     raws, more = align_clocks(raws, frozenset())

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.usbl_survey import simulate_survey
-from usbldr.filters.usbl_survey.calibration import assumed, calibrated, expected_cov, halves, known_of
+from usbldr.filters.usbl_survey.calibration import assumed, calibrated, halves, known_of
 from usbldr.filters.usbl_survey.geometry import (
     LATENCIES,
     NAMES,
@@ -124,11 +124,10 @@ def test_a_box_finds_the_errors_within_their_sigmas(fits):
 
 
 def test_a_plan_gives_the_sigmas_that_surveys_reach(fits):
-    survey = simulate_survey(BOX, 0)
-    cov = expected_cov(survey, BOX.true_values, KNOWN, (BOX.range_sd_m, np.radians(BOX.angle_sd_deg)))
-    planned = np.sqrt(np.diag(cov))[ERRORS]
+    plan = planned(simulate_survey(BOX, 0), BOX.true_values, KNOWN, (BOX.range_sd_m, np.radians(BOX.angle_sd_deg)))
+    expected = np.array([one.sd for one in plan])[ERRORS]
     reached = np.mean([fit.sd for fit in fits], axis=0)[ERRORS]
-    assert reached / planned == pytest.approx(np.ones(8), abs=0.2)
+    assert reached / expected == pytest.approx(np.ones(8), abs=0.2)
 
 
 def test_a_box_is_good_and_calibrated_fixes_scatter_as_their_noise():
