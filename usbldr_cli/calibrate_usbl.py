@@ -121,16 +121,16 @@ def _by_survey(
 
     read = read_usbl_survey(Path(log), request)
     known = known_of(read.stated, *stated)
-    survey, level = read.survey, read.level
-    if level and not read.level_stated:
-        survey, level = levelled(survey, read.stated, known)
-    verdict = judged(survey, read.stated, known)
-    found = of_survey(read, survey, level, verdict, known, made)
+    survey = read.survey
+    if read.level and not read.level_stated:
+        survey = levelled(survey, read.stated, known)
+    verdict, fit = judged(survey, read.stated, known)
+    found = of_survey(read, survey, verdict, fit, known, made)
     if not drawn:
         return found, []
     from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures  # imports matplotlib
 
-    return found, survey_pictures(FittedSurvey(survey, read.stated, verdict, found))
+    return found, survey_pictures(FittedSurvey(survey, read.stated, fit, found))
 
 
 def _by_dive(log: str, request: "Request", made: "RunProvenance", drawn: bool) -> "tuple[Calibration, list[Picture]]":

@@ -7,6 +7,7 @@ that of fixes which the fit has not seen.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -84,27 +85,20 @@ class Verdict:
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class SurveyVerdict(Verdict):
-    """The result of a survey."""
+def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> UsblSurvey:
+    """Return the survey as it is, or as one whose fixes are level already: the better fit decides.
 
-    installation: Installation
-
-
-def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[UsblSurvey, bool]:
-    """Return the survey as it is, or with fixes that are level already, and whether roll and pitch turn them.
-
-    The better fit decides. Raises LogError as `calibrated` does.
+    Raises LogError as `calibrated` does.
     """
-    flat = replace(survey, level=True)
-    fits = [calibrated(one, stated, known) for one in (survey, flat)]
+    surveys = (survey, replace(survey, level=True))
+    fits = [calibrated(one, stated, known) for one in surveys]
     good = fits[0].good & fits[1].good
-    costs = [cost(one.part(good), fit, known) for one, fit in zip((survey, flat), fits, strict=True)]
-    return (survey, True) if costs[0] <= costs[1] else (flat, False)
+    costs = [cost(one.part(good), fit, known) for one, fit in zip(surveys, fits, strict=True)]
+    return surveys[0] if costs[0] <= costs[1] else surveys[1]
 
 
-def judged(survey: UsblSurvey, stated: Vector, known: Known) -> SurveyVerdict:
-    """Fit the installation and judge it; raise LogError if too few fixes remain or the fit does not converge."""
+def judged(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[Verdict, Installation]:
+    """Judge the fitted installation and return both; raise LogError as `calibrated` does."""
     fit = calibrated(survey, stated, known)
     sides = halves(len(survey))
     fits = [calibrated(survey.part(side), fit.values, known, starts=False) for side in sides]
@@ -115,10 +109,7 @@ def judged(survey: UsblSurvey, stated: Vector, known: Known) -> SurveyVerdict:
         positions[side] = placed(survey.part(side), other.values)
     before = scatter(placed(survey, assumed(survey, stated)), survey.range_m, fit.good)
     after = scatter(positions, survey.range_m, fit.good)
-    parameters = tuple(described(survey, fit))
-    false_share = 1.0 - float(fit.good.mean())
-    result, why = decided(parameters, before, after, false_share, disagreement > DISAGREEMENT)
-    return SurveyVerdict(parameters, before, after, false_share, disagreement, result, why, fit)
+    return decided(tuple(described(survey, fit)), before, after, fit.good, disagreement, DISAGREEMENT), fit
 
 
 def planned(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> list[Parameter]:
@@ -168,19 +159,19 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
 
 
 def decided(
-    parameters: tuple[Parameter, ...], before: Scatter, after: Scatter, false_share: float, disagree: bool
-) -> tuple[Literal["good", "open", "bad"], str]:
-    """Return the verdict and why; ``disagree``: two halves of the fixes give different installations."""
+    parameters: tuple[Parameter, ...], before: Scatter, after: Scatter, good: Mask, disagreement: float, most: float
+) -> Verdict:
+    """Return the verdict; above ``most``, two halves of the fixes give different installations."""
+    false_share = 1.0 - float(good.mean())
+    verdict = partial(Verdict, parameters, before, after, false_share, disagreement)
     if false_share > MAX_FALSE_SHARE:
-        return "bad", f"{false_share:.0%} of the fixes are false"
-    if disagree:
-        return "bad", (
-            "two halves of the fixes give different installations: the transponder of a survey or the head moved, "
-            "or an error is at work that the fit does not know"
-        )
+        return verdict("bad", f"{false_share:.0%} of the fixes are false")
+    if disagreement > most:
+        why = "two halves of the fixes give different installations: the transponder of a survey or the head moved, "
+        return verdict("bad", why + "or an error is at work that the fit does not know")
     if after.drms_m > MADE_WORSE * before.drms_m:
-        return "bad", "the fixes scatter more with the calibration than without it"
-    unsettled = [one for one in parameters if one.open]
+        return verdict("bad", "the fixes scatter more with the calibration than without it")
+    unsettled = [one.name for one in parameters if one.open]
     if unsettled:
-        return "open", f"the fixes do not settle {', '.join(one.name for one in unsettled)}"
-    return "good", "the fixes settle every error of the installation"
+        return verdict("open", f"the fixes do not settle {', '.join(unsettled)}")
+    return verdict("good", "the fixes settle every error of the installation")

@@ -81,9 +81,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     before, after = (scatter(each, slant_m, good) for each in off_m)
     median_m = float(np.median(slant_m))
     parameters = _parameters(log, whole, vertical_of(log), median_m, after.drms_m)
-    false_share = 1.0 - float(good.mean())
-    result, why = decided(parameters, before, after, false_share, disagreement > DISAGREEMENT)
-    verdict = Verdict(parameters, before, after, false_share, disagreement, result, why)
+    verdict = decided(parameters, before, after, good, disagreement, DISAGREEMENT)
     return DiveCalibration(verdict, whole, line, track, median_m)
 
 

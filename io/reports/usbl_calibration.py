@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomlkit
 
-from usbldr.filters.usbl_survey.calibration import Known
+from usbldr.filters.usbl_survey.calibration import Installation, Known
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey
-from usbldr.filters.usbl_survey.verdict import Parameter, SurveyVerdict, Verdict
+from usbldr.filters.usbl_survey.verdict import Parameter, Verdict
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
@@ -62,32 +62,32 @@ class Calibration(NamedTuple):
 
 
 def of_survey(
-    log: SurveyLog, survey: UsblSurvey, level: bool, found: SurveyVerdict, known: Known, made: RunProvenance
+    log: SurveyLog, survey: UsblSurvey, found: Verdict, fit: Installation, known: Known, made: RunProvenance
 ) -> Calibration:
-    """Return the calibration by a survey; ``level``: it was fitted with the ship's roll and pitch."""
-    noise = found.installation
+    """Return the calibration by a survey, as it was fitted."""
+    level = log.level and not survey.level
     minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
     nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
     turned = "with roll and pitch of the ship" if level else "roll and pitch of the ship are not used"
     measured = (
         f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
         f"{found.false_share:.1%} false; {turned}; "
-        f"noise of ranges {noise.range_sd_m:.2f} m, of angles {np.degrees(noise.angle_sd_rad):.2f} deg"
+        f"noise of ranges {fit.range_sd_m:.2f} m, of angles {np.degrees(fit.angle_sd_rad):.2f} deg"
     )
     remarks: list[str] = []
     if not log.level:
         remarks.append("the ship's records hold no roll and pitch, so its waves are in the noise of the angles")
-    depth, depth_sd = (float(v[-1]) for v in (noise.values, noise.sd))
+    depth, depth_sd = (float(v[-1]) for v in (fit.values, fit.sd))
     if abs(depth - known.values[-1]) > DEPTHS_APART * np.hypot(depth_sd, known.sd[-1]):
         remarks.append(
             f"the transponder lies {depth:.1f} m deep, but {known.values[-1]:.1f} m by --transponder-depth: "
             "both count from the surface if depth_m in head says how deep the head is"
         )
     if log.origin is not None:
-        east, north = (np.array([v]) for v in noise.values[PLACE][:2])
+        east, north = (np.array([v]) for v in fit.values[PLACE][:2])
         lat, lon = to_geodetic(log.origin, east, north)
         remarks.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
-    numbers = {"range_sd_m": noise.range_sd_m, "angle_sd_deg": float(np.degrees(noise.angle_sd_rad))}
+    numbers = {"range_sd_m": fit.range_sd_m, "angle_sd_deg": float(np.degrees(fit.angle_sd_rad))}
     slant_m = float(np.median(survey.range_m))
     fitted = (log, log.topics, level, found, numbers)
     return Calibration(*fitted, slant_m, len(survey), measured, tuple(remarks), made)

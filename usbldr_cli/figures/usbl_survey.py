@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usbldr.filters.types import Mask, Vector
-from usbldr.filters.usbl_survey.calibration import assumed
+from usbldr.filters.usbl_survey.calibration import Installation, assumed
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey, placed, residuals, seen_from_head
-from usbldr.filters.usbl_survey.verdict import SurveyVerdict
 from usbldr.io.reports.usbl_calibration import Calibration, summary
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.page_data import plot_inside
@@ -26,13 +25,13 @@ class FittedSurvey(NamedTuple):
 
     survey: UsblSurvey
     stated: Vector  # (11,) the installation of the configuration
-    verdict: SurveyVerdict
+    fit: Installation
     report: Calibration
 
     @property
     def kinds(self) -> list[tuple[Mask, str, str]]:
         """Which fixes are good and which false, with their colours and labels; none of which there are none."""
-        good = self.verdict.installation.good
+        good = self.fit.good
         kinds = (good, AFTER_COLOUR, "good fix"), (~good, REJECTED_COLOUR, "false fix")
         return [kind for kind in kinds if kind[0].any()]
 
@@ -53,7 +52,7 @@ def survey_pictures(found: FittedSurvey) -> list[Picture]:
 
 def transponder_figure(found: FittedSurvey) -> Figure:
     """Draw where each fix places the transponder, before and after."""
-    survey, fit = found.survey, found.verdict.installation
+    survey, fit = found.survey, found.fit
     figure = titled_figure(f"Transponder: {found.report.log.path.name}", summary(found.report), 11, 5.6)
     panels = figure.subplots(1, 2)
     before = placed(survey, assumed(survey, found.stated))[fit.good, :2]
@@ -72,7 +71,7 @@ def transponder_figure(found: FittedSurvey) -> Figure:
 
 def survey_figure(found: FittedSurvey) -> Figure:
     """Draw the ship's track around the transponder, and where the fixes lie around the head."""
-    survey, fit = found.survey, found.verdict.installation
+    survey, fit = found.survey, found.fit
     figure = titled_figure(f"Survey: {found.report.log.path.name}", found.report.measured, 11, 5.6)
     left, right = figure.subplots(1, 2)
     track = survey.ship.positions(survey.time_s, 0.0)
@@ -96,7 +95,7 @@ def survey_figure(found: FittedSurvey) -> Figure:
 
 def residual_figure(found: FittedSurvey) -> Figure:
     """Draw the residuals of range, bearing and elevation against bearing, heading, range and time."""
-    survey, fit = found.survey, found.verdict.installation
+    survey, fit = found.survey, found.fit
     differences = residuals(survey, fit.values) * [1.0, np.degrees(1.0), np.degrees(1.0)]
     sds = (fit.range_sd_m, *[float(np.degrees(fit.angle_sd_rad))] * 2)
     against = {
@@ -127,7 +126,7 @@ def residual_figure(found: FittedSurvey) -> Figure:
 
 def polar_figure(found: FittedSurvey) -> Figure:
     """Draw the residuals as the distance from a circle, at the bearing of each fix from the head."""
-    survey, fit = found.survey, found.verdict.installation
+    survey, fit = found.survey, found.fit
     sigmas = residuals(survey, fit.values) / [fit.range_sd_m, fit.angle_sd_rad, fit.angle_sd_rad]
     detail = "Outside the full circle: more than fitted; dashed: one sigma. Around another circle: a constant error."
     figure = titled_figure(f"Residuals by bearing: {found.report.log.path.name}", detail, 12, 4.9)
