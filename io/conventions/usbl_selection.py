@@ -1,4 +1,6 @@
-"""Which of a USBL's records are fixes of the vehicle, and of which kind they are."""
+"""Which of a USBL's records are fixes of the vehicle, and of which kind they are; of any sensor's, which device's."""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from usbldr.io.conventions.timestamps import least_delay_ns
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords
+from usbldr.io.messages.roles import ROLES
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 from usbldr.io.settings.toml_text import quoted
@@ -20,34 +23,67 @@ FULL_FIX = 2  # fixed: of dmac's mUSBLFix: 0 has a range alone, 1 an angle alone
 REPLIES_WITH_RANGE = ("MSG_RESPU", "MSG_RESPX")  # SeaTrac's kinds of messages with a range, as HoloOcean uses them
 STALE_NS = 9_900 * 1_000_000_000  # fixed: COLA2 stamps so if it has no fix
 SPREAD_DEG = 0.1  # a dive stays within 10 km, in degrees
+MOST_DEVICES = 8  # more are numbers of something else
+OF_EACH = "write those of each to a file of its own"
 
 
 def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRecords, list[Convention], list[Finding]]:
     """Return the fixes of one target; raise UsageError if several exist and none, or a missing one, is named."""
-    if "target" not in raw.values:
-        if target is None:
+    return _records_of(raw, "usbl", ("target", "fix", "fixes"), target)
+
+
+def records_of_device(
+    raw: RawRecords, role: str, device: str | int | None
+) -> tuple[RawRecords, list[Convention], list[Finding]]:
+    """Return the records of one of the devices that a column names; of a USBL without targets, these are its targets.
+
+    Raises UsageError if several devices measured and none, or a missing one, is named.
+    """
+    named = "device" in raw.values
+    names = _names(raw, "device") if named else np.empty(0, dtype=np.str_)
+    numbers = [raw.number(name) for name, column in raw.values.items() if column.dtype.kind != "U" and name != "device"]
+    several = named and 1 < len({*names[np.isfinite(numbers).any(axis=0)]} - {""}) <= MOST_DEVICES
+    if role == "usbl":
+        values = {"target" if name == "device" else name: column for name, column in raw.values.items()}
+        return (replace(raw, values=values) if several and "target" not in raw.values else raw), [], []
+    if not several and device is None:
+        return raw, [], []
+    return _records_of(raw, role, ("device", "record", "records"), device)
+
+
+def _records_of(
+    raw: RawRecords, role: str, words: tuple[str, str, str], stated: str | int | None
+) -> tuple[RawRecords, list[Convention], list[Finding]]:
+    """Return the records of one of those that a quantity names; ``words``: it, one of the records, and several."""
+    key, record, records = words
+    if key not in raw.values:
+        if stated is None:
             return raw, [], []
-        text = "target of the configuration is not used; its records name no target"
+        text = f"{key} of the configuration is not used; its records name no {key}"
         return raw, [], [raw.finding("KEY-UNUSED", text)]
-    target_names = _names(raw)
-    names, counts = np.unique(target_names, return_counts=True)
-    listed = ", ".join(f"{name} ({count} fixes)" for name, count in zip(names, counts, strict=True))
-    wanted = str(target) if target is not None else str(names[0]) if len(names) == 1 else None
+    all_names = _names(raw, key)
+    names, counts = np.unique(all_names, return_counts=True)
+    listed = ", ".join(f"{name or 'no name'} ({n} {records})" for name, n in zip(names, counts, strict=True))
+    wanted = str(stated) if stated is not None else str(names[0]) if len(names) == 1 else None
     if wanted is None:
-        text = f"{raw.topic.name} holds fixes of {len(names)} targets: {listed}"
-        text += f"; choose one under [usbl]: target = {quoted(str(names[0]))}"
+        text = f"{raw.topic.name} holds {records} of {len(names)} {key}s: {listed}; "
+        first = quoted(str(next(filter(None, names))))
+        text += f"choose one under [{role}]: {key} = {first}" if role in ROLES else OF_EACH
         raise UsageError(text, path=raw.log, topic=raw.topic.name)
     if wanted not in names:
-        raise SettingError(f"[usbl] target: {raw.topic.name} holds no fix of {wanted} (its targets: {listed})")
-    chosen = Convention("target", wanted, "configuration")
-    if target is None:
-        chosen = Convention("target", wanted, "data", note="the only one")
-    return raw.part(target_names == wanted), [chosen], []
+        raise SettingError(f"[{role}] {key}: {raw.topic.name} holds no {record} of {wanted} (its {key}s: {listed})")
+    chosen = Convention(key, wanted, "configuration")
+    if stated is None:
+        chosen = Convention(key, wanted, "data", note="the only one")
+    part = raw.part(all_names == wanted)
+    if raw.attitude is not None:
+        part = replace(part, attitude=raw.attitude.part(_names(raw.attitude, key) == wanted))
+    return part, [chosen], []
 
 
-def _names(raw: RawRecords) -> NDArray[np.str_]:
-    """Return the targets as texts, (n,); a number that a format has only as 3.0 is 3."""
-    column = raw.values["target"]
+def _names(raw: RawRecords, key: str) -> NDArray[np.str_]:
+    """Return the targets or devices as texts, (n,); a number that a format has only as 3.0 is 3."""
+    column = raw.values[key]
     whole = column.dtype.kind == "f" and bool(np.all(column == np.trunc(column)))
     return np.asarray(column.astype(np.int64) if whole else column, dtype=np.str_)
 

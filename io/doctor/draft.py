@@ -41,6 +41,7 @@ class Draft:
     fault: str  # why the log cannot be replayed as drafted, empty if it can
     head: Mapping[str, object] = field(default_factory=dict[str, object])  # a ship's position and heading for the head
     chosen: Mapping[str, TopicChoice] = field(default_factory=dict[str, TopicChoice])  # sensors without a proposal
+    refused: Mapping[str, Proposal] = field(default_factory=dict[str, Proposal])  # with which the log cannot be read
 
 
 def draft(path: Path, request: Request) -> Draft:
@@ -79,6 +80,7 @@ def _draft(path: Path, request: Request) -> Draft:
         if again is not None and again.log is not None and "DVL-UNIT" not in _codes(again):
             examination, proposals = again, in_radians
     head: Mapping[str, object] = {}
+    refused: Mapping[str, Proposal] = {}
     if examination is None or examination.log is None:
         tried = [
             (keys, _with_proposals(path, request, _stating(stated, keys), proposals)[0])
@@ -93,7 +95,7 @@ def _draft(path: Path, request: Request) -> Draft:
         if examination is None or without.log is not None:
             why = f"the columns that the names suggest cannot be used: {fault}"
             unread |= {role: why for role in proposals if role in SENSORS}
-            examination, proposals = without, {}
+            examination, proposals, refused = without, {}, proposals
     used = {role: choice.topic.name for role, choice in roles.chosen.items()}
     used |= {role: one.topic.name for role, one in proposals.items()}
     present = used if examination.log is None else examination.log.tables
@@ -107,7 +109,7 @@ def _draft(path: Path, request: Request) -> Draft:
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})
     fault = fault.replace(f"; {PROPOSED}", "")
-    return Draft(examination, stated, proposals, unread, unused, fault, head, roles.chosen)
+    return Draft(examination, stated, proposals, unread, unused, fault, head, roles.chosen, refused)
 
 
 def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: set[str]) -> tuple[TopicInfo, ...]:

@@ -104,7 +104,13 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
 
 
 def _asked(drafted: Draft, role: str) -> list[ConfigLine]:
-    """Return the lines that ask for the topic of a sensor, unless a file is named for it, and for its columns."""
+    """Return the lines that ask for the topic of a sensor, unless a file is named for it, and for its columns.
+
+    The columns of a proposal that was refused are commented.
+    """
+    if role in drafted.refused:
+        (first, _), *others = drafted.refused[role].lines
+        return [(f"# {first}", f"CHECK: {drafted.unread[role]}"), *((f"# {entry}", why) for entry, why in others)]
     named = any(topic.type == f"usbldr/{role}" for topic in drafted.unused)
     topic = quoted(drafted.unused[0].name if len(drafted.unused) == 1 else "?")
     keys = [] if named else ['# file = "?"' if role == "truth" else f"# topic = {topic}"]

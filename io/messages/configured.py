@@ -39,7 +39,7 @@ AT_1970: Mapping[str, int] = {
 }
 """Keys whose times do not count from 1970: the value of 1970-01-01."""
 ARRIVALS: Mapping[str, int] = {"received_ns": 1, "received_unix_s": 1_000_000_000}
-FLAGS = ("valid", "error", "target", "lat_side", "lon_side")
+FLAGS = ("valid", "error", "device", "target", "lat_side", "lon_side")
 """Keys beside the quantities."""
 QUANTITIES: Mapping[Dimension, str] = {
     "velocity": "sd_mps",

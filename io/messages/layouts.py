@@ -160,7 +160,8 @@ def blocks(count: int) -> Iterator[slice]:
 
 def wanted_paths(topic: TopicInfo, layout: MessageLayout) -> dict[str, str]:
     """Return quantity -> field path for all fields of a layout that the topic has, and its header."""
-    paths = dict(layout.required) | {q: path for q, path in layout.optional.items() if topic.has(path)}
+    optional = ({"device": "device"} if topic.is_table else {}) | dict(layout.optional)
+    paths = dict(layout.required) | {q: path for q, path in optional.items() if topic.has(path)}
     return paths | {path: path for path in (layout.stamp, layout.frame) if topic.has(path)}
 
 

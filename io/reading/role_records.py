@@ -92,7 +92,7 @@ class _Collected:
 
     def _filled(self, block: Records) -> Records:
         """Return the rows of a table of several sensors that have a value of this one; all if none has."""
-        own = set(self._paths.values()) - {self._layout.stamp, self._layout.frame}
+        own = set(self._paths.values()) - {self._layout.stamp, self._layout.frame, self._paths.get("device")}
         values = [column for path, column in block.columns.items() if path in own]
         rows = np.any([column != "" if column.dtype.kind == "U" else ~np.isnan(column) for column in values], axis=0)
         if not np.any(rows):

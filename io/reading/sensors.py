@@ -17,13 +17,14 @@ from usbldr.io.conventions.sanity import covariance_findings
 from usbldr.io.conventions.timestamps import align_clocks, sorted_by_time
 from usbldr.io.conventions.usbl import usbl
 from usbldr.io.conventions.usbl_head import SHIP
+from usbldr.io.conventions.usbl_selection import records_of_device
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.messages.configured import configured_columns
 from usbldr.io.messages.layout_columns import columns_of_layouts
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.messages.roles import ROLES, Roles, TopicChoice, choose_roles, find_topic
-from usbldr.io.provenance import Provenance
+from usbldr.io.provenance import Convention, Provenance
 from usbldr.io.reader import Reader, TopicInfo
 from usbldr.io.reading.opening import OpenedLog, Request
 from usbldr.io.reading.role_records import read_roles
@@ -97,6 +98,7 @@ def sensor_tables(
     """
     in_file, evidence = read_roles(reader, choices, raw_fields or {}, _tilted(configuration, choices))
     by_log = frozenset(role for role in ROLES if configuration.section(role).time == "log")
+    devices, one_device = of_devices(in_file, configuration)
     as_logged, found = in_time_order(in_file, by_log, part or configuration.part)
     del in_file
     raws, findings = align_clocks(as_logged, by_log)
@@ -106,7 +108,7 @@ def sensor_tables(
     asked = {} if raw_fields is None else {role: raw for role, raw in as_logged.items() if role in ROLES} | evidence
     del as_logged  # the compass's records end in _converted
     made, more = _converted(configuration, raws, origin, truth_by)
-    findings = [*found, *findings, *more]
+    findings = [*one_device, *found, *findings, *more]
     attitude = made["compass"].attitude if "compass" in made else None
     tables: dict[str, pd.DataFrame] = {}
     provenance: dict[str, Provenance] = {}
@@ -115,10 +117,25 @@ def sensor_tables(
         tables[role], more = sorted_by_time(sensor.table, choices[role].topic.name, role)
         findings += [*sensor.findings, *more]
         topic, by, records = choices[role].topic, choices[role].chosen_by, tables[role]
-        how = (*sensor.conventions, grids[role]) if role in grids else sensor.conventions
+        how = (*devices.get(role, ()), *sensor.conventions, *([grids[role]] if role in grids else ()))
         used = int(records["valid"].sum()) if "valid" in records else len(records)
         provenance[role] = Provenance(topic.name, topic.type, by, how, topic.count, used, sensor.geodetic)
     return SensorTables(tables, provenance, origin, [*findings, *invalid], asked, attitude)
+
+
+def of_devices(
+    raws: dict[str, RawRecords], configuration: Configuration
+) -> tuple[dict[str, list[Convention]], list[Finding]]:
+    """Leave of each sensor the records of one device; raise UsageError if several measured and none is named."""
+    chosen: dict[str, list[Convention]] = {}
+    findings: list[Finding] = []
+    receivers = raws["gps"].topic if "gps" in raws else None
+    for role, raw in raws.items():
+        of = "gps" if raw.topic == receivers else role
+        stated = getattr(configuration.section(of), "device", None) if of in ROLES else None
+        raws[role], chosen[role], found = records_of_device(raw, of, stated)
+        findings += found if role == of else []
+    return chosen, findings
 
 
 def _tilted(configuration: Configuration, choices: Mapping[str, TopicChoice]) -> bool:

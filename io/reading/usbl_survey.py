@@ -27,7 +27,7 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, digest_paths, open_configured
 from usbldr.io.reading.role_records import read_roles
-from usbldr.io.reading.sensors import plane_origin, roles_of
+from usbldr.io.reading.sensors import of_devices, plane_origin, roles_of
 from usbldr.io.settings.sensor_sections import GpsSection, Head, UsblSection
 from usbldr.io.stages import stage
 
@@ -77,6 +77,7 @@ def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
         if needed not in choices:
             raise roles.unresolved.get(role) or LogError(f"the survey lacks {what}", path=path)
     in_file, _ = read_roles(reader, choices, {}, tilted=True)
+    of_devices(in_file, configuration)
     raws, found = in_time_order(in_file, frozenset(), request.part or configuration.part)
     raws, more = align_clocks(raws, frozenset())
     origin = plane_origin(configuration, raws)

@@ -59,7 +59,7 @@ Stamp: TypeAlias = Literal[
 ]
 Time: TypeAlias = Literal[Stamp, "received_ns", "received_unix_s", "time_format"]
 TruthColumn: TypeAlias = Literal[Stamp, "x", "y", "lat_deg", "lon_deg", "sd_m"]
-Flag: TypeAlias = Literal["valid", "error"]
+Flag: TypeAlias = Literal["valid", "error", "device"]
 
 
 class MapSection(Section, frozen=True, kw_only=True):
@@ -77,6 +77,7 @@ class DvlSection(Section, frozen=True, kw_only=True):
 
     topic: str | None = None
     columns: dict[Time | Flag | Literal["x", "y", "z", "sd_mps"], str] | None = None
+    device: str | int | None = None
     axes: str | None = None
     mount_deg: Degrees = 0.0
     unit: Literal["m/s", "cm/s", "mm/s", "km/h", "ft/s", "knots"] | None = None
@@ -106,6 +107,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
 
     topic: str | None = None
     columns: dict[Time | Flag | CompassColumn, str] | None = None
+    device: str | int | None = None
     convention: Literal["ENU", "NED", "compass"] | None = None
     unit: Literal["deg", "rad"] | None = None
     bias_deg: Degrees = 0.0
@@ -240,6 +242,7 @@ class GpsSection(Section, frozen=True, kw_only=True):
 
     topic: str | None = None
     columns: dict[Time | Flag | Place, str] | None = None
+    device: str | int | None = None
     frame: Literal["ENU", "NED", "latlon"] | None = None
     grid: str | None = None
     sd_m: SdMetres | Literal["message"] | None = None
@@ -254,6 +257,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
 
     topic: str | None = None
     columns: dict[Time | Flag | Literal["depth_m", "pressure"], str] | None = None
+    device: str | int | None = None
     unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
     surface_pa: Annotated[float, Meta(ge=0, le=1e7)] | None = None
     positive: Literal["down", "up"] | None = None

@@ -19,6 +19,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, plain
 from usbldr.io.messages.field_names import utm_code
 from usbldr.io.messages.registry import FRAMES
+from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_begin import begin_of_table, header_and_row
@@ -151,9 +152,11 @@ class CsvLog:
 
     def _topics_of(self, file: Path) -> Mapping[str, CsvSource]:
         header = tuple(self._begin(file)[0])
-        if "sensor" not in map(plain, header):
+        names = [*map(plain, header)]
+        sensors = dict.fromkeys(self._table(file).columns["sensor"]) if "sensor" in names else ()
+        roles = set[str]().union(*map(suggested_sensors, sensors))
+        if not sensors or ("time_ns" not in names and len(roles) < 2):  # else it names devices of one sensor
             return {"/" + name_of(self._stem(file).replace("__", "/")): CsvSource(file, header)}
-        sensors = dict.fromkeys(self._table(file).columns["sensor"])
         return {"/" + name_of(sensor.lstrip("/")): CsvSource(file, header, sensor) for sensor in sensors if sensor}
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -171,7 +174,6 @@ class CsvLog:
         if faults and not len(times):
             self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
             problem = f"{source.file}: line {lines[min(faults)]}: {faults[min(faults)]}"
-        problem = problem or one.mixed(plain_names(source.header), lambda name: self._cells(source, name))
         return one.info(topic, "csv", times, problem, lambda: self._first_row(source))
 
     def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:

@@ -199,7 +199,6 @@ class TableLog:
         times = times[good]
         none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
         none = none if table.rows > len(times) == 0 else ""
-        none = none or one.mixed(plain_names(list(table.columns)), lambda name: _cells(self._column(table, name)))
         return one.info(topic, "table", times, none, lambda: self._first_row(table))
 
     def _first_row(self, table: Table) -> FirstRow:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
@@ -13,7 +13,7 @@ from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.reader import Nanoseconds, TopicInfo
-from usbldr.io.tables.csv_sheets import PROPOSED, TEXTS, Sheet, configured_sheet, foreign_sheets, plain_names
+from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
 from usbldr.io.tables.date_times import DAYS, UNKNOWN_ZONE, named_zone, of_times
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import TimeColumn
@@ -32,10 +32,12 @@ class TableHead:
 
 
 DEVICE = re.compile(
-    r"(device|sensor|instrument|dvl|compass|imu|gps|vehicle)_(id|no|number|serial|name)|device|instrument|vehicle"
+    r"(device|sensor|instrument|dvl|compass|imu|gps|depth|vehicle|unit|node|source|system)_(id|no|number|serial|name)|"
+    r"device|sensor|instrument|vehicle|source|serial(_(no|number))?"
 )
 """The name of a column that may say which of several devices measured."""
-MOST_DEVICES = 8  # more are numbers of something else
+ALIKE = ("vehicle", "source")  # in most tables the same in all rows: the name of another column comes first
+SheetOrNone = TypeVar("SheetOrNone", Sheet, Sheet | None)
 FirstRow: TypeAlias = tuple[tuple[str, str], ...]  # columns and their first cells
 
 
@@ -72,18 +74,6 @@ class TopicSheet(NamedTuple):
     def _described(self, info: TopicInfo, first_row: FirstRow) -> TopicInfo:
         table = self.table if self.by_name or self.unused else ""
         return replace(info, first_row=first_row, table=table, unused=self.unused)
-
-    def mixed(self, names: Sequence[str], cells: Callable[[str], Sequence[str]]) -> str:
-        """Return why its rows are no records of one sensor: a column names several devices whose rows have a value."""
-        values = [column for path, column in self.sheet.columns.items() if path not in TEXTS] if self.sheet else []
-        for name in names if values else ():
-            if DEVICE.fullmatch(words_of(name)) and self.sheet and name not in self.sheet.columns.values():
-                pairs = zip(cells(name), cells(values[0]), strict=True)
-                devices = sorted({device for device, value in pairs if device and value})
-                if 1 < len(devices) <= MOST_DEVICES:
-                    text = f"its rows are of {len(devices)} devices ({name}: {listed(devices)})"
-                    return f"{text}; write those of each to a file of its own"
-        return ""
 
     def findings(self, topic: str) -> list[Finding]:
         """Report what the names of columns were taken for."""
@@ -130,10 +120,11 @@ def topic_sheets(
     for topic, table in tables.items():
         sensors = stated.get(topic, [])
         own, by_units = _interpreted(table)
-        by_name = {s: sheet for s, sheet in by_units.items() if s not in [one.sensor for one in sensors]}
+        by_name = {s: _with_device(one, table) for s, one in by_units.items() if s not in [at.sensor for at in sensors]}
         shared = len(sensors) + len(by_name) > 1
         names = [*table.names, *table.elsewhere]
         sheet = configured_sheet(sensors, names, table.file, topic) if sensors else None
+        sheet, own = _with_device(sheet, table), _with_device(own, table)
         foreign = by_name or (sheet and table.first_row is not None)
         unused = _unused(table, [*by_name.values(), sheet]) if foreign else ()
         if sheet or not by_name:
@@ -144,6 +135,16 @@ def topic_sheets(
             for s, one in by_name.items()
         }
     return found
+
+
+def _with_device(sheet: SheetOrNone, table: TableHead) -> SheetOrNone:
+    """Return a sheet with the column that says which device measured, if there is one that it does not use."""
+    if sheet is None or "device" in sheet.columns:
+        return sheet
+    names = [one for one in plain_names(table.names) if DEVICE.fullmatch(words_of(one))]
+    named = sorted({*names} - {*sheet.columns.values()}, key=lambda one: (words_of(one) in ALIKE, names.index(one)))
+    columns = {**sheet.columns, "device": named[0]} if named else sheet.columns
+    return replace(sheet, columns=columns, texts=sheet.texts | {"device"})
 
 
 def _unused(table: TableHead, sheets: Iterable[Sheet | None]) -> tuple[str, ...]:

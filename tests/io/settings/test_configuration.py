@@ -33,9 +33,10 @@ def parsed(tmp_path: Path, text: str) -> Configuration:
     [
         ("[dvll]", "there is no section dvll; did you mean dvl? (allowed: schema, map, dvl, compass, usbl, gps, depth, "
          "truth, process, calibrate, start, file, layouts, part)"),
-        ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, axes, "
-         "mount_deg, unit, level, scale_error, sound_speed_mps, assumed_sound_speed_mps, sd_mps, sd_scale, track, "
-         "min_good_beams, lever_arm_m, time, latency_s, clock_step_s, noise)"),
+        ("[dvl]\nmountdeg = 1", "[dvl] has no key mountdeg; did you mean mount_deg? (allowed: topic, columns, "
+         "device, axes, "
+         "mount_deg, unit, level, scale_error, sound_speed_mps, assumed_sound_speed_mps, sd_mps, sd_scale, "
+         "track, min_good_beams, lever_arm_m, time, latency_s, clock_step_s, noise)"),
         ("[dvl]\nmount_deg = 'x'", "[dvl] mount_deg: expected number, got text"),
         ("[dvl]\nlatency_s = nan", "[dvl] latency_s = nan is not a finite number"),
         ("[dvl]\nsd_mps = -1", "[dvl] sd_mps: expected number >= 1e-06"),

@@ -119,7 +119,6 @@ def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: s
 
 
 NO_NUMBER = f"Time [s],Heading (deg)\n{T0_S},1 bar\n{T0_S + 1},\n{T0_S + 2},2 bar\n"
-OF_TWO = "".join(f"{T0_S + k},{k % 2 + 1},{1 - k % 2},0\n" for k in range(10))
 OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
 
 
@@ -129,9 +128,6 @@ OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
         ("compass", NO_NUMBER, LogError, r'line 2: Heading \(deg\) is "1 bar", not a number$'),
         ("APOS_positions", f"Time [s],TP name,Latitude [deg],Longitude [deg]\n{OF_APOS}", UsageError,
          r"2 targets: M0 \(2 fixes\), M1 \(2 fixes\)"),
-        *(("dvl", f"Time [s],{column},Forward [m/s],Starboard [m/s]\n{OF_TWO}", LogError,
-           rf"its rows are of 2 devices \({column}: 1, 2\); write those of each")
-          for column in ("device_id", "sensor id", "DVL No")),
     ],
 )  # fmt: skip
 def test_rows_of_several_devices_or_without_one_number_are_refused(tmp_path, name, text, fault, said):
@@ -257,3 +253,52 @@ def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: 
     assert "2 targets: ROV (5 fixes), TMS (5 fixes)" in said
     assert log.origin.lat_deg == 45
     assert len(log.tables["usbl"]) == 5
+
+
+@pytest.mark.parametrize("who", ["device_id", "sensor", "Vehicle", "Source", "Serial No", "unit"])
+@pytest.mark.parametrize(
+    ("role", "names", "keys", "columns"),
+    [
+        ("dvl", "Forward [m/s],Starboard [m/s]", ("x", "y"), ["forward_mps", "starboard_mps"]),
+        ("compass", "Heading (deg),Roll (deg),Pitch (deg)", ("heading", "roll_deg", "pitch_deg"), ["heading_deg"]),
+        ("depth", "Depth (m)", ("depth_m",), ["depth_m"]),
+        ("gps", "Latitude (deg),Longitude (deg)", ("lat_deg", "lon_deg"), ["lat_deg", "lon_deg"]),
+    ],
+)
+def test_the_line_that_the_refusal_of_two_devices_states_chooses_one(tmp_path, role, names, keys, columns, who):
+    count = names.count(",") + 1
+    cells = [",".join(str((10 * (k % 2) + k) / 10 + c) for c in range(count)) for k in range(10)]
+    write_csv(tmp_path, **{role: f"Time [s],{who},{names}\n" + "".join(
+        f"{T0_S + k},{('B', 'A')[k % 2]},{row}\n" for k, row in enumerate(cells)
+    )})  # fmt: skip
+    stated = [f'{key} = "{name}"' for key, name in zip(keys, names.split(","), strict=True)]
+    columns_line = ", ".join(['time_unix_s = "Time"', *stated, 'device = "unit"'])
+    toml = f"[{role}]\n" + (f"columns = {{ {columns_line} }}\n" if who == "unit" else "")
+
+    said = refusal(UsageError, read_as, tmp_path, toml)
+    log = read_as(tmp_path, toml + said.partition(f"choose one under [{role}]: ")[2])
+
+    assert f"/{role} holds records of 2 devices: A (5 records), B (5 records)" in said
+    assert len(log.tables[role]) == 5
+    assert log.convention(role, "device").value == "A"
+    shown = {"lat_deg": "north_m", "lon_deg": "east_m"}
+    assert (log.tables[role][shown.get(columns[0], columns[0])].diff().dropna() > 0).all()
+
+
+@pytest.mark.parametrize("devices", [["1"], ["1", ""], [f"{k}" for k in range(20)]])
+def test_one_device_and_numbers_of_something_else_choose_nothing(tmp_path: Path, devices: list[str]) -> None:
+    rows = (f"{T0_S + k},{devices[k % len(devices)]},1,0\n" for k in range(20))
+    write_csv(tmp_path, dvl=f"Time [s],device_id,Forward [m/s],Starboard [m/s]\n{''.join(rows)}")
+
+    assert len(read_as(tmp_path, "").tables["dvl"]) == 20
+    assert "/dvl holds no record of 30 (its devices: " in refusal(UsageError, read_as, tmp_path, "[dvl]\ndevice = 30")
+
+
+def test_init_keeps_the_columns_of_a_table_of_two_devices_as_comments(tmp_path: Path) -> None:
+    rows = "".join(f"{T0_S + k},{k % 2},1,0\n" for k in range(20))
+
+    turns = "".join(f"{T0 + k * SECOND},{k}\n" for k in range(20))
+    draft = drafted(write_csv(tmp_path, dvl=f"time,device,vx,vy\n{rows}", compass=f"time_ns,heading_deg\n{turns}"))
+
+    assert 'holds records of 2 devices: 0 (10 records), 1 (10 records); choose one under [dvl]: device = "0"' in draft
+    assert '# columns = { time_unix_s = "time", x = "vx", y = "vy" }' in draft
