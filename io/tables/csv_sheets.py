@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 from usbldr.io.messages.field_names import KEYS, NamedColumn, named_column, sensors_by_name
@@ -25,6 +27,7 @@ PROPOSED = "name them with the key columns of the sensor's section in usbldr.tom
 NO_HEADER = "has no header: its first line holds values; insert a line with the names of its columns"
 OF_FIXES = "fix_status fix_type quality"  # columns that say whether there was a fix, and how it was made
 TEXTS = {"device", "target", "lat_side", "lon_side", "valid", *OF_FIXES.split()}  # keys whose cells may be words
+PLACE = ("lat_deg", "lon_deg")
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
@@ -139,9 +142,11 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     found = dict(sensors_by_name(names, stem.lower()))
     times: Mapping[str, Sequence[NamedColumn]] = found.pop("", {})
     stated = any(column.unit.unit for columns in found.values() for same in columns.values() for column in same)
-    if not stated and not any(map(states_degrees, first_row)):
-        return {}
     cells = dict(zip(names, first_row, strict=False))
+    if not stated and not any(map(states_degrees, first_row)):
+        found = {sensor: _of_degrees(columns) for sensor, columns in found.items() if _in_degrees(columns, cells)}
+        if not found:
+            return {}
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
     named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
     sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
@@ -189,11 +194,38 @@ def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[s
     return found if len(found) == 2 else {}
 
 
+def is_place(name: str) -> bool:
+    """Return whether a column is named for a latitude or longitude: of these, 0 is no value."""
+    column = named_column(name)
+    return column is not None and column.rule.key in PLACE
+
+
+def _in_degrees(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str]) -> bool:
+    """Return whether a latitude and a longitude, whose names state no unit, can by their first values be nothing else.
+
+    Radians are within half a circle.
+    """
+    values = [0.0, 0.0]
+    for k, key in enumerate(PLACE):
+        for column in columns.get(key, ()):
+            cell = cells.get(column.name, "")
+            if column.unit.unit or not is_number(cell):
+                return False
+            values[k] = abs(float(cell))
+    return (values[0] > np.pi / 2 or values[1] > np.pi) and values[0] <= 90 and values[1] <= 360
+
+
+def _of_degrees(columns: Mapping[str, Sequence[NamedColumn]]) -> Mapping[str, Sequence[NamedColumn]]:
+    """Return the columns of positions and flags: the others need a unit."""
+    return {key: same for key, same in columns.items() if key in PLACE or not same[0].rule.dimension}
+
+
 def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:
     """Return why the columns of a sensor cannot be read, empty if they can; "45° 12.5' N" and sides state a unit."""
     for key, same in columns.items():
         by_cell = same[0].rule.dimension == "angle" and states_degrees(cells.get(same[0].name, ""))
-        if not (same[0].known or by_cell or (sides and key in ("lat_deg", "lon_deg"))):
+        by_value = key in PLACE and (sides or _in_degrees(columns, cells))
+        if not (same[0].known or by_cell or by_value):
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
             return f"has a column {same[0].name} without a known unit ({units})"
     return ""

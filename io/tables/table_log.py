@@ -25,7 +25,7 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
-from usbldr.io.tables.csv_sheets import Sheet, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import Sheet, is_place, plain_names, sheet_of
 from usbldr.io.tables.date_times import (
     orders_of,
     parted_time,
@@ -89,9 +89,10 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
     return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
 
 
-def _times_of(names: Iterable[str]) -> set[str]:
-    """Return those of plain names of columns that are named as times."""
-    return {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
+def _telling(names: Iterable[str]) -> set[str]:
+    """Return those of plain names of columns whose first value may tell their unit: named as times and places."""
+    times = {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
+    return times | {name for name in names if is_place(name)}
 
 
 def _cells(values: Column) -> list[str]:
@@ -175,7 +176,7 @@ class TableLog:
         if name in table.dated:
             return "1970-01-01 00:00:00"
         (short,) = plain_names([name])
-        shown = short in self._iso.get(table.topic, ()) or short in _times_of([short])
+        shown = short in self._iso.get(table.topic, ()) or short in _telling([short])
         return self._first_value(table, short) if shown else ""
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -204,15 +205,20 @@ class TableLog:
     def _first_row(self, table: Table) -> FirstRow:
         """Return the columns, and the first value of those that may be times; the others are not read."""
         plain = dict(zip(table.columns, plain_names(list(table.columns)), strict=True))
-        times = _times_of(plain.values())
-        return tuple((short, self._first_value(table, short) if name in times else "") for name, short in plain.items())
+        telling = _telling([*plain.values()])
+        return tuple(
+            (short, self._first_value(table, short) if name in telling else "") for name, short in plain.items()
+        )
 
     def _first_value(self, table: Table, name: str) -> str:
         """Return the first value of a column as text, empty if there is none or it cannot be read."""
         values: Column = np.empty(0)
         with suppress(LogError):
             values = self._column(table, name)
-            values = values[values != ""][:1] if values.dtype.kind in TEXT else values[:1]
+            values = values[values != ""] if values.dtype.kind in TEXT else values
+            if is_place(name) and values.dtype.kind in "iuf":
+                values = np.ma.compressed(values[np.isfinite(values) & (values != 0)])
+            values = values[:1]
         if values.dtype.kind == "M":
             values = np.datetime_as_string(values, unit="ms")
         return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))

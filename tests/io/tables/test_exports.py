@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from commands import drafted
@@ -302,3 +303,29 @@ def test_init_keeps_the_columns_of_a_table_of_two_devices_as_comments(tmp_path: 
 
     assert 'holds records of 2 devices: 0 (10 records), 1 (10 records); choose one under [dvl]: device = "0"' in draft
     assert '# columns = { time_unix_s = "time", x = "vx", y = "vy" }' in draft
+
+
+@pytest.mark.parametrize("names", ["lat,lon", "Latitude,Longitude", "Lat,Long", "GPS lat,GPS lon"])
+@pytest.mark.parametrize("start", ["0,0", "0.000000,0.000000", ","])
+@pytest.mark.parametrize("parquet", [False, True])
+def test_positions_that_can_only_be_degrees_need_no_unit(tmp_path, names, start, parquet):
+    rows = [f"{T0_S + k},{start if k < 2 else f'{45 + k / 1e4:.4f},-0.1'},7" for k in range(6)]
+    file = write_csv(tmp_path, gps=f"time,{names},depth\n" + "\n".join(rows)) / "gps.csv"
+    if parquet:
+        pd.read_csv(file).to_parquet(tmp_path / "gps.parquet")
+        file.unlink()
+
+    log = read_log(tmp_path / "gps.parquet" if parquet else tmp_path)
+
+    assert set(log.tables) == {"gps"}  # a depth needs a unit
+    assert log.tables["gps"]["lat_deg"].tolist() == pytest.approx([45.0002, 45.0003, 45.0004, 45.0005])
+    assert log.tables["gps"]["lon_deg"].tolist() == pytest.approx([-0.1] * 4)
+
+
+@pytest.mark.parametrize("place", ["0.7,0.1", "0,0", "4512.5,700.5", "450000000,70000000", "N 45,E 7"])
+def test_positions_that_may_be_something_else_are_left_to_init(tmp_path: Path, place: str) -> None:
+    rows = "".join(f"{T0_S + k},{place}\n" for k in range(6))
+
+    (usbl,) = open_log(write_csv(tmp_path, usbl=f"time,lat,lon\n{rows}")).topics()
+
+    assert bool(usbl.problem) == ("N" not in place)

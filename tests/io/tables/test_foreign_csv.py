@@ -164,7 +164,7 @@ def test_names_and_cells_of_other_programs_are_understood(tmp_path: Path, case: 
 
 
 def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path) -> None:
-    text = timed("Heading (deg),USBL Latitude,USBL Longitude,Battery\n30.5,43.1,5.9,24\n31,,,24")
+    text = timed("Heading (deg),USBL Latitude,USBL Longitude,Battery\n30.5,.75,.1,24\n31,,,24")
     folder = write_csv(tmp_path / "dive", nav=text)
 
     compass, usbl = open_log(folder).topics()
