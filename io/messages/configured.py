@@ -25,14 +25,18 @@ TIME_UNITS_NS: Mapping[str, int] = {
     "time_s": 1_000_000_000,
     "time_datenum": 86_400_000_000_000,
     "time_excel": 86_400_000_000_000,
+    "time_julian": 86_400_000_000_000,
+    "time_mjd": 86_400_000_000_000,
     "time_labview": 1_000_000_000,
     "time_filetime": 100,
     "time_ticks": 100,
 }
 """Keys for the time of validity and their units; time_s counts from 1970 unless the log states another origin."""
-AT_1970: Mapping[str, int] = {
+AT_1970: Mapping[str, float] = {
     "time_datenum": 719_529,  # fixed: of MATLAB, from the year 0
     "time_excel": 25_569,  # fixed: of spreadsheets, from 1899-12-30
+    "time_julian": 2_440_587.5,  # fixed: Julian Dates, from noon
+    "time_mjd": 40_587,  # fixed: modified ones, from midnight
     "time_labview": 2_082_844_800,  # fixed: of LabVIEW, from 1904
     "time_filetime": 116_444_736_000_000_000,  # fixed: of Windows, from 1601
     "time_ticks": 621_355_968_000_000_000,  # fixed: of .NET, from the year 1

@@ -32,8 +32,8 @@ RULES: Sequence[Rule] = (
         "time",
         "time",
         "(?<!receive_)time|(uhr)?zeit|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|"
-        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|time_excel|"
-        "time_labview|x_value|(time_)?(filetime|ticks)",  # LabVIEW's, Windows's, and .NET's
+        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|"
+        "time_(excel|julian|mjd|labview)|x_value|(time_)?(filetime|ticks)",  # LabVIEW's, Windows's, and .NET's
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(receive_time|(received|arrival)(_time|_unix)?)"),

@@ -42,7 +42,7 @@ class MessageLayout:
     packages: tuple[str, ...] = ()  # prefixes of the packages for whose drivers the defaults hold; (): any
     stamp: str = "header.stamp"  # the field of the time of validity
     stamp_unit_ns: int = 0  # of that field as the configuration states it; 0: it is whole nanoseconds, or no time
-    stamp_at_1970: int = 0  # the value of that field at 1970-01-01
+    stamp_at_1970: float = 0  # the value of that field at 1970-01-01
     frame: str = "header.frame_id"  # the field that names the frame of the values
     scale: Mapping[str, float] = field(default_factory=dict[str, float])  # to the quantity's own unit, if not 1
     no_data_values: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])

@@ -53,6 +53,8 @@ Stamp: TypeAlias = Literal[
     "time_s",
     "time_datenum",
     "time_excel",
+    "time_julian",
+    "time_mjd",
     "time_labview",
     "time_filetime",
     "time_ticks",

@@ -41,7 +41,7 @@ class ParsedColumn(NamedTuple):
         return self.values
 
 
-def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: int = 0) -> ParsedColumn:
+def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: float = 0) -> ParsedColumn:
     """Return a column of times in a unit, with decimals, or of dates and times, as nanoseconds since 1970.
 
     Those in nanoseconds are whole numbers. ``at_1970``: that moment in the unit. Exact: 1474477150.374442 is not
@@ -57,7 +57,7 @@ def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: int = 0) -
             return _in_range(int(text))
         if ISO.fullmatch(text):
             return _in_range(_iso_ns(text))
-        return _in_range(int(((Decimal(DOUBLE.sub("e", text)) - at_1970) * unit_ns).to_integral_value()))
+        return _in_range(int(((Decimal(DOUBLE.sub("e", text)) - Decimal(at_1970)) * unit_ns).to_integral_value()))
 
     whats = {1: "a whole number of nanoseconds", SECOND_NS: "a number of seconds before 2116"}
     return _parsed(texts, name, exact, 0, whats.get(unit_ns, "a number or a date and time"))

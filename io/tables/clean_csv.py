@@ -35,7 +35,7 @@ class NumberColumn(Cells):
     def __init__(self, file: Path, options: dict[str, Any], values: Column, first: Sequence[str]) -> None:
         """Take how pandas reads the column, its numbers (n,) and the text of its first cells."""
         self._file, self._options, self.values, self._first = file, options, values, first
-        self._times: dict[tuple[int, int], Column | None] = {}  # by unit and moment: asked for more than once
+        self._times: dict[tuple[int, float], Column | None] = {}  # by unit and moment: asked for more than once
 
     def __len__(self) -> int:
         return len(self.values)
@@ -51,13 +51,13 @@ class NumberColumn(Cells):
         """Return the cells as numbers, NaN for empty ones."""
         return self.values.astype(np.float64, copy=False)
 
-    def times(self, unit_ns: int, at_1970: int, most_ns: int) -> Column | None:
+    def times(self, unit_ns: int, at_1970: float, most_ns: int) -> Column | None:
         """Return times in a unit as nanoseconds since 1970, exactly; None if their text has to be read one by one."""
         if (unit_ns, at_1970) not in self._times:
             self._times[unit_ns, at_1970] = self._exact_times(unit_ns, at_1970, most_ns)
         return self._times[unit_ns, at_1970]
 
-    def _exact_times(self, unit_ns: int, at_1970: int, most_ns: int) -> Column | None:
+    def _exact_times(self, unit_ns: int, at_1970: float, most_ns: int) -> Column | None:
         whole = self.values
         fraction_ns: Column | int = 0
         if whole.dtype.kind == "f" and len(whole):
@@ -70,7 +70,8 @@ class NumberColumn(Cells):
             return None
         if max(abs(int(edge) - at_1970) for edge in (whole.min(), whole.max())) >= most_ns // unit_ns - 1:
             return None
-        return (whole.astype(np.int64, copy=False) - at_1970) * unit_ns + fraction_ns
+        half_ns = round(at_1970 % 1 * unit_ns)  # of Julian Dates
+        return (whole.astype(np.int64, copy=False) - int(at_1970)) * unit_ns + fraction_ns - half_ns
 
 
 def _parts(texts: Any) -> tuple[Column, Column, int]:

@@ -29,9 +29,9 @@ ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}(:?\d{2})?))?"
 DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
 DATE_TIME = re.compile(
     rf"({DATE})[T ,_]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})"
-    rf"|\d{{4}}[-:/]\d{{3}}[T: ]{CLOCK}{ZONE}|(19|20)\d{{6}}[T _]\d{{6}}([.,]\d{{1,9}})?{ZONE}"
+    rf"|\d{{4}}[-:/]\d{{3}}[-T:/ ]{CLOCK}{ZONE}|(19|20)\d{{6}}[T _]\d{{6}}([.,]\d{{1,9}})?{ZONE}"
 )
-DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[T: ]")
+DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[-T:/ ]")
 MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
@@ -63,8 +63,12 @@ PARTS: Mapping[str, str] = {
 """Parts of a time that have a column each, and the names of these."""
 DATES = ("year", "month", "day"), ("year", "day_of_year")
 CLOCKS = ("nanosecond", "hour", "minute", "second"), ("hour", "minute", "second"), ("second_of_day",)
-PARTED: Sequence[tuple[str, ...]] = (*((*date, *clock) for date in DATES for clock in CLOCKS), ("nanosecond", "second"))
-"""The parts of a whole time. The last one's column becomes that of the time."""
+PARTED: Sequence[tuple[str, ...]] = (
+    *((*date, *clock) for date in DATES for clock in CLOCKS),
+    DATES[1],
+    ("nanosecond", "second"),
+)
+"""The parts of a whole time, whose days may have decimals. The last one's column becomes that of the time."""
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
 PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)(?:sec(?:ond)?)?s?")
@@ -199,7 +203,8 @@ def _of_parts(parts: Mapping[str, str], columns: Mapping[str, Sequence[str]]) ->
     day = month.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
     day += whole.get("day", whole.get("day_of_year", 1)) - 1
     units_ns = {"hour": 3600e9, "minute": 60e9, "second": 1e9, "second_of_day": 1e9, "nanosecond": 1.0}
-    rounded = [np.round(value[p] * unit_ns) for p, unit_ns in units_ns.items() if p in parts]
+    rounded = [np.round(value.get("day_of_year", np.zeros(1)) % 1 * DAY_S * 1e9)]
+    rounded += [np.round(value[p] * unit_ns) for p, unit_ns in units_ns.items() if p in parts]
     ns = day * (DAY_S * 10**9) + sum(np.where(good, part, 0).astype(np.int64) for part in rounded)
     return _moments(ns, good, columns[list(parts.values())[-1]])
 

@@ -33,7 +33,7 @@ from usbldr.io.tables.date_times import (
     with_iso_times,
 )
 from usbldr.io.tables.text_table import listed
-from usbldr.io.tables.time_columns import ISO, TimeColumn
+from usbldr.io.tables.time_columns import ISO, TimeColumn, is_date
 from usbldr.io.tables.topic_sheets import (
     FirstRow,
     TableHead,
@@ -92,7 +92,7 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
 def _telling(names: Iterable[str]) -> set[str]:
     """Return those of plain names of columns whose first value may tell their unit: named as times and places."""
     times = {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
-    return times | {name for name in names if is_place(name)}
+    return times | {name for name in names if is_place(name) or is_date(name)}
 
 
 def _cells(values: Column) -> list[str]:
@@ -141,7 +141,7 @@ class TableLog:
         for topic, table in self._tables.items():
             stem, names = table.topic.rpartition("/")[2], list(table.columns)
             date = [self._date(table, name) for name in names]
-            timed = "" in sensors_by_name(names, stem) or any(map(ISO.fullmatch, date))
+            timed = "" in sensors_by_name(names, stem) or any(map(ISO.fullmatch, date)) or any(map(is_date, names))
             alike = [one for one in self._all if one.rows == table.rows and one is not table]
             elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
             heads[topic] = TableHead(table.file, stem, names, _own_sheet(table), date if timed else None, elsewhere)

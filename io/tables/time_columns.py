@@ -29,18 +29,25 @@ class TimeColumn(NamedTuple):
 
     column: str
     unit_ns: int = 1  # 1: whole nanoseconds; else with decimals
-    at_1970: int = 0  # the time 1970-01-01 in this unit
+    at_1970: float = 0  # the time 1970-01-01 in this unit
 
 
 def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
     """Return those of columns named as times whose first cells (by column) state a date, else all of them.
 
-    If none is named so: the columns of dates and times, whatever their names.
+    If none is named so: the columns of dates and times, whatever their names, and of dates that are day numbers.
     """
     if not named:
-        return [NamedColumn(name, RULES[0], NamedUnit(name)) for name, cell in cells.items() if ISO.fullmatch(cell)]
+        dates = [name for name, cell in cells.items() if ISO.fullmatch(cell)]
+        dates = dates or [name for name, cell in cells.items() if is_date(name) and keys_since_1970(cell)]
+        return [NamedColumn(name, RULES[0], NamedUnit(name)) for name in dates]
     first = [(column, cells.get(column.name, "")) for column in named]
     return [column for column, cell in first if ISO.fullmatch(cell) or keys_since_1970(cell)] or named
+
+
+def is_date(name: str) -> bool:
+    """Return whether a column is named for a date, which may be a day number."""
+    return re.search(r"(^|_)(date|day|jd|mjd|julian|doy|[jy]day)(_|$)", words_of(name)) is not None
 
 
 def time_fault(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], cells: Mapping[str, str]) -> str:
@@ -48,6 +55,8 @@ def time_fault(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], c
     for what, columns in (("time", stamps), ("arrival", arrivals)):
         if len(columns) > 1 or (what == "time" and not columns):
             names = ", ".join(column.name for column in columns) or "none"
+            if days := [name for name, cell in cells.items() if is_date(name) and re.fullmatch(r"\d{1,3}\.\d+", cell)]:
+                return f'has a column {days[0]} of days of a year, without the year; add a column "year"'
             return f"has not one column of {what} ({names}); {NAME_THEM}"
         for column in columns:
             if of_gps(column, cells.get(column.name, "")):
@@ -63,6 +72,8 @@ def _unknown_time(name: str, cell: str) -> str:
     with suppress(ValueError):
         float(cell)
         return f'has a column {name} without a known unit; write it behind the name ("Time [s]")'
+    if re.fullmatch(r"\d{3}[:/T -]\d\d:\d\d:\d\d[.,\d]*", cell):
+        return f'has "{cell}" in the first row of the column {name}: a day of a year, without the year; write it before'
     stopped = f'has "{cell[:MAX_CHARACTERS]}" in the first row of the column {name}'
     return f"{stopped}, which is neither a date and time nor a number; state time_format"
 
@@ -72,7 +83,7 @@ def time_column(column: NamedColumn, cells: Mapping[str, str]) -> TimeColumn:
     return TimeColumn(column.name, *(_unit(column, cells) or (SECOND_NS, 0)))
 
 
-def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, int] | None:
+def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, float] | None:
     """Return the unit of a time in ns and 1970 in it: of its name, of a date and time, or as it is in this century."""
     cell = cells.get(column.name, "")
     if column.known or ISO.fullmatch(cell):
@@ -102,7 +113,7 @@ def of_gps(column: NamedColumn, cell: str) -> bool:
 
 
 def keys_since_1970(cell: str) -> list[str]:
-    """Return the keys of ``columns`` by which a number is a time of this century.
+    """Return the keys of ``columns`` by which a number is a time of this century, that of the earliest one first.
 
     Days, and seconds since 1904, must have an exact time.
     """
@@ -111,8 +122,6 @@ def keys_since_1970(cell: str) -> list[str]:
     except ValueError:
         return []
     exact = len(cell.partition(".")[2]) >= DAY_DECIMALS
-    return [
-        key
-        for key, ns in TIME_UNITS_NS.items()
-        if SINCE_NS <= (value - AT_1970.get(key, 0)) * ns < UNTIL_NS and (exact or key not in AT_1970 or ns < SECOND_NS)
-    ]
+    keys = [key for key, ns in TIME_UNITS_NS.items() if exact or key not in AT_1970 or ns < SECOND_NS]
+    times_ns = {key: (value - AT_1970.get(key, 0)) * TIME_UNITS_NS[key] for key in keys}
+    return sorted((key for key in keys if SINCE_NS <= times_ns[key] < UNTIL_NS), key=times_ns.__getitem__)

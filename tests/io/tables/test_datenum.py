@@ -94,6 +94,58 @@ def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str
     assert log.tables["compass"]["time_s"].tolist() == [k / 4 for k in range(8)]
 
 
+@pytest.mark.parametrize(
+    ("name", "at_1970"),
+    [("JD", 2_440_587.5), ("Julian Date", 2_440_587.5), ("Time", 2_440_587.5), ("MJD", 40_587), ("Time", 40_587),
+     ("Date", 25_569), ("Time", 25_569)],
+)  # fmt: skip
+@pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
+def test_day_numbers_of_other_calendars_are_known_by_name_or_size(
+    tmp_path: Path, write: Callable[[Path, Tables], Path], name: str, at_1970: float
+) -> None:
+    days = np.array([at_1970 + (T0 // SECOND + k / 4) / DAY_S for k in range(8)])
+    log = read_log(write(tmp_path, {"nav": {name: days, "heading_deg": np.arange(8.0)}}))
+
+    assert abs(log.start_ns - T0) < 5 * KNOWN_NS
+    np.testing.assert_allclose(log.tables["compass"]["time_s"], np.arange(8) / 4, rtol=0, atol=1e-8 * KNOWN_NS)
+
+
+def test_julian_dates_of_digits_are_exact_and_begin_at_noon(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path, nav="t,psi\n2451545.00000000,1\n2451545.50000000,2\n2451546.00000001,3\n")
+    noon = datetime(2000, 1, 1, 12, tzinfo=UTC)
+
+    log = read(folder, time_julian="t", heading="psi")
+
+    assert log.start_ns == int(noon.timestamp()) * SECOND
+    assert log.tables["compass"]["time_s"].tolist() == [0, DAY_S / 2, DAY_S + 864e-6]
+
+
+@pytest.mark.parametrize(
+    ("names", "cell"),
+    [
+        ("year,doy", "2020,257.51851851852"),
+        ("year,Julian Day", "2020,257.51851851852"),
+        ("Time", "2020/257/12:26:40.00"),
+        ("Time", "2020-257 12:26:40"),
+    ],
+)
+def test_days_of_a_year_are_dates(tmp_path: Path, names: str, cell: str) -> None:
+    log = read_log(write_csv(tmp_path, nav=f"{names},heading_deg\n{cell},1\n{cell},2\n"))
+
+    assert abs(log.start_ns - T0) < 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "cell", "said"),
+    [("DOY", "257.5185185", 'has a column DOY of days of a year, without the year; add a column "year"'),
+     ("Time", "257:12:26:40.5", 'has "257:12:26:40.5" in the first row of the column Time: a day of a year, without')],
+)  # fmt: skip
+def test_days_of_an_unknown_year_are_named(tmp_path: Path, name: str, cell: str, said: str) -> None:
+    (nav,) = open_log(write_csv(tmp_path, nav=f"{name},Heading [deg]\n{cell},1\n")).topics()
+
+    assert said in nav.problem
+
+
 @pytest.mark.parametrize(("name", "year"), [("FileTime", 1601), ("Ticks", 1), ("Time", 1601), ("Time", 1)])
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
 def test_steps_of_100_ns_count_from_1601_or_from_the_year_1(
