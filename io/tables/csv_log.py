@@ -23,7 +23,7 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_begin import begin_of_table, header_and_row
-from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, holds_values, is_place, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, holds_values, open_angle, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_times import (
     clock_digits,
@@ -116,14 +116,11 @@ class CsvLog:
         names, cells = self._begin(file)
         read = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
         read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)]
-        read = read or any(is_place(name) and not cell.strip("0.") for name, cell in zip(names, cells, strict=False))
+        read = read or any(map(open_angle, names))
         if not read or len({*names}) < len(names) or not len(self._table(file).lines):
             return cells
         columns = self._table(file).columns
-        return [
-            next((cell for cell in column if cell.strip("0." if is_place(name) else None)), "")
-            for name, column in columns.items()
-        ]
+        return [first_telling(name, column) for name, column in columns.items()]
 
     @cached_property
     def _texts(self) -> Sequence[Path]:

@@ -7,8 +7,9 @@
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 from usbldr.io.messages.field_names import KEYS, NamedColumn, named_column, sensors_by_name
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
+from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
 from usbldr.io.tables.time_columns import ISO, TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
@@ -27,7 +29,12 @@ PROPOSED = "name them with the key columns of the sensor's section in usbldr.tom
 NO_HEADER = "has no header: its first line holds values; insert a line with the names of its columns"
 OF_FIXES = "fix_status fix_type quality"  # columns that say whether there was a fix, and how it was made
 TEXTS = {"device", "target", "lat_side", "lon_side", "valid", *OF_FIXES.split()}  # keys whose cells may be words
-PLACE = ("lat_deg", "lon_deg")
+ANGLES: Mapping[str, tuple[float, float]] = {
+    "lat_deg": (np.pi / 2, 90.0),
+    "lon_deg": (np.pi, 360.0),
+    "heading_deg": (4 * np.pi, 400.0),
+}
+"""Angles that are degrees if their sizes are between these: beyond radians of half a circle, or of two whole ones."""
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
@@ -144,7 +151,9 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     stated = any(column.unit.unit for columns in found.values() for same in columns.values() for column in same)
     cells = dict(zip(names, first_row, strict=False))
     if not stated and not any(map(states_degrees, first_row)):
+        others = suggested_sensors(stem) - {"compass"}
         found = {sensor: _of_degrees(columns) for sensor, columns in found.items() if _in_degrees(columns, cells)}
+        found = {sensor: columns for sensor, columns in found.items() if sensor != "compass" or not others}
         if not found:
             return {}
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
@@ -194,40 +203,48 @@ def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[s
     return found if len(found) == 2 else {}
 
 
-def is_place(name: str) -> bool:
-    """Return whether a column is named for a latitude or longitude: of these, 0 is no value."""
+def open_angle(name: str) -> str:
+    """Return the angle of ANGLES that a column is named for without a unit, empty if none."""
     column = named_column(name)
-    return column is not None and column.rule.key in PLACE
+    return column.rule.key if column and not column.unit.unit and column.rule.key in ANGLES else ""
+
+
+def first_telling(name: str, cells: Iterable[str]) -> str:
+    """Return the first filled cell of a column; of an angle without a unit, the first one that shows it."""
+    key = open_angle(name)
+    filled = (cell for cell in cells if cell and not (key and cell.lower() == "nan"))
+    first = next(filled, "")
+    return next((cell for cell in chain([first], filled) if _is_degrees(key, cell)), first) if key else first
+
+
+def _is_degrees(key: str, cell: str) -> bool:
+    least, most = ANGLES[key]
+    return is_number(cell) and least < abs(float(cell)) <= most
 
 
 def _in_degrees(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str]) -> bool:
-    """Return whether a latitude and a longitude, whose names state no unit, can by their first values be nothing else.
+    """Return whether angles whose names state no unit can, by the cells that show it, be nothing else than degrees.
 
-    Radians are within half a circle.
+    Radians are within half a circle, headings within a whole one.
     """
-    values = [0.0, 0.0]
-    for k, key in enumerate(PLACE):
-        for column in columns.get(key, ()):
-            cell = cells.get(column.name, "")
-            if column.unit.unit or not is_number(cell):
-                return False
-            values[k] = abs(float(cell))
-    return (values[0] > np.pi / 2 or values[1] > np.pi) and values[0] <= 90 and values[1] <= 360
+    angles = [(key, cells.get(one.name, "")) for key in ANGLES for one in columns.get(key, ()) if not one.unit.unit]
+    within = all(is_number(cell) and abs(float(cell)) <= ANGLES[key][1] for key, cell in angles)
+    return within and any(_is_degrees(key, cell) for key, cell in angles)
 
 
 def _of_degrees(columns: Mapping[str, Sequence[NamedColumn]]) -> Mapping[str, Sequence[NamedColumn]]:
-    """Return the columns of positions and flags: the others need a unit."""
-    return {key: same for key, same in columns.items() if key in PLACE or not same[0].rule.dimension}
+    """Return the columns of angles and flags: the others need a unit."""
+    return {key: same for key, same in columns.items() if key in ANGLES or not same[0].rule.dimension}
 
 
 def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:
     """Return why the columns of a sensor cannot be read, empty if they can; "45° 12.5' N" and sides state a unit."""
     for key, same in columns.items():
         by_cell = same[0].rule.dimension == "angle" and states_degrees(cells.get(same[0].name, ""))
-        by_value = key in PLACE and (sides or _in_degrees(columns, cells))
+        by_value = key in ANGLES and (bool(sides) or _in_degrees(columns, cells))
         if not (same[0].known or by_cell or by_value):
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
-            return f"has a column {same[0].name} without a known unit ({units})"
+            return f"has a column {same[0].name} without a known unit ({units}); write it behind the name"
     return ""
 
 

@@ -25,7 +25,7 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
-from usbldr.io.tables.csv_sheets import Sheet, is_place, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import ANGLES, Sheet, open_angle, plain_names, sheet_of
 from usbldr.io.tables.date_times import (
     orders_of,
     parted_time,
@@ -92,7 +92,7 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
 def _telling(names: Iterable[str]) -> set[str]:
     """Return those of plain names of columns whose first value may tell their unit: named as times and places."""
     times = {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
-    return times | {name for name in names if is_place(name) or is_date(name)}
+    return times | {name for name in names if open_angle(name) or is_date(name)}
 
 
 def _cells(values: Column) -> list[str]:
@@ -216,8 +216,10 @@ class TableLog:
         with suppress(LogError):
             values = self._column(table, name)
             values = values[values != ""] if values.dtype.kind in TEXT else values
-            if is_place(name) and values.dtype.kind in "iuf":
-                values = np.ma.compressed(values[np.isfinite(values) & (values != 0)])
+            if (key := open_angle(name)) and values.dtype.kind in "iuf":
+                size = np.abs(np.ma.filled(values.astype(np.float64), np.nan))
+                telling = values[(size > ANGLES[key][0]) & (size <= ANGLES[key][1])]
+                values = telling if len(telling) else values[size >= 0]
             values = values[:1]
         if values.dtype.kind == "M":
             values = np.datetime_as_string(values, unit="ms")

@@ -322,6 +322,32 @@ def test_positions_that_can_only_be_degrees_need_no_unit(tmp_path, names, start,
     assert log.tables["gps"]["lon_deg"].tolist() == pytest.approx([-0.1] * 4)
 
 
+@pytest.mark.parametrize("name", ["Heading", "hdg", "Heading (T)"])
+@pytest.mark.parametrize(
+    ("start", "read"), [("359.9", True), ("", True), ("NaN", True), ("-9999", True), ("1.5", None)]
+)
+@pytest.mark.parametrize("parquet", [False, True])
+def test_headings_beyond_two_turns_in_radians_are_degrees(tmp_path, name, start, read, parquet):
+    rows = [f"{T0_S + k},{start if k < 2 else '3.14' if read is None else 100 + k},7" for k in range(9)]
+    file = write_csv(tmp_path, compass=f"time,{name},depth\n" + "\n".join(rows)) / "compass.csv"
+    if parquet:
+        pd.read_csv(file).to_parquet(tmp_path / "compass.parquet")
+        file.unlink()
+
+    (compass,) = open_log(tmp_path / "compass.parquet" if parquet else tmp_path).topics()
+
+    assert bool(compass.count) == bool(read)
+    if read:
+        log = read_log(tmp_path / "compass.parquet" if parquet else tmp_path)
+        assert log.tables["compass"]["heading_deg"].tolist()[-7:] == [102 + k for k in range(7)]
+
+
+def test_a_heading_without_a_unit_beside_velocities_is_left_to_init(tmp_path: Path) -> None:
+    (dvl,) = open_log(write_csv(tmp_path, dvl=f"time,vx,vy,heading\n{T0_S},1,0,90\n")).topics()
+
+    assert not dvl.count
+
+
 @pytest.mark.parametrize("place", ["0.7,0.1", "0,0", "4512.5,700.5", "450000000,70000000", "N 45,E 7"])
 def test_positions_that_may_be_something_else_are_left_to_init(tmp_path: Path, place: str) -> None:
     rows = "".join(f"{T0_S + k},{place}\n" for k in range(6))
