@@ -15,14 +15,22 @@ MPS_PER_UNIT: Mapping[str, float] = {
     "ft/s": 0.3048,
     "knots": 1852 / 3600,
 }
-PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1.0, "hPa": 100.0, "dbar": 1e4, "bar": 1e5}
+PASCALS_PER_UNIT: Mapping[str, float] = {
+    "Pa": 1.0,
+    "hPa": 100.0,
+    "mbar": 100.0,
+    "kPa": 1e3,
+    "dbar": 1e4,
+    "bar": 1e5,
+    "psi": 6894.757293168,
+}
 DEG_PER_RAD = 57.29577951308232  # fixed: by definition
 
 _UNITS: Mapping[Dimension, Mapping[str, float]] = {
     "velocity": MPS_PER_UNIT,
     "angle": {"deg": 1.0, "rad": DEG_PER_RAD, "1e-7deg": 1e-7},
     "length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
-    "pressure": PASCALS_PER_UNIT | {"kPa": 1e3, "mbar": 100.0, "psi": 6894.757293168},
+    "pressure": PASCALS_PER_UNIT,
     "time": {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000},
 }
 """Factors to m/s, degrees, metres, pascals and nanoseconds."""

@@ -26,12 +26,13 @@ from usbldr.io.messages.dvl import (
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import DepthSection, DvlSection
-from usbldr.io.units import MPS_PER_UNIT, PASCALS_PER_UNIT
+from usbldr.io.units import MPS_PER_UNIT, PASCALS_PER_UNIT, spellings
 
 WATER_PA_PER_M = 1025.0 * 9.80665  # fixed: sea water
 USUAL_SOUND_SPEED_MPS = 1500.0  # fixed: what DVLs assume unless another is set
 SURFACE_PA = 101325.0  # fixed: the standard atmosphere
 MIN_AIR_PRESSURE_PA = 5e4  # of air, wherever there is water to dive in
+AT_SEA_LEVEL_PA = 8.7e4, 1.085e5  # fixed: the least and the greatest that were ever measured
 IN_THE_AIR_M = 0.5  # above this for half of the log: the sign is wrong
 ESTIMATED = "estimated from the records"  # by the timeline
 OWN_COLUMNS_BY_NAME = 'columns = { time_ns = "time_ns", x = "starboard_mps", y = "forward_mps" }, axes = "SFU" and '
@@ -132,13 +133,15 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
     chosen = [unit_chosen]
     if "pressure" in raw.values:
         if unit == "m":
-            raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures (Pa, hPa, dbar, bar)')
+            raise SettingError(f'[depth] unit = "m": {raw.topic.name} holds pressures ({spellings("pressure")})')
         pressure = raw.number("pressure") * PASCALS_PER_UNIT[unit]
         surface = SURFACE_PA if section.surface_pa is None else section.surface_pa
         surface_by = "default" if section.surface_pa is None else "configuration"
         chosen.append(Convention("surface_pa", surface, surface_by, "Pa"))
-        if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, section.unit)):
-            return raw.finding("DEPTH-UNIT", f"not used as depth: {fault} under [depth]")
+        stated = section.unit or raw.layout.fixed.get("unit")
+        if section.surface_pa is None and (fault := _no_absolute_pressure(pressure, stated)):
+            text = f"{raw.topic.name}: not used as depth: {fault} under [depth]"
+            return Finding("DEPTH-UNIT", text, raw.topic.name, unit="" if stated else _unit_by_air(pressure))
         value = (pressure - surface) / WATER_PA_PER_M
         if section.positive is not None:
             raise SettingError(f"[depth] positive: {raw.topic.name} holds pressures, to which it does not apply")
@@ -169,6 +172,14 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
     return converted_table(times, {"depth_m": value}, chosen, [*findings, *invalid]).only(good)
 
 
+def _unit_by_air(pressures: Vector) -> str:
+    """Return the unit in which the least of pressures (n,) is that of the air, and the greatest within the sea."""
+    known = pressures[np.isfinite(pressures)]
+    (low, most), least, deepest = AT_SEA_LEVEL_PA, np.min(known, initial=np.inf), np.max(known, initial=0.0)
+    sea_pa = MAX_DEPTH_M * WATER_PA_PER_M
+    return next((u for u, pa in PASCALS_PER_UNIT.items() if low <= least * pa <= most and deepest * pa < sea_pa), "")
+
+
 def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
     """Return why pressures (n,) cannot be absolute ones in pascals, and what to state; empty if they can."""
     known = pressure_pa[np.isfinite(pressure_pa)]
@@ -176,7 +187,9 @@ def _no_absolute_pressure(pressure_pa: Vector, unit: str | None) -> str:
         return ""
     low, median = np.quantile(known, [0.05, 0.5])
     if median < MIN_AIR_PRESSURE_PA and unit is None:
-        return f"a median of {median:g} cannot be Pa; state unit"
+        unit = _unit_by_air(pressure_pa)
+        fits = f' = "{unit}", in which the least is that of the air,' if unit else f" ({spellings('pressure')})"
+        return f"a median of {median:g} cannot be Pa; state unit{fits}"
     if low < MIN_AIR_PRESSURE_PA:
         return f"{low:g} Pa is below air pressure: gauge pressures need surface_pa = 0"
     return ""

@@ -182,13 +182,18 @@ def _with_proposals(
 
 
 def _examined(path: Path, request: Request, stated: ConfigurationFile) -> Examination:
-    """Examine a log, again with headings in radians if the fixes show that they are; the first finding stays."""
+    """Examine a log, again with headings in radians if the fixes show that they are, and pressures in a unit that fits.
+
+    The first findings stay.
+    """
     found = examine(path, request)
-    radians = tuple(one for one in found.findings if one.code == "HEADING-RADIANS")
-    if not radians:
+    units = {one: ("compass", "rad") for one in found.findings if one.code == "HEADING-RADIANS"}
+    units |= {one: ("depth", one.unit) for one in found.findings if one.code == "DEPTH-UNIT" and one.unit}
+    if not units:
         return found
-    again = examine(path, replace(request, configuration=_stating(stated, {"compass": {"unit": "rad"}})))
-    return replace(again, findings=(*radians, *again.findings))
+    keys = {sensor: {"unit": unit} for sensor, unit in units.values()}
+    again = examine(path, replace(request, configuration=_stating(stated, keys)))
+    return replace(again, findings=(*units, *again.findings))
 
 
 def _stating(stated: ConfigurationFile, sections: Mapping[str, Mapping[str, object]]) -> ConfigurationFile:

@@ -84,6 +84,13 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
                     _keep(sections[role], entry, key, why)
         if drafted.head:
             _keep(sections["usbl"], f"head = {inline(drafted.head)}", "head", WHY_HEAD)
+        for one in (one for one in examination.findings if one.code == "DEPTH-UNIT"):
+            if "depth" in log.tables:
+                why = "CHECK: in it, the least pressure is that of the air"
+                _keep(sections["depth"], f'unit = "{one.unit}"', "unit", why)
+            else:
+                named = proposals["depth"].lines if "depth" in proposals else [(f"topic = {quoted(one.topic)}", "")]
+                sections["depth"] = [*named, ('# unit = "?"', f"CHECK: {one.text}")]
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(examination, log)
         lines += [*_convention_comments(examination), *_rival_comments(examination)]

@@ -260,7 +260,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
     topic: str | None = None
     columns: dict[Time | Flag | Literal["depth_m", "pressure"], str] | None = None
     device: str | int | None = None
-    unit: Literal["Pa", "hPa", "dbar", "bar", "m"] | None = None
+    unit: Literal["Pa", "hPa", "mbar", "kPa", "dbar", "bar", "psi", "m"] | None = None
     surface_pa: Annotated[float, Meta(ge=0, le=1e7)] | None = None
     positive: Literal["down", "up"] | None = None
     time: Clock | None = None

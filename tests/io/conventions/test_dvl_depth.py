@@ -30,6 +30,7 @@ from recordings import (
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import read_log
+from usbldr.io.units import PASCALS_PER_UNIT
 
 
 def body(table: pd.DataFrame) -> list[float]:
@@ -97,7 +98,7 @@ SPEED = "[dvl]\nsound_speed_mps = 1545.0"
         (pressure(T0, 201325.0), "", [BAR_M]),
         *(
             (pressure(T0, 201325.0 / pascals), f'[depth]\nunit = "{unit}"', [BAR_M])
-            for unit, pascals in (("Pa", 1), ("hPa", 100), ("dbar", 1e4), ("bar", 1e5))
+            for unit, pascals in PASCALS_PER_UNIT.items()
         ),
         (number(-4.0, "/depth"), '[depth]\npositive = "up"', [4]),
     ],
@@ -140,7 +141,8 @@ NO_LOCK = [twist(T0 + k * SECOND, *((327.67, 327.67) if k % 3 else (1.0, 0.1))) 
         (NO_LOCK, "", {"dvl": 12},
          {"DVL-INVALID": "/dvl: 8 of 12 records are invalid and not used (8 faster than 20 m/s)"}),
         ([pressure(T0, 1013.0)], "", {},
-         {"DEPTH-UNIT": "/pressure: not used as depth: a median of 1013 cannot be Pa; state unit under [depth]"}),
+         {"DEPTH-UNIT": '/pressure: not used as depth: a median of 1013 cannot be Pa; state unit = "hPa", in which the '
+          "least is that of the air, under [depth]"}),
     ],
     ids=["perhaps radians", "no orientation", "a quaternion", "no bottom lock", "no pascals"],
 )  # fmt: skip
@@ -244,7 +246,7 @@ SECTION, LOG = "{folder}/usbldr.toml: [{section}] ", "{folder}/dive.mcap: "
         ([twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3", UsageError,
          SECTION + "min_good_beams: /dvl (geometry_msgs/msg/TwistStamped) has no such field"),
         ([pressure(T0, 201325.0)], '[depth]\nunit = "m"', UsageError,
-         SECTION + 'unit = "m": /pressure holds pressures (Pa, hPa, dbar, bar)'),
+         SECTION + 'unit = "m": /pressure holds pressures (Pa, hPa, mbar, kPa, dbar, bar, psi)'),
         ([pressure(T0, 201325.0)], '[depth]\npositive = "up"', UsageError,
          SECTION + "positive: /pressure holds pressures, to which it does not apply"),
         ([number(4.0, "/depth")], '[depth]\ntopic = "/depth"\nunit = "Pa"', UsageError,

@@ -355,3 +355,25 @@ def test_positions_that_may_be_something_else_are_left_to_init(tmp_path: Path, p
     (usbl,) = open_log(write_csv(tmp_path, usbl=f"time,lat,lon\n{rows}")).topics()
 
     assert bool(usbl.problem) == ("N" not in place)
+
+
+@pytest.mark.parametrize(
+    ("unit", "pascals"), [("hPa", 100), ("kPa", 1e3), ("dbar", 1e4), ("bar", 1e5), ("psi", 6894.757)]
+)
+@pytest.mark.parametrize(("surface_pa", "first_m", "known"), [(101_325, 0, 1), (101_325, 20, 0), (0, 0, 0)])
+def test_a_pressure_is_in_the_unit_in_which_it_begins_at_that_of_the_air(
+    tmp_path, unit, pascals, surface_pa, first_m, known
+):
+    depths = np.arange(30) + first_m
+    values = (surface_pa + depths * 1025 * 9.80665) / pascals
+    rows = "".join(f"{T0_S + k},{value:.5f}\n" for k, value in enumerate(values))
+    write_csv(tmp_path, dvl=DVL, usbl=FIX, compass=HEADINGS, depth=f"time,Pressure\n{rows}")
+
+    draft = drafted(tmp_path)
+
+    section = tomllib.loads(draft)["depth"]
+    assert section["columns"] == {"time_unix_s": "time", "pressure": "Pressure"}
+    assert section.get("unit") == (unit if known else None)
+    assert ('# unit = "?"' in draft and "under [depth]" in draft) == (not known)
+    if known:
+        assert read_as(tmp_path, draft).tables["depth"]["depth_m"].tolist() == pytest.approx(list(depths), abs=0.1)
