@@ -18,6 +18,7 @@ from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.draft import WHY_HEAD, Draft
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, ships_gps, usbl_lines
 from usbldr.io.doctor.interpretations import reinterpret
+from usbldr.io.doctor.proposed_columns import time_of
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.geodesy import to_geodetic
@@ -118,16 +119,24 @@ def _asked(drafted: Draft, role: str) -> list[ConfigLine]:
     if role in drafted.refused:
         (first, _), *others = drafted.refused[role].lines
         return [(f"# {first}", f"CHECK: {drafted.unread[role]}"), *((f"# {entry}", why) for entry, why in others)]
-    named = any(topic.type == f"usbldr/{role}" for topic in drafted.unused)
-    topic = quoted(drafted.unused[0].name if len(drafted.unused) == 1 else "?")
+    named = [topic for topic in drafted.unused if topic.type == f"usbldr/{role}"]
+    only = named or [topic for topic in drafted.unused if len(drafted.unused) == 1]
+    key, clock = time_of(only[0]) if only else ("time_unix_s", "?")
+    topic = quoted(only[0].name if only else "?")
     keys = [] if named else ['# file = "?"' if role == "truth" else f"# topic = {topic}"]
-    first, *others = [*keys, f'# columns = {{ time_unix_s = "?", {COLUMNS[role]} }}']
+    first, *others = [*keys, f"# columns = {{ {key} = {quoted(clock)}, {COLUMNS[role]} }}"]
     return [(first, f"CHECK: {drafted.unread[role]}"), *((key, "") for key in others)]
 
 
 def _unused_topics(topics: Sequence[TopicInfo]) -> list[str]:
     """Return the topics with fields that no sensor uses, for which a section may ask."""
-    fields = {one.name: one.unused or [name for name, _ in one.first_row] or one.shown_fields for one in topics}
+    fields = {
+        one.name: [f"{name} ({cell})" for name, cell in one.first_row if name.isdigit()]
+        or one.unused
+        or [name for name, _ in one.first_row]
+        or one.shown_fields
+        for one in topics
+    }
     lines = [comment(f"  {name}: {listed(fields[name])}") for name in list(fields)[:MAX_TOPICS] if fields[name]]
     return ["# Topics and fields that no sensor uses, which topic and columns can name:", *lines] if lines else []
 

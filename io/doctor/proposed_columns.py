@@ -30,6 +30,7 @@ from usbldr.io.settings.toml_text import quoted
 from usbldr.io.tables.csv_sheets import CANONICAL, side_columns
 from usbldr.io.tables.time_columns import ISO, SINCE_NS, dated_columns, keys_since_1970, named_epoch, of_gps
 from usbldr.io.tables.unnamed_columns import is_number
+from usbldr.io.units import NamedUnit
 
 NAMES_OF_AXES = {
     "x": "u|surge|along(_track|ship)?|longitudinal|(fore|forward|fwd)_aft",
@@ -205,6 +206,15 @@ def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
     longest_s = SINCE_NS / 1e9 if column.known else OWN_CLOCK_S
     own_clock = "time_s" if "time_s" in units and abs(float(cell)) < longest_s else None
     return next((key for key in keys_since_1970(cell) if key in units), own_clock)
+
+
+def time_of(topic: TopicInfo) -> tuple[str, str]:
+    """Return the key of ``columns`` and the column of a table's time by its first row, whatever the columns' names."""
+    for name, cell in topic.first_row:
+        column = NamedColumn(name, RULES[0], NamedUnit(name))
+        if (ISO.fullmatch(cell) or keys_since_1970(cell)) and (key := _time_key(topic, {"time": column})):
+            return key, name
+    return "time_unix_s", "?"
 
 
 def _counts_us(column: NamedColumn, cell: str) -> bool:

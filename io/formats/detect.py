@@ -212,10 +212,8 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)
     if _is_matlab_4(path):
         raise LogError("is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')", path=path)
-    from usbldr.io.tables.csv_begin import has_blank_columns, lacks_header
+    from usbldr.io.tables.csv_begin import has_blank_columns
 
-    if lacks_header(head):
-        raise LogError("has no header: its first row holds numbers; insert a line with the column names", path=path)
     if has_blank_columns(head):
         why = "is a table with blanks between its columns, whose first row is not of as many numbers as there are names"
         raise LogError(f"{why}; write commas between the columns", path=path)

@@ -38,6 +38,6 @@ def _lacks_header(topic: TopicInfo) -> bool:
 def _unread(role: str, topic: TopicInfo) -> Finding:
     why = topic.problem
     if _lacks_header(topic):
-        why = "it has no header: its first line holds values; insert a line with the names of its columns"
+        why = "it has no header: its first line holds values; name its columns by number with the key columns"
     text = f"{topic.name}: named like the {role}, and not read: {why}; rename it if it is no part of it"
     return Finding("TOPIC-UNREAD", text, topic.name, lost_data=True)

@@ -34,8 +34,10 @@ def looks_like_csv(head: bytes) -> bool:
     if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
         return lines[0].startswith("#")
     header = lines[_header_place(lines)] if lines else ""
-    printable = header.replace("\t", " ").isprintable() and any(char.isalpha() for char in header)
-    return printable and (_separator(header) in header or has_blank_columns(head, whole=True))
+    row = row_without_names(lines)
+    printable = (header if row is None else lines[row]).replace("\t", " ").isprintable()
+    named = any(char.isalpha() for char in header) and (_separator(header) in header or has_blank_columns(head, True))
+    return printable and (named or row is not None)
 
 
 def has_blank_columns(head: bytes, whole: bool = False) -> bool:
@@ -61,15 +63,21 @@ def _is_dated(names: Sequence[str], row: Sequence[str]) -> bool:
     return len(row) == len(names) + 1 > 2 and all(map(foreign_time, (f"{row[0]} 00:00:00", row[1])))
 
 
-def lacks_header(head: bytes) -> bool:
-    """Return whether a file's first bytes are columns without names: numbers, or most of them numbers and times.
+def row_without_names(lines: Sequence[str]) -> int | None:
+    """Return the place of the first row, of numbers and times or most of them, if no line names its columns.
 
-    Lines of words may come before.
+    Comments may come before. None if one of them names as many columns, or if the format does (TUM).
     """
-    first = next((line for line in head_lines(head) if not line.startswith((*REMARKS, "*"))), "")
-    cells = first.split(_separator(first) if _separator(first) in first else None)
+    place = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith((*REMARKS, "*"))), 0)
+    row = lines[place] if lines else ""
+    separator = _separator(row) if _separator(row) in row else None
+    cells = cells_of(row, separator)
     values = sum(is_value(cell) or foreign_time(cell.strip()) for cell in cells)
-    return (len(cells) > 1 and values == len(cells)) or values > max(2, len(cells) / 2)
+    if values <= max(2, len(cells) / 2) and not len(cells) == values > 1:
+        return None
+    names = cells_of(bare(lines[_header_place(lines)]), separator)
+    named = (len(names) == len(cells) or _is_dated(names, cells)) and not any(map(is_value, names))
+    return None if named or (unnamed_columns(Path(), cells) and separator is None) else place
 
 
 def is_value(cell: str) -> bool:
@@ -111,7 +119,7 @@ def _ends_in_comment(names: Sequence[str], row: Sequence[str]) -> bool:
 
 def _separator(line: str) -> str:
     """Return the separator of a file's columns by its first line; with semicolons, numbers have a decimal comma."""
-    return max(",;\t|", key=line.count)
+    return ";" if ";" in line and line.count(",") <= line.count(";") + 1 else max(",;\t|", key=line.count)
 
 
 def with_point(cell: str) -> str:
@@ -147,12 +155,15 @@ def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
         comments += len(begun) - 1
         begun = [begun[-1], *islice(lines, PREAMBLE - 1)]
     clean = [line.replace("\0", "") for line in begun]
-    place = _header_place(clean)
+    row = row_without_names(clean)
+    place = _header_place(clean) if row is None else row
     first = bare(clean[place]) if begun else ""
     separator = _separator(first) if _separator(first) in first else None
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
     names, rows = cells_of(first, separator), place + 1
-    if separator is None and _is_dated(names, next((line for line in clean[rows:] if line.strip()), "").split()):
+    if row is not None:
+        names, rows = [f"{k}" for k in range(1, len(names) + 1)], place
+    elif separator is None and _is_dated(names, next((line for line in clean[rows:] if line.strip()), "").split()):
         separator = DATED
     while not units_are_row and rows < len(begun):
         joined = _joined(names, cells_of(clean[rows], separator))

@@ -26,7 +26,7 @@ from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees
 
 PROPOSED = "name them with the key columns of the sensor's section in usbldr.toml; usbldr init writes a draft"
-NO_HEADER = "has no header: its first line holds values; insert a line with the names of its columns"
+NO_HEADER = f"has no header: its first line holds values, so its columns are 1, 2, ...; {PROPOSED}"
 OF_FIXES = "fix_status fix_type quality"  # columns that say whether there was a fix, and how it was made
 TEXTS = {"device", "target", "lat_side", "lon_side", "valid", *OF_FIXES.split()}  # keys whose cells may be words
 ANGLES: Mapping[str, tuple[float, float]] = {

@@ -54,7 +54,9 @@ def test_a_stem_is_a_topic_and_its_columns_determine_the_type_and_keep_the_order
         ("compass", "time_ns,heading_deg,heading_deg\n1,2,3",
          "{file}: has two columns heading_deg (its columns: time_ns, heading_deg, heading_deg); rename one"),
         ("dvl", "1600000000,0.5,1.25\n1600000001,0.5,1.25",
-         "{file}: has no header: its first row holds numbers; insert a line with the column names"),
+         "{folder}: /dvl cannot be read as dvl: dvl.csv has no header: its first line holds values, so its "
+         "columns are 1, 2, ...; name them with the key columns of the sensor's section in usbldr.toml; usbldr init "
+         "writes a draft"),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, name: str, text: str, said: str) -> None:

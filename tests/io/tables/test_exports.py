@@ -77,9 +77,6 @@ def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, col
         (b"FTP NEW 2 \r\nVER 16.1.0\r\n", "is a Hypack raw file"),
         (b"\xed\xa1\xda\x01" + bytes(90), "is an LCM log"),
         (b"-- PostgreSQL database dump\nSET client_encoding = 'UTF8';\n", "is a dump of a database"),
-        (b" 1  09/13/20  12:26:40.0  45.100000  7.250000   12.50\n", "has no header"),
-        (b"* NaviPac custom log\n* Date Time E N\n13.09.2020, 12:26:40.0, 500000.1, 4983000.2\n", "has no header"),
-        (b"VFR 2020/09/13 12:26:40.0 1 0 SOLN_USBL 7.25 45.1 12.5 1 0.7 0\n", "has no header"),
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path: Path, begin: bytes, said: str) -> None:
@@ -377,3 +374,27 @@ def test_a_pressure_is_in_the_unit_in_which_it_begins_at_that_of_the_air(
     assert ('# unit = "?"' in draft and "under [depth]" in draft) == (not known)
     if known:
         assert read_as(tmp_path, draft).tables["depth"]["depth_m"].tolist() == pytest.approx(list(depths), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("begin", "row", "columns", "wanted"),
+    [
+        ("", "1  09/13/20  12:26:4{k}.0  45.100000  7.250000   12.50", "3 4 5", (45.1, 7.25)),
+        ("* NaviPac custom log\n* Date Time\n", "13.09.2020, 12:26:4{k}.0, 45.1, 7.2", "2 3 4", (45.1, 7.2)),
+        ("", "VFR 2020/09/13 12:26:4{k}.0 1 0 SOLN_USBL 7.25 45.1 12.5 1 0.7 0", "3 8 7", (45.1, 7.25)),
+        ("", "1.60000000{k}e+09\t4.51e+01\t7.2e+00", "1 2 3", (45.1, 7.2)),
+        ("# from MATLAB\n", "160000000{k};45,1;7,2", "1 2 3", (45.1, 7.2)),
+    ],
+)
+@pytest.mark.parametrize("name", ["usbl", "nav"])
+def test_columns_without_names_are_named_by_number(tmp_path, begin, row, columns, wanted, name):
+    text = begin + "".join(f"{row.format(k=k)}\n" for k in range(5))
+    time, lat, lon = columns.split()
+    (tmp_path / f"{name}.txt").write_text(text, encoding="utf-8")
+
+    draft = drafted(tmp_path)
+    log = read_as(tmp_path, f'[usbl]\ncolumns = {{ time_unix_s = "{time}", lat_deg = "{lat}", lon_deg = "{lon}" }}\n')
+
+    assert f'columns = {{ time_unix_s = "{time}", lat_deg = "?", lon_deg = "?" }}' in draft
+    assert (log.start_ns, len(log.tables["usbl"])) == (T0, 5)
+    assert (log.origin.lat_deg, log.origin.lon_deg) == pytest.approx(wanted)

@@ -280,7 +280,7 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
         ("compass", "Time [s],Heading [deg],Heading [deg]", "1,1,1",
          "has columns for the same quantity (Heading [deg], Heading"),
         ("dvl", "1600000000,5,dvl_link,1.5,0.5", "1600000000,5,dvl_link,1.5,0.5",
-         "has no header: its first line holds values; insert a line with the names of its columns"),
+         "has no header: its first line holds values, so its columns are 1, 2, ...; name them"),
     ],
 )  # fmt: skip
 def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path, name, header, cells, why):
