@@ -49,7 +49,7 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg)(_(t(rue)?|rw))?|hdt|steuerkurs"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg|hea)(_(t(rue)?|rw))?|hdt|steuerkurs"),
     *(Rule("compass", f"{angle}_deg", "angle", angle, alone=False) for angle in ("roll", "pitch")),  # beside a heading
     Rule("depth", "depth_m", "length", "depth|tiefe"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),

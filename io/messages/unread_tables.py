@@ -1,14 +1,10 @@
 """Tables that cannot be read, although they belong to a sensor: they hold a part of its records."""
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 
 from usbldr.io.findings import Finding
 from usbldr.io.messages.topic_names import suggested_sensors, without_numbers
 from usbldr.io.reader import TopicInfo
-
-VALUE = re.compile(r"[-+]?\d[-+.,:\d eTZ]*", re.IGNORECASE)
-"""A number, or a date and time, which is no name of a column."""
 
 
 def unread_tables(
@@ -25,19 +21,11 @@ def unread_tables(
             alike = role in used and without_numbers(used[role]) == without_numbers(topic.name)
             alike |= role in unnamed and topic.type == f"usbldr/{role}"
             unread = topic.is_table and topic.problem and topic.name not in used.values()
-            if unread and (alike or _lacks_header(topic)):
+            if unread and (alike or (topic.first_row[:1] and topic.first_row[0][0] == "1")):
                 found.setdefault(topic.name, _unread(role, topic))
     return tuple(found.values())
 
 
-def _lacks_header(topic: TopicInfo) -> bool:
-    """Return whether what would be the names of a table's columns are values."""
-    return bool(topic.first_row) and all(VALUE.fullmatch(name) for name, _ in topic.first_row)
-
-
 def _unread(role: str, topic: TopicInfo) -> Finding:
-    why = topic.problem
-    if _lacks_header(topic):
-        why = "it has no header: its first line holds values; name its columns by number with the key columns"
-    text = f"{topic.name}: named like the {role}, and not read: {why}; rename it if it is no part of it"
+    text = f"{topic.name}: named like the {role}, and not read: {topic.problem}; rename it if it is no part of it"
     return Finding("TOPIC-UNREAD", text, topic.name, lost_data=True)

@@ -23,7 +23,7 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_begin import begin_of_table, header_and_row
-from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, holds_values, open_angle, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_times import (
     clock_digits,
@@ -182,7 +182,7 @@ class CsvLog:
         if sheet:
             empty = self._begin(source.file)[1] in ([], [""])
             return f"{source.file.name} {'has no rows' if empty else sheet.problem}"
-        return f"{source.file.name} {NO_HEADER}" if holds_values(source.header) else unmatched_text(source.header)
+        return f"{source.file.name} {NO_HEADER}" if source.header[:1] == ("1",) else unmatched_text(source.header)
 
     def _first_row(self, source: CsvSource) -> FirstRow:
         """Return the columns and first cells of a file with one sensor."""

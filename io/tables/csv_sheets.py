@@ -21,7 +21,7 @@ from usbldr.io.messages.field_names import KEYS, NamedColumn, named_column, sens
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.time_columns import ISO, TimeColumn, dated_columns, time_column, time_fault
+from usbldr.io.tables.time_columns import TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees
 
@@ -113,7 +113,7 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     columns |= {name: name for name in header if name in known}
     missing = min((sorted((choice | {"time_ns"}) - set(header)) for choice in kind.choices), key=len)
     if missing:
-        if holds_values(header):
+        if list(header[:1]) == ["1"]:
             return Sheet(CANONICAL + sensor, columns, problem=NO_HEADER)
         unnamed = "has no column whose name states quantity and unit"
         lacks = f"has no column {', '.join(missing)}" if columns or "time_ns" in header else unnamed
@@ -122,11 +122,6 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
     received = "received_ns" if "received_ns" in header else "time_ns"
     texts = frozenset(TEXTS & columns.keys() if sensor != "dvl" else ())
     return Sheet(CANONICAL + sensor, columns, TimeColumn(received), TimeColumn("time_ns"), texts=texts)
-
-
-def holds_values(header: Sequence[str]) -> bool:
-    """Return whether one of the names of columns is a value: then they are a row."""
-    return any(is_number(name) or ISO.fullmatch(name) for name in header)
 
 
 def _sensor(stem: str, header: set[str]) -> str | None:

@@ -51,12 +51,12 @@ WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
 WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
 PARTS: Mapping[str, str] = {
     "year": "year|yr|yyyy",
-    "month": "month|mon",
-    "day": "day|day_of_month",
+    "month": "month|mon|^mo",
+    "day": "day|day_of_month|^da",
     "day_of_year": "doy|day_of_year|julian_day|jday|yday",
-    "hour": "hours?|hr",
-    "minute": "minutes?|mins?",
-    "second": "seconds?|secs?",
+    "hour": "hours?|hr|^hh",
+    "minute": "minutes?|mins?|^mm",
+    "second": "seconds?|secs?|^ss",
     "second_of_day": r"sod|seconds?_of_(the_)?day",
     "nanosecond": "nano(sec(ond)?)?s?|nsecs?",
 }
@@ -197,6 +197,8 @@ def of_times(names: Sequence[str]) -> set[str]:
 def _of_parts(parts: Mapping[str, str], columns: Mapping[str, Sequence[str]]) -> list[str]:
     """Return times that several columns make up as ISO text."""
     value = {p: _numbers(columns[name]) for p, name in parts.items()}
+    if "year" in value:  # which some write as 26
+        value["year"] = value["year"] + CENTURY * (value["year"] < 100)
     good = (np.abs(sum(value.values())) < 1e12) & (np.abs(value.get("year", np.array(CENTURY)) - CENTURY) < 100)
     whole = {p: np.where(good, numbers, 1).astype(np.int64) for p, numbers in value.items()}
     month = (whole.get("year", 1970) - np.int64(1970)) * 12 + whole.get("month", 1) - 1

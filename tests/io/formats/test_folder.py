@@ -250,8 +250,8 @@ def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
-        ("gps_2", "2027-01-01T00:00:00.5Z,45.0,7.0\n2027-01-01T00:00:01.5Z,45.0,7.1\n", "it has no header"),
-        ("usbl_b", "2027-01-01 00:00:00Z,-3.5,1e2\n2027-01-01 00:00:01Z,-3.6,1e2\n", "it has no header"),
+        ("gps_2", "2027-01-01T00:00:00.5Z,45.0,7.0\n2027-01-01T00:00:01.5Z,45.0,7.1\n", "has no header"),
+        ("usbl_b", "2027-01-01 00:00:00Z,-3.5,1e2\n2027-01-01 00:00:01Z,-3.6,1e2\n", "has no header"),
         ("dvl_002", "when,forward,sideways\n1,2,3\n", "its columns match no sensor (when, forward, sideways)"),
         ("ship_compass", "Time [s],Heading [cdeg]\n1,2\n", "has a column Heading [cdeg] without a known unit"),
     ],
