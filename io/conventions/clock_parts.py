@@ -91,8 +91,8 @@ def _sensor(
 ) -> tuple[_Sensor, list[Finding]]:
     """Examine the log times of a sensor, and its stamps; with wraps put right."""
     groups = None
-    if "target" in raw.values:
-        names, which = np.unique(raw.values["target"], return_inverse=True)
+    if (targets := raw.values.get("target", raw.values.get("device"))) is not None:
+        names, which = np.unique(targets, return_inverse=True)
         groups = [np.flatnonzero(which == k) for k in range(len(names))]
     received = examined(raw.received_ns, groups, known_wraps, longest_ns)
     wraps, steps, single, stamp_ns = received.wraps, received.steps, received.single, raw.stamp_ns

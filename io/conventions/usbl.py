@@ -29,7 +29,7 @@ from usbldr.io.conventions.usbl_covariance import (
     with_variance_floor,
 )
 from usbldr.io.conventions.usbl_head import UsblReference, rotated_clockwise, usbl_reference
-from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
+from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_one, without_repeats
 from usbldr.io.conventions.usbl_travel import fix_times, moved_by_head_m
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
@@ -75,7 +75,7 @@ def usbl(
     ``raws`` are those of the USBL and of its head's ship, ``others`` the vehicle's compass and depths, by role. Raises
     LogError if none is left or latitudes have no plane, UsageError if the section does not fit.
     """
-    raw, target, findings = records_of_target(raws["usbl"], section.target)
+    raw, target, findings = records_of_one(raws["usbl"], "usbl", section.target)
     kind, kind_chosen, unused = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
     when = fix_times(raw, kind, section, times_of(raw, section.time, section.latency_s, section.clock_step_s, "usbl"))

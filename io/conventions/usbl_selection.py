@@ -27,48 +27,32 @@ MOST_DEVICES = 8  # more are numbers of something else
 OF_EACH = "write those of each to a file of its own"
 
 
-def records_of_target(raw: RawRecords, target: str | int | None) -> tuple[RawRecords, list[Convention], list[Finding]]:
-    """Return the fixes of one target; raise UsageError if several exist and none, or a missing one, is named."""
-    return _records_of(raw, "usbl", ("target", "fix", "fixes"), target)
-
-
-def records_of_device(
-    raw: RawRecords, role: str, device: str | int | None
+def records_of_one(
+    raw: RawRecords, role: str, stated: str | int | None
 ) -> tuple[RawRecords, list[Convention], list[Finding]]:
-    """Return the records of one of the devices that a column names; of a USBL without targets, these are its targets.
+    """Return the fixes of one target of a USBL, or the records of one of the devices that a column of a table names.
 
-    Raises UsageError if several devices measured and none, or a missing one, is named.
+    Raises UsageError if there are several and none, or a missing one, is named. A column for devices counts if a few
+    of them measured.
     """
-    named = "device" in raw.values
-    names = _names(raw, "device") if named else np.empty(0, dtype=np.str_)
-    numbers = [raw.number(name) for name, column in raw.values.items() if column.dtype.kind != "U" and name != "device"]
-    several = named and 1 < len({*names[np.isfinite(numbers).any(axis=0)]} - {""}) <= MOST_DEVICES
-    if role == "usbl":
-        values = {"target" if name == "device" else name: column for name, column in raw.values.items()}
-        return (replace(raw, values=values) if several and "target" not in raw.values else raw), [], []
-    if not several and device is None:
-        return raw, [], []
-    return _records_of(raw, role, ("device", "record", "records"), device)
-
-
-def _records_of(
-    raw: RawRecords, role: str, words: tuple[str, str, str], stated: str | int | None
-) -> tuple[RawRecords, list[Convention], list[Finding]]:
-    """Return the records of one of those that a quantity names; ``words``: it, one of the records, and several."""
-    key, record, records = words
-    if key not in raw.values:
-        if stated is None:
-            return raw, [], []
+    key, record, records = ("target", "fix", "fixes") if role == "usbl" else ("device", "record", "records")
+    quantity = key if key in raw.values else "device"
+    if quantity not in raw.values:
         text = f"{key} of the configuration is not used; its records name no {key}"
-        return raw, [], [raw.finding("KEY-UNUSED", text)]
-    all_names = _names(raw, key)
+        return raw, [], [] if stated is None else [raw.finding("KEY-UNUSED", text)]
+    all_names = _names(raw, quantity)
     names, counts = np.unique(all_names, return_counts=True)
+    if quantity == "device" and stated is None:
+        numbers = [raw.number(name) for name, one in raw.values.items() if one.dtype.kind != "U" and name != quantity]
+        if not 1 < len({*all_names[np.isfinite(numbers).any(axis=0)]} - {""}) <= MOST_DEVICES:
+            return raw, [], []
     listed = ", ".join(f"{name or 'no name'} ({n} {records})" for name, n in zip(names, counts, strict=True))
     wanted = str(stated) if stated is not None else str(names[0]) if len(names) == 1 else None
     if wanted is None:
-        text = f"{raw.topic.name} holds {records} of {len(names)} {key}s: {listed}; "
-        first = quoted(str(next(filter(None, names))))
-        text += f"choose one under [{role}]: {key} = {first}" if role in ROLES else OF_EACH
+        advice = f"choose one under [{role}]: {key} = {quoted(str(next(filter(None, names))))}"
+        text = (
+            f"{raw.topic.name} holds {records} of {len(names)} {key}s: {listed}; {advice if role in ROLES else OF_EACH}"
+        )
         raise UsageError(text, path=raw.log, topic=raw.topic.name)
     if wanted not in names:
         raise SettingError(f"[{role}] {key}: {raw.topic.name} holds no {record} of {wanted} (its {key}s: {listed})")
@@ -77,7 +61,7 @@ def _records_of(
         chosen = Convention(key, wanted, "data", note="the only one")
     part = raw.part(all_names == wanted)
     if raw.attitude is not None:
-        part = replace(part, attitude=raw.attitude.part(_names(raw.attitude, key) == wanted))
+        part = replace(part, attitude=raw.attitude.part(_names(raw.attitude, quantity) == wanted))
     return part, [chosen], []
 
 

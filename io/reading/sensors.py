@@ -17,7 +17,7 @@ from usbldr.io.conventions.sanity import covariance_findings
 from usbldr.io.conventions.timestamps import align_clocks, sorted_by_time
 from usbldr.io.conventions.usbl import usbl
 from usbldr.io.conventions.usbl_head import SHIP
-from usbldr.io.conventions.usbl_selection import records_of_device
+from usbldr.io.conventions.usbl_selection import records_of_one
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.messages.configured import configured_columns
@@ -131,9 +131,11 @@ def of_devices(
     findings: list[Finding] = []
     receivers = raws["gps"].topic if "gps" in raws else None
     for role, raw in raws.items():
+        if role == "usbl":  # whose targets have clocks of their own, which are compared first
+            continue
         of = "gps" if raw.topic == receivers else role
         stated = getattr(configuration.section(of), "device", None) if of in ROLES else None
-        raws[role], chosen[role], found = records_of_device(raw, of, stated)
+        raws[role], chosen[role], found = records_of_one(raw, of, stated)
         findings += found if role == of else []
     return chosen, findings
 

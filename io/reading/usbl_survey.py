@@ -19,7 +19,7 @@ from usbldr.io.conventions.time_series import TimeSeries, time_series
 from usbldr.io.conventions.timestamps import align_clocks, times_of
 from usbldr.io.conventions.usbl import along_axes
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, gyro_section, ship_choices
-from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_target, without_repeats
+from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_one, without_repeats
 from usbldr.io.conventions.usbl_travel import fix_times
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
@@ -115,7 +115,7 @@ class _Fixes(NamedTuple):
 
 def _fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tuple[_Fixes, list[Finding]]:
     """Return the valid fixes of the target as the head measured them."""
-    raw, _, findings = records_of_target(raw, section.target)
+    raw, _, findings = records_of_one(raw, "usbl", section.target)
     kind, *_ = kind_of_fixes(raw, section, origin)
     raw, more = without_repeats(raw, kind, section)
     frame, _, _ = chosen_convention(raw, "frame", section.frame, "ENU")

@@ -147,8 +147,11 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     cells = dict(zip(names, first_row, strict=False))
     if not stated and not any(map(states_degrees, first_row)):
         others = suggested_sensors(stem) - {"compass"}
-        found = {sensor: _of_degrees(columns) for sensor, columns in found.items() if _in_degrees(columns, cells)}
-        found = {sensor: columns for sensor, columns in found.items() if sensor != "compass" or not others}
+        found = {
+            sensor: {key: same for key, same in columns.items() if key in ANGLES or not same[0].rule.dimension}
+            for sensor, columns in found.items()
+            if _in_degrees(columns, cells) and (sensor != "compass" or not others)
+        }
         if not found:
             return {}
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
@@ -225,11 +228,6 @@ def _in_degrees(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str
     angles = [(key, cells.get(one.name, "")) for key in ANGLES for one in columns.get(key, ()) if not one.unit.unit]
     within = all(is_number(cell) and abs(float(cell)) <= ANGLES[key][1] for key, cell in angles)
     return within and any(_is_degrees(key, cell) for key, cell in angles)
-
-
-def _of_degrees(columns: Mapping[str, Sequence[NamedColumn]]) -> Mapping[str, Sequence[NamedColumn]]:
-    """Return the columns of angles and flags: the others need a unit."""
-    return {key: same for key, same in columns.items() if key in ANGLES or not same[0].rule.dimension}
 
 
 def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:

@@ -89,10 +89,10 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
     return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
 
 
-def _telling(names: Iterable[str]) -> set[str]:
-    """Return those of plain names of columns whose first value may tell their unit: named as times and places."""
-    times = {column.name for column in map(named_column, names) if column and column.rule.dimension == "time"}
-    return times | {name for name in names if open_angle(name) or is_date(name)}
+def _may_tell(name: str) -> bool:
+    """Return whether the first value of a column may tell its unit, by its plain name: a time, date or angle."""
+    column = named_column(name)
+    return bool((column and column.rule.dimension == "time") or open_angle(name) or is_date(name))
 
 
 def _cells(values: Column) -> list[str]:
@@ -176,7 +176,7 @@ class TableLog:
         if name in table.dated:
             return "1970-01-01 00:00:00"
         (short,) = plain_names([name])
-        shown = short in self._iso.get(table.topic, ()) or short in _telling([short])
+        shown = short in self._iso.get(table.topic, ()) or _may_tell(short)
         return self._first_value(table, short) if shown else ""
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -204,11 +204,8 @@ class TableLog:
 
     def _first_row(self, table: Table) -> FirstRow:
         """Return the columns, and the first value of those that may be times; the others are not read."""
-        plain = dict(zip(table.columns, plain_names(list(table.columns)), strict=True))
-        telling = _telling([*plain.values()])
-        return tuple(
-            (short, self._first_value(table, short) if name in telling else "") for name, short in plain.items()
-        )
+        names = plain_names(list(table.columns))
+        return tuple((short, self._date(table, name)) for short, name in zip(names, table.columns, strict=True))
 
     def _first_value(self, table: Table, name: str) -> str:
         """Return the first value of a column as text, empty if there is none or it cannot be read."""
