@@ -15,15 +15,7 @@ MPS_PER_UNIT: Mapping[str, float] = {
     "ft/s": 0.3048,
     "knots": 1852 / 3600,
 }
-PASCALS_PER_UNIT: Mapping[str, float] = {
-    "Pa": 1.0,
-    "hPa": 100.0,
-    "mbar": 100.0,
-    "kPa": 1e3,
-    "dbar": 1e4,
-    "bar": 1e5,
-    "psi": 6894.757293168,
-}
+PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1, "hPa": 100, "kPa": 1e3, "dbar": 1e4, "bar": 1e5, "psi": 6894.75729317}
 DEG_PER_RAD = 57.29577951308232  # fixed: by definition
 
 _UNITS: Mapping[Dimension, Mapping[str, float]] = {
@@ -48,6 +40,7 @@ _SPELLINGS: Mapping[str, str] = {
     "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",
     "rad": "rads radian radians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
+    "hPa": "mbar millibar millibars",
     "dbar": "decibar decibars",
     "m": "meter meters metre metres",
     "cm": "centimeter centimeters centimetre centimetres",

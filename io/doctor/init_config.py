@@ -87,8 +87,7 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
             _keep(sections["usbl"], f"head = {inline(drafted.head)}", "head", WHY_HEAD)
         for one in (one for one in examination.findings if one.code == "DEPTH-UNIT"):
             if "depth" in log.tables:
-                why = "CHECK: in it, the least pressure is that of the air"
-                _keep(sections["depth"], f'unit = "{one.unit}"', "unit", why)
+                _keep(sections["depth"], f'unit = "{one.unit}"', "unit", "CHECK: the least pressure is that of the air")
             else:
                 named = proposals["depth"].lines if "depth" in proposals else [(f"topic = {quoted(one.topic)}", "")]
                 sections["depth"] = [*named, ('# unit = "?"', f"CHECK: {one.text}")]
@@ -130,13 +129,9 @@ def _asked(drafted: Draft, role: str) -> list[ConfigLine]:
 
 def _unused_topics(topics: Sequence[TopicInfo]) -> list[str]:
     """Return the topics with fields that no sensor uses, for which a section may ask."""
-    fields = {
-        one.name: [f"{name} ({cell})" for name, cell in one.first_row if name.isdigit()]
-        or one.unused
-        or [name for name, _ in one.first_row]
-        or one.shown_fields
-        for one in topics
-    }
+    fields = {one.name: one.unused or [name for name, _ in one.first_row] or one.shown_fields for one in topics}
+    numbered = (one for one in topics if one.first_row[:1] and one.first_row[0][0] == "1")
+    fields |= {one.name: [f"{number} ({cell})" for number, cell in one.first_row] for one in numbered}
     lines = [comment(f"  {name}: {listed(fields[name])}") for name in list(fields)[:MAX_TOPICS] if fields[name]]
     return ["# Topics and fields that no sensor uses, which topic and columns can name:", *lines] if lines else []
 

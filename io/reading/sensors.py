@@ -129,13 +129,10 @@ def of_devices(
     """Leave of each sensor the records of one device; raise UsageError if several measured and none is named."""
     chosen: dict[str, list[Convention]] = {}
     findings: list[Finding] = []
-    receivers = raws["gps"].topic if "gps" in raws else None
-    for role, raw in raws.items():
-        if role == "usbl":  # whose targets have clocks of their own, which are compared first
-            continue
-        of = "gps" if raw.topic == receivers else role
+    for role in [one for one in raws if one != "usbl"]:  # whose targets are chosen when their clocks are compared
+        of = "gps" if "gps" in raws and raws[role].topic == raws["gps"].topic else role
         stated = getattr(configuration.section(of), "device", None) if of in ROLES else None
-        raws[role], chosen[role], found = records_of_one(raw, of, stated)
+        raws[role], chosen[role], found = records_of_one(raws[role], of, stated)
         findings += found if role == of else []
     return chosen, findings
 

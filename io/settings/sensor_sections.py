@@ -45,20 +45,9 @@ FixFlag: TypeAlias = Literal["fix_status", "fix_type", "quality"]
 Place: TypeAlias = Literal[FixFlag, "x", "y", "lat_deg", "lon_deg", "lat_side", "lon_side", "sd_m"]
 CompassColumn: TypeAlias = Literal["heading", "roll_deg", "pitch_deg", "qx", "qy", "qz", "qw", "sd_deg"]
 UsblColumn: TypeAlias = Literal["z", "slant_range_m", "bearing_deg", "elevation_deg", "depth_m", "target"]
-Stamp: TypeAlias = Literal[
-    "time_ns",
-    "time_unix_us",
-    "time_unix_ms",
-    "time_unix_s",
-    "time_s",
-    "time_datenum",
-    "time_excel",
-    "time_julian",
-    "time_mjd",
-    "time_labview",
-    "time_filetime",
-    "time_ticks",
-]
+Elapsed: TypeAlias = Literal["time_ns", "time_unix_us", "time_unix_ms", "time_unix_s", "time_s"]
+DayNumber: TypeAlias = Literal["time_datenum", "time_excel", "time_julian", "time_mjd"]
+Stamp: TypeAlias = Literal[Elapsed, DayNumber, "time_labview", "time_filetime", "time_ticks"]
 Time: TypeAlias = Literal[Stamp, "received_ns", "received_unix_s", "time_format"]
 TruthColumn: TypeAlias = Literal[Stamp, "x", "y", "lat_deg", "lon_deg", "sd_m"]
 Flag: TypeAlias = Literal["valid", "error", "device"]
@@ -260,7 +249,7 @@ class DepthSection(Section, frozen=True, kw_only=True):
     topic: str | None = None
     columns: dict[Time | Flag | Literal["depth_m", "pressure"], str] | None = None
     device: str | int | None = None
-    unit: Literal["Pa", "hPa", "mbar", "kPa", "dbar", "bar", "psi", "m"] | None = None
+    unit: Literal["Pa", "hPa", "kPa", "dbar", "bar", "psi", "m"] | None = None
     surface_pa: Annotated[float, Meta(ge=0, le=1e7)] | None = None
     positive: Literal["down", "up"] | None = None
     time: Clock | None = None

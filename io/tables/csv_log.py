@@ -115,8 +115,7 @@ class CsvLog:
         """Return the first filled cell of each column; dates and times as ISO text, for which all rows are read."""
         names, cells = self._begin(file)
         read = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
-        read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)]
-        read = read or any(map(open_angle, names))
+        read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)] or any(map(open_angle, names))
         if not read or len({*names}) < len(names) or not len(self._table(file).lines):
             return cells
         columns = self._table(file).columns

@@ -63,11 +63,7 @@ PARTS: Mapping[str, str] = {
 """Parts of a time that have a column each, and the names of these."""
 DATES = ("year", "month", "day"), ("year", "day_of_year")
 CLOCKS = ("nanosecond", "hour", "minute", "second"), ("hour", "minute", "second"), ("second_of_day",)
-PARTED: Sequence[tuple[str, ...]] = (
-    *((*date, *clock) for date in DATES for clock in CLOCKS),
-    DATES[1],
-    ("nanosecond", "second"),
-)
+PARTED: Sequence[Sequence[str]] = (*((*d, *c) for d in DATES for c in CLOCKS), DATES[1], ("nanosecond", "second"))
 """The parts of a whole time, whose days may have decimals. The last one's column becomes that of the time."""
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""

@@ -25,7 +25,7 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
-from usbldr.io.tables.csv_sheets import ANGLES, Sheet, open_angle, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.date_times import (
     orders_of,
     parted_time,
@@ -212,12 +212,9 @@ class TableLog:
         values: Column = np.empty(0)
         with suppress(LogError):
             values = self._column(table, name)
-            values = values[values != ""] if values.dtype.kind in TEXT else values
-            if (key := open_angle(name)) and values.dtype.kind in "iuf":
-                size = np.abs(np.ma.filled(values.astype(np.float64), np.nan))
-                telling = values[(size > ANGLES[key][0]) & (size <= ANGLES[key][1])]
-                values = telling if len(telling) else values[size >= 0]
-            values = values[:1]
+            if open_angle(name):
+                return first_telling(name, map(str, np.ma.compressed(values)))
+            values = values[values != ""][:1] if values.dtype.kind in TEXT else values[:1]
         if values.dtype.kind == "M":
             values = np.datetime_as_string(values, unit="ms")
         return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))

@@ -246,7 +246,7 @@ SECTION, LOG = "{folder}/usbldr.toml: [{section}] ", "{folder}/dive.mcap: "
         ([twist(T0, 1.0, 0.0)], "[dvl]\nmin_good_beams = 3", UsageError,
          SECTION + "min_good_beams: /dvl (geometry_msgs/msg/TwistStamped) has no such field"),
         ([pressure(T0, 201325.0)], '[depth]\nunit = "m"', UsageError,
-         SECTION + 'unit = "m": /pressure holds pressures (Pa, hPa, mbar, kPa, dbar, bar, psi)'),
+         SECTION + 'unit = "m": /pressure holds pressures (Pa, hPa, kPa, dbar, bar, psi)'),
         ([pressure(T0, 201325.0)], '[depth]\npositive = "up"', UsageError,
          SECTION + "positive: /pressure holds pressures, to which it does not apply"),
         ([number(4.0, "/depth")], '[depth]\ntopic = "/depth"\nunit = "Pa"', UsageError,

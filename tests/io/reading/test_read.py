@@ -100,7 +100,7 @@ def test_a_file_of_another_time_zone_is_named_with_the_keys_that_move_it(tmp_pat
 
     said = survey(log, Request()).fault
 
-    units = "(Pa, hPa, mbar, kPa, dbar, bar, psi)"
+    units = "(Pa, hPa, kPa, dbar, bar, psi)"
     why = f"a column Pressure without a known unit {units}; write it behind the name"
     assert f"{why}; --depth none leaves it out; the sensors" in said
     assert f"if the times of dvl and compass are of a time zone 2 h ahead, state {stated}" in said
