@@ -85,14 +85,18 @@ def write_tables(folder: Path, run: Run) -> None:
     if (poses := pose_table(run.log, trajectory)) is not None:
         write_csv(folder / f"pose_{fast}.csv", poses)
     write_csv(folder / "fixes.csv", fixes)
-    if report is not None:
+    time_s, place_m, yaw = trajectory.time_s, trajectory.position_m, trajectory.state("psi")
+    if report is None:
+        known = np.isfinite(place_m).all(axis=1)
+        time_s, place_m, yaw = time_s[known], place_m[known], None if yaw is None else yaw[known]
+    else:
         write_csv(folder / f"errors_{slow}.csv", errors_table(report))
-        yaw = None if (psi := trajectory.state("psi")) is None else np.interp(report.time_s, trajectory.time_s, psi)
-        if yaw is not None:
-            yaw = yaw + report.alignment.rotation_rad
-        depth = column_at(report.time_s, run.log.tables.get("depth"), "depth_m")  # of both: errors are horizontal
-        write_tum(folder / "track.tum", run.log.start_ns, report.time_s, report.estimate_m, yaw, depth)
-        write_tum(folder / "truth.tum", run.log.start_ns, report.time_s, report.truth_m, None, depth)
+        yaw = None if yaw is None else np.interp(report.time_s, time_s, yaw) + report.alignment.rotation_rad
+        time_s, place_m = report.time_s, report.estimate_m
+    depth = column_at(time_s, run.log.tables.get("depth"), "depth_m")  # of both tracks: errors are horizontal
+    write_tum(folder / "track.tum", run.log.start_ns, time_s, place_m, yaw, depth)
+    if report is not None:
+        write_tum(folder / "truth.tum", run.log.start_ns, time_s, report.truth_m, None, depth)
     shifted = report is not None and report.alignment.name == "shift"
     if run.log.origin is not None and (shifted or not run.log.map_unknown):
         moved, fixes, truth = _on_the_map(run, fixes)

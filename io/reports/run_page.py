@@ -144,7 +144,7 @@ def _definitions(run: Run) -> list[str]:
         "NEES is the squared error normalised by the filter's covariance (plus that of the truth, if known). Its "
         "bounds use the effective number of independent errors, because successive errors are correlated.",
         "`track_*.csv` is the track as the filter estimated it; `errors_*.csv`, `track.tum` and `truth.tum` are what "
-        "was scored, after the alignment.",
+        "was scored, after the alignment. Without a truth, `track.tum` is the track as estimated.",
         "Every number here is in `report.json` under its own name.",
     ]
     if run.method not in METHODS:

@@ -196,6 +196,7 @@ def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its
         drms_m.append(report_of(Path(out))["fix_statistics"]["scatter"]["drms_m"])
         depth_m = pd.read_csv(Path(out) / "pose_5hz.csv").depth_m
         assert depth_m.between(39.5, 80.5).all()
+        assert np.loadtxt(Path(out) / "track.tum")[:, 3] == pytest.approx(-depth_m, abs=1e-3)  # also without a truth
         assert f",{-depth_m[0]:.2f}" in (Path(out) / "track.kml").read_text()
     assert drms_m[1] == pytest.approx(drms_m[0], rel=0.05)
 

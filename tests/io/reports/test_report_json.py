@@ -69,8 +69,9 @@ def test_a_log_without_truth_or_origin_still_gives_its_track(tmp_path: Path) -> 
 
     out = written(tmp_path, blind)
 
-    files = ["fixes.csv", "pose_5hz.csv", "report.json", "report.md", "track_5hz.csv"]
+    files = ["fixes.csv", "pose_5hz.csv", "report.json", "report.md", "track.tum", "track_5hz.csv"]
     assert sorted(path.name for path in out.iterdir()) == files
+    assert np.loadtxt(out / "track.tum")[:, 1:3] == pytest.approx(CKF.position_m, abs=1e-6)
     assert report_of(out)["metrics"] is None
     assert "paper has no truth" in (out / "report.md").read_text()
 
