@@ -47,7 +47,8 @@ class FixStatistics(NamedTuple):
     """What the fixes of a dive were like."""
 
     fixes: int
-    good_share: float  # neither rejected nor false
+    good_share: float  # neither rejected nor down-weighted
+    outliers: int  # the others
     interval_s: float  # median
     longest_gap_s: float
     range_m: SlowNoise | None  # along the line from the head; None: too few fixes, or no known head
@@ -78,6 +79,7 @@ def fix_statistics(
     if moved is None or int(inside.sum()) < 2:
         return None
     step_s = np.diff(time_s[inside])
+    judged = good | ((time_s >= track.time_s[0]) & (time_s <= track.time_s[-1]))
     east, north = (_noise(time_s, position_m, moved, inside, axis) for axis in np.eye(2))
     along = across = None
     shares: tuple[RangeShare, ...] = ()
@@ -88,11 +90,12 @@ def fix_statistics(
         line = to_track / reach[:, None]
         along = _noise(time_s, position_m, moved, inside, line)
         across = _noise(time_s, position_m, moved, inside, np.degrees(line[:, ::-1] * [1, -1] / reach[:, None]))
-        shares = _by_range(reach, good)
+        shares = _by_range(reach[judged], good[judged])
     residual = left_out_residuals(time_s, position_m, track, cov_m2) if track.smoothed and cov_m2 is not None else None
     return FixStatistics(
-        fixes=len(time_s),
-        good_share=float(good.mean()),
+        fixes=int(judged.sum()),
+        good_share=float(good[judged].mean()),
+        outliers=int((judged & ~good).sum()),
         interval_s=float(np.median(step_s)),
         longest_gap_s=float(step_s.max()),
         range_m=along,

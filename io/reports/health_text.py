@@ -73,14 +73,17 @@ def health_lines(run: Run) -> list[tuple[str, str]]:
 
 
 def fix_text(run: Run) -> str:
-    """Return what the fixes of a dive were like: how many are good, their white noise, their scatter; "" if unknown."""
+    """Return what the fixes of a dive were like: how many are good, their noise, their scatter; "" if unknown."""
     fixes = run.fix_statistics
     if fixes is None:
         return ""
     parts = {"in range": (fixes.range_m, "m"), "in bearing": (fixes.bearing_deg, "deg")}
     if fixes.range_m is None:
         parts = {"east": (fixes.east_m, "m"), "north": (fixes.north_m, "m")}
-    text = f"{100 * fixes.good_share:.0f} % good, one in {fixes.interval_s:.1f} s"
+    text = f"{fixes.fixes}, one in {fixes.interval_s:.1f} s; {100 * fixes.good_share:.0f} % good, "
+    text += f"{fixes.outliers} gross outlier{'' if fixes.outliers == 1 else 's'}"
+    ranges = [f"{one.from_m:.0f} to {one.to_m:.0f} m {100 * one.good_share:.0f} %" for one in fixes.by_range]
+    text += f"; good by horizontal range: {', '.join(ranges)}" if ranges else ""
     for part in ("white", "slow"):
         noise = [
             f"{getattr(found, part).sd:.2f} ± {getattr(found, part).sd_of_sd:.2f} {unit} {name}"

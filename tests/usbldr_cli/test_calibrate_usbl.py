@@ -195,6 +195,11 @@ def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its
         run("replay", str(dive), "--filter", "adf", "--smooth", "--plots", "none", "--output", out)
         drms_m.append(report_of(Path(out))["fix_statistics"]["scatter"]["drms_m"])
         depth_m = pd.read_csv(Path(out) / "pose_5hz.csv").depth_m
+        page = (Path(out) / "report.md").read_text()
+        found = report_of(Path(out))["fix_statistics"]
+        spans = [f"{one['from_m']:.0f} to {one['to_m']:.0f} m {one['good_share']:.0%}" for one in found["by_range"]]
+        assert f"{found['outliers']} gross outlier" in page
+        assert f"good by horizontal range: {', '.join(spans).replace('%', ' %')}" in page
         assert depth_m.between(39.5, 80.5).all()
         assert np.loadtxt(Path(out) / "track.tum")[:, 3] == pytest.approx(-depth_m, abs=1e-3)  # also without a truth
         assert f",{-depth_m[0]:.2f}" in (Path(out) / "track.kml").read_text()

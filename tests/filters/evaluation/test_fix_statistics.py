@@ -72,9 +72,18 @@ def test_false_fixes_leave_the_noise_as_it_is_and_lower_the_share():
     place[~good] += 40.0
     found = fix_statistics(time_s, place, away, good, circling())
     assert found.good_share == pytest.approx(0.9)
+    assert (found.fixes, found.outliers) == (150, 15)
     assert found.range_m.white.sd == pytest.approx(clean.range_m.white.sd, rel=0.2)
     assert sum(one.fixes for one in found.by_range) == 150
     assert found.longest_gap_s >= clean.longest_gap_s
+
+
+def test_fixes_before_the_track_are_no_outliers():
+    time_s, place, away = dive(1)
+    after = time_s >= 100.0
+    found = fix_statistics(time_s - 100.0, place, away, after, circling())
+    assert (found.fixes, found.outliers, found.good_share) == (after.sum(), 0, 1.0)
+    assert {one.good_share for one in found.by_range} == {1.0}
 
 
 @pytest.mark.parametrize("method", ["adf", "ekf"])
