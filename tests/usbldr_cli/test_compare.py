@@ -257,10 +257,13 @@ def noise_of(white, slow=0.1):
     return {"white": {"sd": white, "sd_of_sd": 0.02}, "slow": {"sd": slow, "sd_of_sd": 0.05}, "time_constant_s": 60.0}
 
 
-def a_run(folder, day, white, statistics=True):
+def a_run(folder, day, white, statistics=True, head=True):
     folder.mkdir()
-    found = {"fixes": 300, "good_share": 0.95, "range_m": noise_of(white), "bearing_deg": noise_of(0.5)}
-    found |= {"east_m": None, "north_m": None, "scatter": {"drms_m": 1.0, "cep95_m": 1.7, "drms_percent": None}}
+    axes = {"range_m": noise_of(white), "bearing_deg": noise_of(0.5), "east_m": None, "north_m": None}
+    span = {"from_m": 20.0, "to_m": 90.0, "fixes": 300, "good_share": 0.95}
+    found = {"fixes": 300, "good_share": 0.95, "by_range": [span] if head else []}
+    found |= axes if head else dict.fromkeys(axes)
+    found |= {"scatter": {"drms_m": 1.0, "cep95_m": 1.7, "drms_percent": None}}
     report = {"log": {"name": "dive.mcap"}, "time_base": {"start_utc": f"2025-06-{day:02}T10:00:00Z"}, "metrics": None}
     (folder / "report.json").write_text(json.dumps(report | {"fix_statistics": found if statistics else None}))
     return str(folder)
@@ -276,6 +279,12 @@ def test_the_dive_that_got_worse_is_named_and_rows_are_in_order_of_time(tmp_path
     assert [line.split()[0] for line in done.output.splitlines()[1:6]] == [f"dive-{day}" for day in range(1, 6)]
     assert done.output.splitlines()[-1] == "dive-4: white noise in range 0.90 m, median of all 0.43 m"
     assert "0.90 ± 0.02*" in done.output
+
+
+def test_a_dive_without_a_head_says_so_among_others(tmp_path):
+    runs = [a_run(tmp_path / f"dive-{day}", day, 0.4, head=day != 2) for day in (1, 2)]
+    first, second = compared_fixes(*runs).output.splitlines()[1:3]
+    assert ("no head" in first, second.count("no head")) == (False, 4)
 
 
 def test_two_dives_name_none(tmp_path):

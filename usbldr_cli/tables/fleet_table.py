@@ -1,4 +1,4 @@
-"""How good the fixes of several dives were, a row for each: which vehicle, ship or week got worse."""
+"""How good the fixes of several dives were, a row for each run, whose name stands for vehicle and ship."""
 
 import json
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ def read_dives(folders: Sequence[Path]) -> list[DiveFixes]:
 def fleet_table(dives: Sequence[DiveFixes]) -> Table:
     """Return a row for each dive; * marks noise that is larger than that of the dives together."""
     axes = NOISE[:2] if any(one.statistics["range_m"] for one in dives) else NOISE[2:]
-    noises = {f"{part} {axis.replace('_', ' ')}": _cells(*_noise(dives, axis, part)) for axis in axes for part in PARTS}
+    noises = {f"{part} {axis.replace('_', ' ')}": _cells(dives, axis, part) for axis in axes for part in PARTS}
     body = [
         (
             dive.run,
@@ -86,9 +86,12 @@ def _noise(dives: Sequence[DiveFixes], axis: str, part: str) -> tuple[Vector, Ve
     return sd, own, more > NOTABLE_SIGMAS * np.hypot(own, spread)
 
 
-def _cells(sd: Vector, own: Vector, larger: Mask) -> list[str]:
-    marks = np.where(larger, "*", "").tolist()
-    return [f"{a:.2f} ± {b:.2f}{m}" if np.isfinite(a) else "" for a, b, m in zip(sd, own, marks, strict=True)]
+def _cells(dives: Sequence[DiveFixes], axis: str, part: str) -> list[str]:
+    headless = [axis in NOISE[:2] and not one.statistics["by_range"] for one in dives]
+    return [
+        f"{sd:.2f} ± {own:.2f}{'*' if larger else ''}" if np.isfinite(sd) else "no head" if unknown else ""
+        for sd, own, larger, unknown in zip(*_noise(dives, axis, part), headless, strict=True)
+    ]
 
 
 def _scatter(found: dict[str, Any] | None) -> tuple[str, str, str]:
