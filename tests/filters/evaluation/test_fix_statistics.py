@@ -43,7 +43,11 @@ def dive(seed, range_sd_m=0.4, bearing_sd_deg=0.8, count=150, slow=(0.0, 0.0)):
 
 @pytest.mark.parametrize("slow", [(0.6, 1.0), (0.0, 0.0)])
 def test_white_and_slow_noise_are_what_was_put_in(slow):
-    """50 dives with dead reckoning whose heading is wrong by 2 degrees, and whose speed by 2 %."""
+    """50 dives with dead reckoning whose heading is wrong by 2 degrees, and whose speed by 2 %.
+
+    Not each of the 200 numbers can be within 2.5 of its sigma: of normal errors 1.2 % are outside, so that all are
+    within in 8 % of such trials. One of 200 is outside, with slow noise and without.
+    """
     z, ratios, lasting = [], [], []
     for seed in range(50):
         time_s, place, away = dive(seed, slow=slow)
@@ -60,7 +64,8 @@ def test_white_and_slow_noise_are_what_was_put_in(slow):
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
     z = np.array(z)
     assert 0.8 < np.sqrt(np.mean(z[:, :2] ** 2)) < 1.25
-    assert np.mean(np.abs(z) < 2.5) > 0.98  # normal errors: 98.8 %
+    assert np.sum(np.abs(z) > 2.5) <= 2
+    assert np.abs(z).max() < 3.5
     assert (np.abs(z[:, 2:].mean(axis=0)) < (0.5 if any(slow) else 1.5)).all()  # a slow part cannot be below 0
     assert not any(slow) or np.mean(lasting, axis=0) / slow == pytest.approx(np.ones(2), abs=0.1)
 
