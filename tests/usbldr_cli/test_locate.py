@@ -79,6 +79,12 @@ def dive(tmp_path_factory):
     return folder / "run"
 
 
+def test_what_a_run_keeps_for_it_is_less_than_10_megabytes_an_hour(dive):
+    length_h = np.ptp(pd.read_csv(dive / "track_5hz.csv").time_s) / 3600
+    kept = [dive / name for name in ("track_5hz.csv", "pose_5hz.csv", "fixes.csv", "report.json")]
+    assert sum(file.stat().st_size for file in kept) < 10e6 * length_h
+
+
 def test_rows_of_a_table_keep_their_columns_in_every_format(dive, tmp_path):
     (tmp_path / "samples.csv").write_text(
         "time,bottle,lat_deg\n2026-01-01T00:01:40.5Z,7,60.1234567\n2026-01-01T00:00:00Z,8,60\n2027-01-01,9,60\n"
