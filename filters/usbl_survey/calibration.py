@@ -18,7 +18,8 @@ from usbldr.filters.usbl_survey.geometry import LATENCIES, NAMES, PLACE, UsblSur
 DOF = 4.0  # of the errors' distribution: heavy tails, and 95 % of the information if they are normal
 PRIOR_SD = np.array([10.0, 10.0, 180.0, 0.05, 30.0, 30.0, 1.0, 1.0, 1e5, 1e5, 1e4])
 """By NAMES: what an installation may have, wide enough for every ship; they decide only what a survey leaves open."""
-STEP = np.array([0.01, 0.01, 0.01, 1e-5, 0.01, 0.01, 0.25, 0.25, 0.01, 0.01, 0.01])  # of differences, by NAMES
+STEP = np.array([0.01, 0.01, 0.01, 1e-5, 0.01, 0.01, 0.25, 1.0, 0.01, 0.01, 0.01])
+"""Of differences, by NAMES. Over a shorter time, the noise of positions looks like speed, and tells a latency."""
 HEADING = NAMES.index("mount_heading_deg")  # fixed
 STARTS_DEG = tuple(range(0, 360, 45))  # of the mount's heading: within a quarter turn of any
 FITTED = 4  # of the starts, those of the lowest costs: a transponder below has a mirror image

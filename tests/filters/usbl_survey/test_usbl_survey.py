@@ -130,6 +130,15 @@ def test_a_plan_gives_the_sigmas_that_surveys_reach(fits):
     assert reached / expected == pytest.approx(np.ones(8), abs=0.2)
 
 
+def test_the_noise_of_positions_tells_no_latency():
+    """On a circle at one speed nothing else does, either: its sigma is that of exact positions."""
+    noise = (CIRCLE.range_sd_m, np.radians(CIRCLE.angle_sd_deg))
+    exact = replace(CIRCLE, position_sd_m=0.0)
+    plans = [planned(simulate_survey(one, 0), CIRCLE.true_values, KNOWN, noise) for one in (CIRCLE, exact)]
+    noisy, known = np.array([[one.sd for one in plan] for plan in plans])
+    assert noisy / known == pytest.approx(np.ones(11), abs=0.1)
+
+
 def test_a_box_is_good_and_calibrated_fixes_scatter_as_their_noise():
     found, fit = judged(simulate_survey(BOX, 500), STATED, KNOWN)
     assert (found.result, [one.name for one in found.parameters if one.open]) == ("good", [])
