@@ -127,10 +127,9 @@ TEXT = """\
 `usbldr check sample_logs/baseline.toml` with {seeds} other seeds (1 to {seeds}; the baseline has 0), usbldr {version}.
 Made by `python benchmarks/gate/study.py --seeds {seeds}`.
 
-A false alarm is a regression although nothing got worse. {fixed} of the {count} rows have no random numbers. They
-repeat to the bit on one machine and within 1e-9 on another, far inside their limits of 0.1 % and 1 %, so they give no
-false alarm. The others are run here with other random numbers. This is the worst case: on another machine only a few
-draws may differ. On the machine of the baseline, with its seed, they repeat to the bit, too.
+A false alarm is a regression although nothing got worse. {fixed} of the {count} rows have no random numbers and give
+no false alarm: they repeat within 1e-9 on any machine. The others are run here with other random numbers. This is the
+worst case: on another machine only a few draws may differ.
 
 A loss means that every error on the same track is 1.05, 1.10 or 1.20 times as large (NEES grows by the square). It is
 found if a metric of the row is a regression.
@@ -145,8 +144,7 @@ At least one of these rows gives a false alarm in {gate} of the gate runs.
 
 {dives}
 
-The errors of different dives scatter by far more than the limits. So keep the seeds and the logs of a gate; the
-baseline states their SHA-256. To compare methods on several dives, compare them seed by seed, as `compare` does.
+The errors of different dives scatter by far more than the limits: keep the seeds and the logs of a gate.
 """
 
 
