@@ -14,6 +14,7 @@ from typing import cast
 import msgspec
 
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
 from usbldr.io.messages.registry import message_layout_of
@@ -90,7 +91,8 @@ def _draft(path: Path, request: Request) -> Draft:
         if readable:
             keys, examination = min(readable, key=lambda one: _unlike_fixes_m(one[1]))
             head = cast("Mapping[str, object]", keys["usbl"]["head"])
-    if examination is None or examination.log is None:
+    lacks_head = examination is not None and fault.endswith(STATE_HEAD)  # with it, the proposals may be right
+    if not lacks_head and (examination is None or examination.log is None):
         without = _examined(path, request, stated)
         if examination is None or without.log is not None:
             why = f"the columns that the names suggest cannot be used: {fault}"

@@ -49,7 +49,6 @@ def asked_in(log: Path, file: Path) -> tuple[str, str]:
 
 
 DVL_COLUMNS = {"time_unix_s": "time", "x": "vx", "y": "vy", "z": "vz"}
-COMPASS_COLUMNS = {"time_unix_ms": "stamp", "heading": "heading"}
 PROPOSED = "# CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -310,9 +309,8 @@ def test_the_words_of_ships_and_flags_of_receivers_are_proposed_and_used(tmp_pat
     run("init", log, "--output", tmp_path / "found.toml")
 
     found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
-    at = {"time_unix_us": "timestamp"}
-    assert found["gps"]["columns"] == {**at, "lat_deg": "lat", "lon_deg": "lon", "fix_type": "fix_type"}
-    assert found["dvl"]["columns"] == {**at, "x": "vel_forward", "y": "vel_right"}
+    assert "columns" not in found["gps"]  # read by their names: only degrees have such values
+    assert found["dvl"]["columns"] == {"time_unix_us": "timestamp", "x": "vel_forward", "y": "vel_right"}
     assert found["dvl"]["axes"][:2] == "FS"
     read = read_log(log, Request(str(tmp_path / "found.toml"), topics={"compass": "none"}))
     assert (len(read.tables["gps"]), read.provenance["gps"].messages) == (30, 40)
@@ -357,9 +355,9 @@ def csv(tmp_path: Path) -> Path:
 def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Path) -> None:
     text, found = initialised(csv, tmp_path / "found.toml")
 
-    assert (found["dvl"]["columns"], found["compass"]["columns"]) == (DVL_COLUMNS, COMPASS_COLUMNS)
-    assert (found["dvl"]["axes"], found["compass"]["unit"]) == ("FRD", "deg")
-    assert text.count("# by the names of its columns") == text.count(PROPOSED) == 2
+    assert (found["dvl"]["columns"], found["dvl"]["axes"]) == (DVL_COLUMNS, "FRD")
+    assert "columns" not in found["compass"]  # of such a size only degrees are
+    assert text.count("# by the names of its columns") == text.count(PROPOSED) == 1
 
 
 def tables_of(csv: Path) -> dict[str, dict[str, np.ndarray]]:
@@ -404,7 +402,7 @@ def test_day_numbers_of_matlab_are_proposed_as_such(csv: Path, tmp_path: Path, n
     _, found = initialised(WRITERS["MATLAB"](tmp_path, tables), tmp_path / "found.toml")
 
     assert found["dvl"]["columns"] == {"time_datenum": name, "x": "vx", "y": "vy", "z": "vz"}
-    assert found["compass"]["columns"] == COMPASS_COLUMNS
+    assert found["compass"]["convention"] == "compass"
 
 
 def test_of_two_kinds_of_position_one_is_proposed(csv: Path, tmp_path: Path) -> None:
@@ -414,7 +412,7 @@ def test_of_two_kinds_of_position_one_is_proposed(csv: Path, tmp_path: Path) -> 
     _, found = initialised(csv, tmp_path / "found.toml")
 
     assert found["usbl"]["columns"] == {"time_unix_s": "t", "x": "east", "y": "north"}
-    assert found["gps"]["columns"] == {"time_unix_s": "t", "lat_deg": "lat", "lon_deg": "lon"}
+    assert "columns" not in found["gps"]  # latitude and longitude by their names
     assert found["dvl"]["columns"] == DVL_COLUMNS
 
 
@@ -453,10 +451,7 @@ def test_columns_beside_those_that_a_configuration_states_have_its_time(tmp_path
     ("names", "found"),
     [
         ("vx,vy,lat,lon,battery_v", {"x": "vx", "y": "vy", "lat_deg": "lat", "lon_deg": "lon"}),
-        (
-            "dvl_vx,dvl_vy,gps_lat,gps_lon,lat",
-            {"x": "dvl_vx", "y": "dvl_vy", "lat_deg": "gps_lat", "lon_deg": "gps_lon"},
-        ),
+        ("dvl_vx,dvl_vy,gps_lat,gps_lon,lat", {"x": "dvl_vx", "y": "dvl_vy"}),  # the GPS by its own names
         ("vx,dvl_vy,latitude,lat,dvl_vx", {}),  # two candidates
         ("u,v,lat,lon,beacon", {"x": "u", "y": "v"}),  # a position of the beacon?
     ],
@@ -478,9 +473,11 @@ def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_q
     nameless = {"heading_rate": 1.0, "heading_rad": 2.0}
     odd = [(row[0], "/dvl_heading", GYRO, nameless) if row[1] == "/dvl" else row for row in short_dive()]
 
-    for sensor, log in (("compass", csv), ("dvl", write_mcap(tmp_path / "dive.mcap", odd))):
+    two = "/ahrs cannot be read as compass: ahrs.csv has c"
+    none = "no topic is known to be dvl; without it, only --filter usbl works"
+    for sensor, log, why in (("compass", csv, two), ("dvl", write_mcap(tmp_path / "dive.mcap", odd), none)):
         said, text = asked_in(log, tmp_path / f"{sensor}.toml")
-        assert f"no topic is known to be {sensor}; without it, only --filter usbl works" in said
+        assert why in said
         assert sensor not in tomllib.loads(text)
 
 
@@ -499,7 +496,8 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(csv: Pat
         "CHECK: /compass cannot be read as compass: compass.csv has no column whose name states quantity and unit"
         in text
     )
-    asked = '# [compass]\n# columns = { time_unix_s = "?", heading = "?" }'
+    asked = '# [compass]\n# columns = { time_unix_ms = "stamp", heading = "?" }'
+    assert asked in text
     completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
     file.write_text(completed, encoding="utf-8")
     accepted(csv, file)
@@ -511,8 +509,8 @@ def test_a_truth_that_cannot_be_read_is_asked_for_beside_all_that_fits(csv: Path
     _, text = asked_in(csv, tmp_path / "found.toml")
 
     found = tomllib.loads(text)
-    assert (found["dvl"]["axes"], found["compass"]["unit"], "gps" in found) == ("FRD", "deg", False)
-    assert '# [gps]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }' in text
+    assert (found["dvl"]["axes"], "gps" in found) == ("FRD", False)
+    assert '# [gps]\n# columns = { time_unix_s = "t", lat_deg = "?", lon_deg = "?" }' in text
     assert "CHECK: /gps cannot be read as gps: gps.csv has no column whose name states quantity and unit" in text
 
 
@@ -543,7 +541,7 @@ def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_st
     _, text = asked_in(csv, file)
 
     assert tomllib.loads(text)["dvl"]["axes"] == "FRD"
-    asked = '# [truth]\n# columns = { time_unix_s = "?", lat_deg = "?", lon_deg = "?" }'
+    asked = '# [truth]\n# columns = { time_unix_ms = "clock", lat_deg = "?", lon_deg = "?" }'
     assert asked in text
     stated = f'{MAP}[truth]\nfile = "truth.csv"\n'
     stated += 'columns = { time_unix_ms = "clock", lat_deg = "phi", lon_deg = "lambda" }'
