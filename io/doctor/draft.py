@@ -91,8 +91,8 @@ def _draft(path: Path, request: Request) -> Draft:
         if readable:
             keys, examination = min(readable, key=lambda one: _unlike_fixes_m(one[1]))
             head = cast("Mapping[str, object]", keys["usbl"]["head"])
-    lacks_head = examination is not None and fault.endswith(STATE_HEAD)  # with it, the proposals may be right
-    if not lacks_head and (examination is None or examination.log is None):
+    # if only the place of the head lacks, the proposals may be right
+    if examination is None or (examination.log is None and not fault.endswith(STATE_HEAD)):
         without = _examined(path, request, stated)
         if examination is None or without.log is not None:
             why = f"the columns that the names suggest cannot be used: {fault}"

@@ -141,7 +141,7 @@ def test_the_radius_holds_the_true_places_of_a_sensor_in_simulated_dives(tmp_pat
         line, settings = usbldr.timeline(log), usbldr.RunSettings(smooth=True, calibrate=("scale",))
         scored = ScoredTrack(usbldr.replay(log, line, "ekf", settings), None)
         there = read_smoothed_run(usbldr.write_run(tmp_path / str(seed), log, line, scored))
-        time_s = np.random.default_rng(seed).uniform(*line.time_s[[0, -1]], 1000)
+        time_s = np.random.default_rng(seed).uniform(line.time_s[0], line.time_s[-1], 1000)
         found = located(there, log.start_ns + np.round(time_s * 1e9).astype(np.int64), arm)
         true_m = [np.interp(time_s, log.truth.time_s, axis) for axis in log.truth.position_m.T]
         off_m = found[["east_m", "north_m"]].to_numpy() - np.column_stack(true_m)
