@@ -1,9 +1,9 @@
 """Velocities between a jump and the jump back: of a DVL that tracks something else for a while, or nothing.
 
 If no vehicle can jump so, they are false unless the fixes before and after them show that a simulated one did; if one
-can, they are false if the fixes show that it did not. The way between fixes is compared with that of dead reckoning
-with these velocities, and with those before and after them, from which the vehicle may have differed as it usually
-does from its mean.
+can, they are false if the fixes show that it did not, and those a minute away do not show that it did: near ones may be
+false. The way between fixes is compared with that of dead reckoning with these velocities, and with those before and
+after them, from which the vehicle may have differed as it usually does from its mean.
 """
 
 import math
@@ -21,6 +21,7 @@ from usbldr.io.messages.layouts import blocks
 MIN_JUMP_MPS = 0.1  # [m/s] 20 s of it displace a track by 2 m
 RETURNING = 0.5  # [-] of a jump of the velocity, by judgement: what is left of it after the jump back
 MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
+FAR_S = ((60.0, 0.0), (0.0, 60.0))  # before and after a stretch, by judgement: false fixes in a row end by then
 FIXES_BESIDE = 7  # before and after a stretch: their median endures two outliers
 RIGHT = 0.5  # [-] of the way between fixes, by judgement: what right velocities leave of it, noise included, at most
 DR_ERROR = 0.1  # [-] of the way, by judgement: of dead reckoning, if the log does not show it
@@ -63,7 +64,8 @@ def false_velocities(time_s: Vector, velocity_mps: Array, fixes: Fixes | None) -
         confirmed = MIN_LOG_ODDS + math.log(len(stretches))  # by chance, one of all may be likely
         for one in sorted(stretches, key=lambda one: one.end - one.first):  # one may lie within another
             least = -MIN_LOG_ODDS if not one.possible else confirmed if judge.trusts_most else math.inf
-            if judge.log_odds_against(one) > least:
+            far = min(judge.log_odds_against(one, *beside_s) for beside_s in FAR_S)
+            if judge.log_odds_against(one) > least and far > min(least, 0.0):
                 false[one.first : one.end] = True
                 judge.leave_out(one)
     return false if 2 * np.count_nonzero(false) <= len(false) else np.zeros_like(false)
@@ -146,10 +148,16 @@ class _Judge:
         """Take the velocities of a stretch for false."""
         self._velocity_mps[one.first : one.end] = self._without(one)
 
-    def log_odds_against(self, one: Stretch) -> float:
-        """Return the log odds of the fixes against the velocities of a stretch, 0 without fixes on both sides."""
+    def log_odds_against(self, one: Stretch, before_s: float = 0.0, after_s: float = 0.0) -> float:
+        """Return the log odds of fixes so long before and after against the velocities of a stretch; 0: there are none.
+
+        Of a side that has no fixes so far away, the nearest ones count.
+        """
         times_s, position_m = self._fixes.time_s, self._fixes.position_m
-        before, after = np.searchsorted(times_s, self._time_s[[one.first, one.end - 1]]).tolist()
+        began_s, ended_s = float(self._time_s[one.first]), float(self._time_s[one.end - 1])
+        before, after = (int(np.searchsorted(times_s, at_s)) for at_s in (began_s - before_s, ended_s + after_s))
+        before = before or int(np.searchsorted(times_s, began_s))
+        after = after if after < len(times_s) else int(np.searchsorted(times_s, ended_s))
         count = min(FIXES_BESIDE, before, len(times_s) - after)
         if not count:
             return 0.0

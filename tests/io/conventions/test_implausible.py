@@ -279,6 +279,16 @@ def test_the_fixes_show_that_a_simulated_vehicle_changes_its_speed_at_once() -> 
     assert "DVL-JUMP" in found(replace(log, tables={name: log.tables[name] for name in ("dvl", "compass")}))
 
 
+@pytest.mark.parametrize("at_s", [80.0, 175.0, 335.0, 460.0, 560.0])
+@pytest.mark.parametrize("off_m", [(32.0, 0.0), (-25.0, 20.0)])
+def test_false_fixes_in_a_row_make_no_velocity_false(at_s: float, off_m: tuple[float, float]) -> None:
+    """They lie about a change of the speed, for 50 s."""
+    log = simulated_log(find_scenario("turns"), seed=2)
+    false = np.abs(times(log, "usbl") - at_s) < 25.0
+
+    assert found(changed(log, "usbl", PLACE, log.tables["usbl"][PLACE].to_numpy() + false[:, None] * off_m)) == []
+
+
 @pytest.mark.parametrize("share", [0.02, 0.1])
 def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: float) -> None:
     rng = np.random.default_rng(3)
