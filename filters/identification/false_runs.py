@@ -19,13 +19,11 @@ from usbldr.filters.identification.drift import drift_variances_m2
 from usbldr.filters.identification.histories import CORRECT, Followed, HistorySearch
 from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
 from usbldr.filters.identification.linearisation import BIAS_STATES, PASS_STATES, linearised, prior_sds
-from usbldr.filters.identification.noise_fit import estimate_usbl_noise
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
 from usbldr.filters.models.noise import robust_sd, shown_sd
 from usbldr.filters.models.parameters import FalseStart, Parameters, Start
 from usbldr.filters.types import Mask, Timeline, Vector
 
-ROUNDS = 3  # of noise and false fixes in turn: a fourth changes hardly any
 CELL_SIGMAS = 3.0  # [-] of a fix: positions that differ by less are one
 UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
 
@@ -42,21 +40,14 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
     """Return which fixes are false, (F,), and the log likelihood of all; of those after MAX_FIXES none is known to be.
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
-    with the stated correlated error and the sigma that neighbouring fixes show, too, then with the noise that fits
-    those of them that are correct, ROUNDS times; the likeliest noise decides. None is false if one run has as many as
-    are correct: nothing says then which of both is the vehicle.
+    with the stated correlated error and the sigma that neighbouring fixes show, too; the likelier noise decides. None
+    is false if one run has as many as are correct: nothing says then which of both is the vehicle.
     """
     fitted, found = member.parameters, false_runs(timeline, member)
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
     if at_fault or found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
-        robust = member = robust_member(timeline, member, stated)
-        for _ in range(ROUNDS):
-            other = false_runs(timeline, member)
-            found = max(found, other, key=lambda runs: runs.log_likelihood)
-            if other.false.all():
-                break
-            noise = estimate_usbl_noise(timeline.with_fixes(~other.false), robust, stated)
-            member = member._replace(parameters=noise)
+        robust = false_runs(timeline, robust_member(timeline, member, stated))
+        found = max(found, robust, key=lambda runs: runs.log_likelihood)
     return found.false & (_longest(found.false) < (~found.false[:MAX_FIXES]).sum()), found.log_likelihood
 
 
