@@ -19,7 +19,7 @@ typedef struct {
 typedef struct {
     Past past;
     double value[2], cov[3], cross[MAX_STATES][2];  /* innovation, its covariance without noise, that with the states */
-    double log_l[MAX_MODES], inverse[MAX_MODES][3], of_fix; /* likelihood of each mode, and of all */
+    double share[MAX_MODES], inverse[MAX_MODES][3], of_fix; /* of each mode in the likelihood; its log */
     double added_m2; /* to the variances of the position (CORRECT) or the offset (BEGINS) */
     int parent, decision, order;
     uint64_t code; /* those of one code agree */
@@ -68,14 +68,16 @@ static double chi_square(const double *e, const double *inverse) {
 }
 
 static void weigh(const Search *s, const SearchArrays *a, int f, Candidate *c) {
-    double most = -INFINITY, sum = 0.0;
+    double chi[MAX_MODES], least = INFINITY, sum = 0.0;
     for (int j = 0; j < s->modes; j++) {
         double det = inverted(c->cov, a->R + 4 * ((size_t)j * s->F + f), c->inverse[j]);
-        c->log_l[j] = -0.5 * (chi_square(c->value, c->inverse[j]) + log(det)) - LOG_2_PI + log(a->probability[j]);
-        if (c->log_l[j] > most) most = c->log_l[j];
+        chi[j] = chi_square(c->value, c->inverse[j]);
+        c->share[j] = a->probability[j] / sqrt(det);
+        if (chi[j] < least) least = chi[j];
     }
-    for (int j = 0; j < s->modes; j++) sum += exp(c->log_l[j] - most);
-    c->of_fix = most + log(sum);
+    for (int j = 0; j < s->modes; j++) sum += c->share[j] *= exp(-0.5 * (chi[j] - least));
+    for (int j = 0; j < s->modes; j++) c->share[j] /= sum;
+    c->of_fix = log(sum) - 0.5 * least - LOG_2_PI;
 }
 
 /* What a history may take fix f for: DECISIONS candidates. */
@@ -108,6 +110,8 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
         Candidate *c = of + d;
         double added = d == CORRECT ? apart_m2 : d == BEGINS ? begun_m2 : 0.0;
         int in_run = d != CORRECT;
+        c->past.log_weight = prior[d];
+        if (!isfinite(prior[d])) continue; /* it is impossible */
         memcpy(c->cross, cross, sizeof cross);
         c->value[0] = e[0], c->value[1] = e[1];
         c->cov[0] = S[0] + added, c->cov[1] = S[1], c->cov[2] = S[2] + added;
@@ -204,7 +208,7 @@ static void correct(const Search *s, const Candidate *c, double *mean, double *c
     }
     for (int j = 0; j < s->modes; j++) {
         const double *M = c->inverse[j], *e = c->value;
-        double p = exp(c->log_l[j] - c->of_fix), w[2] = {M[0] * e[0] + M[1] * e[1], M[1] * e[0] + M[2] * e[1]};
+        double p = c->share[j], w[2] = {M[0] * e[0] + M[1] * e[1], M[1] * e[0] + M[2] * e[1]};
         for (int k = 0; k < 2; k++) g[k] += p * w[k];
         G[0] += p * (w[0] * w[0] - M[0]), G[1] += p * (w[0] * w[1] - M[1]), G[2] += p * (w[1] * w[1] - M[2]);
     }

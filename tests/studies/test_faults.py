@@ -1,4 +1,4 @@
-"""Faults of benchmarks/drills/faults.py that a default run must undo."""
+"""Faults of benchmarks/drills/faults.py and of the shipped drills that a default run must undo."""
 
 import runpy
 
@@ -7,6 +7,8 @@ import pytest
 
 import usbldr
 from checkout import ROOT
+from usbldr.io.drills.drill import damaged
+from usbldr.io.drills.suite import STANDARD, read_suite
 
 STUDY = runpy.run_path(str(ROOT / "benchmarks" / "drills" / "faults.py"))
 
@@ -19,3 +21,26 @@ def test_near_and_frequent_echoes_are_left_out(seed: int) -> None:
     _, error_m = STUDY["errors_m"](STUDY["echoes"](0.4, 5.0, 30)(log, seed), "adf", usbldr.RunSettings())
 
     assert np.mean(error_m) < 0.4
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "false fixes after an outage",
+        "false fixes for 60 s",
+        "one heading repeated for 60 s",
+        "heading off by 40° for 60 s",
+        "heading jumps 15° for good",
+        "DVL scale 5 %, heading bias 3°",
+        "DVL 2 m ahead",
+        "fixes stamped 2 s late",
+    ],
+)
+def test_a_drill_costs_at_most_two_and_a_half_times_the_dive_without_it(name: str) -> None:
+    """The dive alone .22 m; it cost 9.2 m after an outage while false fixes could make velocities false."""
+    (drill,) = (one for one in read_suite(STANDARD) if one.name == name)
+    log = damaged(usbldr.open_log("turns", usbldr.Request(configuration="none"), 0), drill, 0)
+
+    _, error_m = STUDY["errors_m"](log, "adf", usbldr.RunSettings())
+
+    assert np.mean(error_m) < 2.5 * 0.22
