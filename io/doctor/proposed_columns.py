@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from usbldr.io.messages.configured import ARRIVALS, QUATERNION, TIME_UNITS_NS, configured_columns
 from usbldr.io.messages.field_names import (
+    DIRECTION,
     KEYS,
     NEEDED,
     OF_USBL,
@@ -17,6 +18,7 @@ from usbldr.io.messages.field_names import (
     NamedColumn,
     Rule,
     named_column,
+    rules_for,
     true_ones,
     words_of,
 )
@@ -150,9 +152,8 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
-    columns = [
-        column for path in paths if (column := named_column(path, (*VECTORS, *QUATERNIONS, *RULES, YAW, FLAG, *PLACES)))
-    ]
+    rules = (*VECTORS, *QUATERNIONS, *rules_for(paths, topic.name), YAW, FLAG, *PLACES)
+    columns = [column for path in paths if (column := named_column(path, rules))]
     headings = [column for column in columns if column.rule.key == "heading_deg"]
     columns = [column for column in columns if column not in headings or column in true_ones(headings)]
     if topic.unused:  # the others are a sensor's already
@@ -173,7 +174,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     for column in columns:
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         certain = column.rule in RULES and column.known and column.rule.dimension == "velocity"  # forward_kn
-        certain = certain or (of_all and (column.rule.dimension == "velocity" or column.rule is YAW))
+        certain = certain or (of_all and (column.rule.dimension == "velocity" or column.rule in (YAW, DIRECTION)))
         certain = certain or column.rule in QUATERNIONS
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         hinted = hinted or (of_all and role == "usbl" and bool(TARGET.search(words_of(column.name))))

@@ -67,6 +67,8 @@ RULES: Sequence[Rule] = (
     ),
     Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
 )
+DIRECTION = Rule("compass", "heading_deg", "angle", "azimuth|bearing|course")
+"""A heading in a table of the vehicle's attitude; the direction of a transponder or of a motion in others."""
 NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
     "angle": "angle",
@@ -96,8 +98,9 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
-    r"(^|_)(set|target_(heading|hdg|depth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
-    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|course|"  # a true heading counts from true north
+    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
+    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|"  # a true heading counts from true north
+    r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
     r"batt(ery)?|voltage|thruster|motor)(_|$)"
 )
 """Words of columns that are no measurement of these sensors."""
@@ -110,6 +113,12 @@ OF_USBL = re.compile(
     r"(^|_)(target_(name|id|type|depth|address)|slant_range|beacon|transponder|(vessel|ship)_(east|north|lat|lon))"
 )
 """Words of columns beside the positions of targets, in a table of a USBL system."""
+OF_ATTITUDE = re.compile(r"(^|_)(compass|attitude|ahrs|roll|pitch|surge|forward|fwd|starboard|stbd|v_?x)(_|$)")
+"""Words of a table, or of its columns, whose azimuth is the vehicle's heading, unless another word is of these:"""
+NO_ATTITUDE = re.compile(
+    r"(^|_)(usbl|ssbl|gps|gnss|r|range|slant|dist(ance)?|target|beacon|transponder|tp|elevation|el|depression|travel|"
+    r"lat(itude)?|lon|longitude|east(ing)?|north(ing)?|heading|hdg|yaw|ship|vessel)(_|$)|^(pos(ition)?_)?[xy](_m)?$"
+)
 UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?(?:([ns])(?:orth|outh)?)?)?(?=_|$)")
 """A grid in the name of an easting or northing, its zone and hemisphere, in the words of the name."""
 
@@ -161,6 +170,16 @@ def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None
     return None
 
 
+def rules_for(names: Iterable[str], place: str) -> Sequence[Rule]:
+    """Return the rules of a table: an azimuth, bearing or course is the heading if attitudes are there and no fixes.
+
+    ``place``: the name of its file or topic.
+    """
+    words = [words_of(place), *map(words_of, names)]
+    fixes = "usbl" in suggested_sensors(place) or any(NO_ATTITUDE.search(one) or OF_USBL.search(one) for one in words)
+    return (DIRECTION, *RULES) if not fixes and any(map(OF_ATTITUDE.search, words)) else RULES
+
+
 def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[str, Sequence[NamedColumn]]]:
     """Return sensor -> own column -> the columns that could hold it; "" has the times.
 
@@ -172,7 +191,8 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     found: dict[str, dict[str, list[NamedColumn]]] = {}
     if NO_SENSOR.search(place):
         return found
-    for column in filter(None, map(named_column, names)):
+    rules = rules_for(names, place)
+    for column in filter(None, (named_column(name, rules) for name in names)):
         own, file = (_positioning(words) for words in (words_of(column.unit.label), words_of(place)))
         sensor = column.rule.sensor
         if column.rule.dimension != "time" and not sensor:

@@ -17,7 +17,7 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
-from usbldr.io.messages.field_names import KEYS, NamedColumn, named_column, sensors_by_name
+from usbldr.io.messages.field_names import DIRECTION, KEYS, RULES, NamedColumn, named_column, sensors_by_name
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
@@ -203,7 +203,7 @@ def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[s
 
 def open_angle(name: str) -> str:
     """Return the angle of ANGLES that a column is named for without a unit, empty if none."""
-    column = named_column(name)
+    column = named_column(name, (DIRECTION, *RULES))
     return column.rule.key if column and not column.unit.unit and column.rule.key in ANGLES else ""
 
 

@@ -352,7 +352,11 @@ def csv(tmp_path: Path) -> Path:
     )
 
 
-def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("heading", ["heading", "azimuth", "course"])
+def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Path, heading: str) -> None:
+    ahrs = csv / "ahrs.csv"
+    ahrs.write_text(ahrs.read_text(encoding="utf-8").replace("heading", heading), encoding="utf-8")
+
     text, found = initialised(csv, tmp_path / "found.toml")
 
     assert (found["dvl"]["columns"], found["dvl"]["axes"]) == (DVL_COLUMNS, "FRD")

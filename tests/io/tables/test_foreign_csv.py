@@ -16,6 +16,7 @@ from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
+from usbldr.io.messages.field_names import sensors_by_name
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cells import numbers
 from usbldr.io.tables.csv_text import read_texts
@@ -101,6 +102,43 @@ def test_what_two_sensors_of_one_topic_have_in_common_is_said_once(tmp_path: Pat
 
     assert {one.topic for one in log.provenance.values()} == {"/dive"}
     assert [one.code for one in log.findings].count("CLOCK-WRAP") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("compass", "azimuth_deg"),
+        ("compass", "Bearing [deg]"),
+        ("attitude", "course_deg"),
+        ("ins", "azimuth,roll,pitch"),
+        ("dive", "Azimuth (deg),Forward (m/s),Starboard (m/s)"),
+    ],
+)
+def test_the_direction_of_the_vehicle_is_its_heading(tmp_path: Path, name: str, header: str) -> None:
+    rows = "".join(f"{T + k},{30 + k}{',0.5' * header.count(',')}\n" for k in range(9))
+
+    log = logged_csv(tmp_path, "", **{name: f"Time [s],{header}\n{rows}"})
+
+    assert log.tables["compass"]["heading_deg"].tolist() == [30 + k for k in range(9)]
+
+
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("replies", "Range [m],Bearing [deg],roll [deg],pitch [deg]"),
+        ("replies", "Distance [m],Azimuth [deg],roll [deg],pitch [deg]"),
+        ("replies", "R [m],azimuth_deg,elevation_deg,roll_deg"),
+        ("replies", "x_m,y_m,azimuth_deg,roll_deg"),
+        ("replies", "azimuth_deg,roll_deg,pitch_deg,Beacon"),
+        ("usbl", "azimuth_deg,roll_deg,pitch_deg"),
+        ("gps", "lat_deg,lon_deg,course_deg,roll_deg"),
+        ("attitude", "course_over_ground_deg,roll_deg"),
+        ("attitude", "target_course_deg,roll_deg"),
+        ("sonar", "bearing_deg,intensity"),
+    ],
+)
+def test_the_direction_of_a_transponder_or_of_a_motion_is_no_heading(name: str, header: str) -> None:
+    assert "compass" not in sensors_by_name(["Time [s]", *header.split(",")], name)
 
 
 def test_units_of_the_header_are_converted(tmp_path: Path) -> None:
