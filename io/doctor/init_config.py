@@ -100,6 +100,8 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
     lines += _unused_topics([topic for topic in drafted.unused if missing or topic.unused])
     lines.append("schema = 1")
     more = [{"path": Path(os.path.relpath(name, path.resolve().parent)).as_posix()} for name in joined]
+    if drafted.stated.left_out:
+        lines.insert(1, comment(f"Not converted, for there is no such key: {drafted.stated.left_out}."))
     lines += _keep_stated(sections, drafted.stated, more, target)
     for name, rows in sections.items():
         if rows:

@@ -22,6 +22,7 @@ from usbldr.io.reader import NamedColumns, Reader
 from usbldr.io.recordings.dated_log import with_dates
 from usbldr.io.recordings.joined import UNDATED, JoinedLog, LogPart
 from usbldr.io.recordings.parts_log import with_parts
+from usbldr.io.settings.auv_nav import auv_nav_content, is_auv_nav
 from usbldr.io.settings.configuration import find_configuration, parse_configuration
 from usbldr.io.settings.layout_files import LayoutFile, layout_files
 from usbldr.io.settings.sensor_sections import Configuration, FileSection
@@ -40,6 +41,7 @@ class ConfigurationFile:
     file: Path | None = None
     settings: Configuration = Configuration()
     content: Mapping[str, object] | None = None  # as the file states it
+    left_out: str = ""  # what auv_nav's files state and usbldr has no key for
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,7 @@ class OpenedLog:
     configuration: Configuration
     file: Path | None  # of the configuration
     layouts: tuple[LayoutFile, ...] = ()
+    left_out: str = ""  # of the configuration
 
 
 def configuration_of(log: Path, request: Request) -> ConfigurationFile:
@@ -77,11 +80,13 @@ def configuration_of(log: Path, request: Request) -> ConfigurationFile:
     file = find_configuration(log, request.configuration)
     found = ConfigurationFile()
     if file is not None:
-        content = read_document(file)
-        found = ConfigurationFile(file, _with_own_paths(parse_configuration(content, file), file.parent), content)
+        content, left_out = auv_nav_content(file) if is_auv_nav(file) else (read_document(file), "")
+        settings = _with_own_paths(parse_configuration(content, file), file.parent)
+        found = ConfigurationFile(file, settings, content, left_out)
     if request.set_keys:
         content = with_set_keys(found.content or {"schema": 1}, request.set_keys)
-        found = ConfigurationFile(file, parse_configuration(content, f"--set {' '.join(request.set_keys)}"), content)
+        settings = parse_configuration(content, f"--set {' '.join(request.set_keys)}")
+        found = replace(found, settings=settings, content=content)
     return found
 
 
@@ -141,7 +146,7 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
     reader = with_parts(with_dates(reader, units_ns), _chosen_topics(configuration, request))
     say(f"log: {path}, {reader.format}", f"configuration: {stated.file or 'none'}")
     layouts = layout_files(stated_layouts(stated))
-    return OpenedLog(reader, tuple(paths.values()), configuration, stated.file, layouts)
+    return OpenedLog(reader, tuple(paths.values()), configuration, stated.file, layouts, stated.left_out)
 
 
 def _chosen_topics(configuration: Configuration, request: Request) -> list[str]:

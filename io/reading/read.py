@@ -96,6 +96,11 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     tables, provenance = sensors.tables, sensors.provenance | own
     altitude = _altitude_table(tables["dvl"], start_ns) if "dvl" in tables else None
     findings = [*(Finding("SET", f"{text}, by --set") for text in request.set_keys), *roles.findings, *sensors.findings]
+    if opened.left_out:
+        text = (
+            f"vehicle.yaml and mission.yaml state what usbldr.toml has no key for, and is not used: {opened.left_out}"
+        )
+        findings.append(Finding("NO-SUCH-KEY", text))
     findings += [*more, *_future_findings(path, start_ns), *position_findings(tables, provenance, sensors.origin)]
     tables = {role: _in_seconds(role, tables.pop(role), start_ns) for role in list(tables)}
     if (gps := provenance.get("gps")) and truth is not None and truth.kind == "gps" and truth.source == gps.topic:

@@ -1,9 +1,8 @@
 """rosbag2 recordings: a folder of .db3 or .mcap parts with or without its metadata.yaml."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
 
 import msgspec
 from msgspec import Struct
@@ -14,10 +13,10 @@ from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import Reader
 from usbldr.io.recordings.joined import JoinedLog, readable_parts
+from usbldr.io.settings.plain_yaml import plain_yaml
 
 STORAGES = (".db3", ".mcap")
 METADATA_BYTES = 1 << 19  # [bytes] of metadata.yaml; 500 topics with their settings have half of it
-METADATA_DEPTH = 50  # [levels] of lists and tables in metadata.yaml; recorders write five
 PACKED_ENDINGS = (".zstd", ".zst")
 PACKED = tuple(storage + ending for storage in STORAGES for ending in PACKED_ENDINGS)
 """Endings of compressed parts: those that rosbag2 writes, and those of the program zstd."""
@@ -76,32 +75,14 @@ class Metadata(Struct, frozen=True, rename={"parts": "relative_file_paths", "mes
 
 def _metadata(file: Path) -> Metadata:
     """Return what metadata.yaml says; nothing if it is damaged, or not as recorders write it."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
     with opened(file) as content:
         text = content.read(limit(METADATA_BYTES) + 1)
     if len(text) > limit(METADATA_BYTES):
         raise LogError(f"is longer than {limit(METADATA_BYTES) >> 10} kB; {RAISE}", path=file)
-    yaml = cast("Any", YAML(typ="safe"))
     try:
-        if not _is_plain(yaml.parse(text)):
-            return Metadata()
-        return msgspec.convert(yaml.load(text)["rosbag2_bagfile_information"], Metadata)
-    except (YAMLError, ValueError, TypeError, KeyError, RecursionError):
+        return msgspec.convert(plain_yaml(text)["rosbag2_bagfile_information"], Metadata)
+    except (ValueError, TypeError, KeyError):
         return Metadata()  # treated as absent: the files in the folder are read
-
-
-def _is_plain(events: Iterable[Any]) -> bool:
-    """Return whether the events of a YAML parser have no aliases, which could multiply, and no endless depth."""
-    from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
-
-    depth = 0
-    for event in events:
-        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if isinstance(event, AliasEvent) or depth > METADATA_DEPTH:
-            return False
-    return True
 
 
 def _found(folder: Path, named: list[Path], parts: list[Path]) -> tuple[list[Path], list[Finding]]:
