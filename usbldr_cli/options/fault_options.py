@@ -11,13 +11,16 @@ from usbldr_cli.options.option import fault_option
 if TYPE_CHECKING:
     from usbldr.io.drills.drill import Drill
 
+USUAL = ("bias", "spike", "outlier", "drop", "latency")  # the faults of any dive; --help-all lists every kind
+
 
 def fault_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --suite, and one option for each kind of fault; the command gets them under the names of the kinds."""
     for kind in reversed(list(KINDS)):
         declared = KINDS[kind]
         help_text = f"{declared.meaning}  [{declared.example}]"
-        command = fault_option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text)(command)
+        rare = kind not in USUAL
+        command = fault_option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text, rare=rare)(command)
     help_text = 'Drills of a TOML file; "standard" is the suite that is shipped.  [default without faults: standard]'
     return fault_option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text)(command)
 

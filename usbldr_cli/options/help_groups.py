@@ -35,12 +35,16 @@ class GroupedCommand(click.Command):
             formatter.write(f"\n{ctx.command_path} --help-all lists every option.\n")
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write each method's name and description."""
+        """Write each method's name, and its description if one is chosen or every option is listed."""
         from usbldr.filters.replay.methods import METHODS
 
-        if not {"method", "filters"} & {param.name for param in self.params}:
+        chosen = {"method", "filters"} & {param.name for param in self.params}
+        if not chosen:
             return
         with formatter.section("Filters"):
+            if "filters" in chosen and SHOW_ALL not in ctx.meta:
+                formatter.write_text(", ".join(METHODS))
+                return
             formatter.write_dl([(method.name, method.description) for method in METHODS.values()])
 
 

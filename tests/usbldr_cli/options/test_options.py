@@ -21,6 +21,7 @@ from usbldr_cli.check import check
 from usbldr_cli.compare import compare
 from usbldr_cli.drill import drill
 from usbldr_cli.evaluate import evaluate
+from usbldr_cli.main import COMMANDS, cli
 from usbldr_cli.options.log_options import log_options, read_request
 from usbldr_cli.options.noise_option import noise_family
 from usbldr_cli.options.option import Option
@@ -162,6 +163,14 @@ def test_the_common_options_and_the_filters_fit_one_screen_in_titled_groups(comm
     titles = [line for line in lines if line.endswith(":") and not line.startswith(" ")]
     assert titles == ["Log:", "Filter:", "Scoring:", "Output:", "Filters:"]
     assert f"{command.name} --help-all lists every option." in lines
+
+
+def test_no_command_has_a_longer_help_than_replay() -> None:
+    shown = {name: CliRunner().invoke(cli, [name, "--help"]).output.splitlines() for name in COMMANDS}
+
+    assert {name for name, lines in shown.items() if len(lines) > len(shown["replay"])} == set()
+    assert "  ekf, ckf, ukf, " in "\n".join(shown["drill"])
+    assert "--stuck FAULT" not in "\n".join(shown["drill"])
 
 
 @pytest.mark.parametrize("command", GROUPED, ids=[str(command.name) for command in GROUPED])
