@@ -165,9 +165,14 @@ def replay(
         alone = "" if "usbl" in log.tables else "; without fixes this is dead reckoning: --filter dr needs no start"
         raise LogError(f"{log.path}: {NO_START_TEXT}{alone}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
+    placed = log.truth is not None or log.settings.map is not None or "gps" in log.tables
+    nowhere = able.anchored and anchor is None and settings.dr_from == "start" and not placed
+    if nowhere:
+        anchor = Anchor(np.zeros(2), 0.0, "0, 0")
     with stage(f"run {method}"):
         track = run(method, timeline, used, settings, progress, anchor)
     warnings = tuple(f"{method}: {text}" for text in found.warnings) if able.is_filter else ()
+    warnings += (f"{method}: no fix, GPS or [start] says where the vehicle was: the track starts at 0, 0",) * nowhere
     return replace(track, warnings=warnings + track.warnings)
 
 

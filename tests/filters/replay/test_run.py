@@ -276,6 +276,19 @@ def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
     assert "nothing to start from: give --dr-from first-gps or LAT,LON, or state [start]" in said
 
 
+def test_without_any_position_dead_reckoning_starts_at_0_0(log: Path) -> None:
+    nowhere = ("-f", "dr", "--config", "none", "--gps", "none", "--truth", "none")
+
+    replayed(log, *nowhere)
+    said = (log.with_name("run") / "report.md").read_text(encoding="utf-8")
+    first = (log.with_name("run") / "track.tum").read_text(encoding="utf-8").split()
+    placed = refusal(LogError, replayed, log, *nowhere, "--set", "map={origin_lat_deg=1,origin_lon_deg=2}")
+
+    assert "dr: no fix, GPS or [start] says where the vehicle was: the track starts at 0, 0" in said
+    assert (float(first[1]), float(first[2])) == (0.0, 0.0)
+    assert "nothing to start from" in placed  # a map on which the vehicle is nowhere
+
+
 def test_without_usbl_a_stated_start_or_gps_at_the_surface_will_do(log: Path) -> None:
     own = log.with_name("dive.usbldr.toml").read_text(encoding="utf-8")
     started = log.with_name("started.toml")
