@@ -7,7 +7,7 @@ SAMPLES ?= sample_logs
 
 KERNEL := $(wildcard filters/kernel/*.c filters/kernel/*.h)
 
-.PHONY: demo test test-all fuzz docs man lint check sanitize sample_logs study logs peers clean
+.PHONY: demo test test-all fuzz docs man lint check wheel sanitize sample_logs study logs peers clean
 
 demo: $(VENV)/installed
 	@mkdir -p demo
@@ -38,6 +38,15 @@ sanitize: $(VENV)/installed-dev
 
 check: $(VENV)/installed
 	$(USBLDR) check sample_logs/baseline.toml
+
+# the wheel of this machine for every Python from 3.11 on (abi3), installed and imported in a fresh environment
+wheel: $(VENV)/bin/python
+	rm -rf build/lib* build/wheel
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/wheel .
+	$(PYTHON) -m venv build/wheel/env
+	cd build/wheel && env/bin/pip install --quiet --disable-pip-version-check usbldr-*-cp311-abi3-*.whl
+	cd build/wheel && env/bin/python -c 'from usbldr.filters.kernel import KERNEL; assert KERNEL.advance, KERNEL.reason'
+	cd build/wheel && env/bin/usbldr --version -v
 
 # the same bytes each time, as long as numpy and zstandard stay the same
 sample_logs: $(VENV)/installed
