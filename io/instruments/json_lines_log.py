@@ -2,8 +2,9 @@
 
 Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
 time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
-takes that of the line before. Any other object is a topic by its "type", and timed by a field that is called a time, in
-any unit since 1970 or as a date; without any time they are taken as 1 s apart. An object may fill several lines.
+takes that of the line before. Any other object is a topic by what it calls its topic, channel, type or sensor, or by
+the topic or sensor before it, as mosquitto_sub prints it. It is timed by a field that is called a time, in any unit
+since 1970 or as a date; without any time they are taken as 1 s apart. An object may fill several lines.
 """
 
 import json
@@ -24,6 +25,7 @@ from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.messages.field_names import named_column
+from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, name_of
 
 REPORTS = ("velocity", "velocity_water", "position_local")
@@ -37,6 +39,8 @@ SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
 REMAINS = re.compile(r"[\"}]")  # behind an object: of one that was damaged
+LABELS = ("topic", "channel", "type", "sensor")  # keys of an object whose text names its topic
+LABEL_BEFORE = re.compile(r"(?:^|\s)([A-Za-z/][\w/.-]*):?\s*$")
 KEY = re.compile(r"\"\s*:")  # before an object: of the one around it, whose beginning was lost
 DECODER = json.JSONDecoder()
 LATEST_S = 4e9  # [s] the year 2096
@@ -64,7 +68,7 @@ def _topics(file: Path, findings: list[Finding]) -> Iterator[Topic]:
     counter = DecoderSet(file)
     for kind, lines in _lines(file, findings).items():
         counter.add_topic()
-        type_name = f"waterlinked/waterlinked_{kind}" if kind in WATER_LINKED else f"json/{kind}"
+        type_name = f"waterlinked/waterlinked_{kind}" if kind in WATER_LINKED else f"json/{kind.rpartition('/')[2]}"
         decoder = json_decoder(type_name, [text for _, text in lines[:SAMPLES]])
         times = np.array([time_ns for time_ns, _ in lines], dtype=np.int64)
         stream = Stream(f"/{kind}", type_name, "json", decoder, *counted(times))
@@ -91,7 +95,7 @@ def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, 
         if value is None or is_damaged(text):
             bad, first_bad = bad + 1, first_bad or number
             continue
-        kind = _kind(value)
+        kind = _topic(value, before)
         logged = prefixed_ns(before)
         last = logged if logged != NO_TIME else _own_time(value, last)
         if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
@@ -185,6 +189,18 @@ def _first(line: str) -> Mapping[str, Any] | None:
     return value if line.rstrip().endswith(text) or not before.strip("[ ") else None
 
 
+def _topic(value: Mapping[str, Any], before: str) -> str:
+    """Return what an object is, or the topic that it or what stands before it names, unless it is a DVL's report."""
+    kind = _kind(value)
+    if kind in REPORTS or not kind:
+        return kind
+    labels = [label for key in LABELS if isinstance(label := value.get(key), str) and label]
+    found = LABEL_BEFORE.search(before)
+    if not labels and found and ("/" in found[1] or suggested_sensors(found[1])):
+        labels = [found[1]]
+    return name_of(labels[0].strip("/")) if labels and labels[0].strip("/") else kind
+
+
 def _kind(value: Mapping[str, Any] | None) -> str:
     """Return what an object is: a DVL's report or a UGPS's position, else its type; empty for a response.
 
@@ -223,7 +239,7 @@ def _own_time(value: Mapping[str, Any], last: int) -> int:
         return sent_us * 1000
     if isinstance(seconds, int | float) and EARLIEST_S < seconds < LATEST_S:
         return round(seconds * 1e6) * 1000  # microseconds: a float has no more
-    if _kind(value) in WATER_LINKED:
-        return last
+    if _kind(value) in REPORTS:
+        return last  # their "time" is that since the report before
     named = (stated for name, stated in value.items() if (column := named_column(name)) and column.rule.key == "time")
     return next((time_ns for stated in named if (time_ns := prefixed_ns(str(stated))) != NO_TIME), last)

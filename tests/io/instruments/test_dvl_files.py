@@ -224,3 +224,18 @@ def test_reports_of_the_first_version_of_json_are_timed_one_after_the_other(tmp_
     assert log.provenance["dvl"].used == COUNT - 1  # one is invalid
     assert log.tables["dvl"]["received_s"].diff().dropna().round(9).isin([0.2, 0.4]).all()
     assert [finding.code for finding in log.findings if finding.code == "NO-DATE"] == ["NO-DATE"]
+
+
+@pytest.mark.parametrize(
+    "line", ['{{"topic": "/rov/{}", "log_time": {}, "lat": {}, "lon": 7}}', 'rov/{} {{"t": {}, "lat": {}, "lon": 7}}']
+)
+def test_objects_of_several_topics_are_not_mixed(tmp_path: Path, line: str) -> None:
+    """As ``mcap cat --json`` and ``mosquitto_sub -v`` print them."""
+    lats, seconds = {"usbl": 45, "gps": 46}, range(T0 // SECOND, T0 // SECOND + COUNT)
+    texts = [line.format(name, t, lat) for t in seconds for name, lat in lats.items()]
+    log = open_log(saved_lines(tmp_path / "dive.log", texts))
+
+    read = read_whole(log, {"/rov/usbl": ["lat"], "/rov/gps": ["lat"]})
+
+    assert {name: {*of.columns["lat"]} for name, of in read.items()} == {f"/rov/{name}": {lats[name]} for name in lats}
+    assert read["/rov/gps"].received_ns.tolist() == [t * SECOND for t in seconds]
