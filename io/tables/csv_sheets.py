@@ -2,7 +2,8 @@
 
 - Own names: the columns of log.COLUMNS with integer ``time_ns`` (and, if known, ``received_ns``) in place of the times
   in seconds. A file belongs to the sensor that its stem names, else to the only one that its columns match.
-- `rostopic echo -p`: ``%time`` and ``field.`` names; they determine the message type.
+- `rostopic echo -p`: ``%time`` and ``field.`` names; they determine the message type. So do the fields of messages in
+  other files, such as bagpy's, with the stamp of the header in seconds and nanoseconds.
 - Any: ``columns`` of a sensor's section of the configuration name the column of each quantity.
 """
 
@@ -21,7 +22,7 @@ from usbldr.io.messages.field_names import DIRECTION, KEYS, RULES, NamedColumn, 
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.time_columns import TimeColumn, dated_columns, time_column, time_fault
+from usbldr.io.tables.time_columns import SECOND_NS, TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees
 
@@ -35,6 +36,7 @@ ANGLES: Mapping[str, tuple[float, float]] = {
     "heading_deg": (4 * np.pi, 400.0),
 }
 """Angles that are degrees if their sizes are between these: beyond radians of half a circle, or of two whole ones."""
+STAMPS = ("header.stamp.sec", "header.stamp.secs")  # with the nanoseconds beside it, which are added to it
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
 
@@ -79,9 +81,12 @@ OWN_NAMES = frozenset(name for kind in OWN_COLUMNS.values() for name in kind.opt
 
 def sheet_of(stem: str, header: Sequence[str]) -> Sheet | None:
     """Return how a file's column names are interpreted, None if they match no sensor and no message."""
+    names = plain_names(header)
     if header and header[0].replace(" ", "") == "%time":
-        return _rostopic(header)
-    return _own(stem, plain_names(header))
+        return _of_message(names, TimeColumn(names[0]), TimeColumn("header.stamp") if "header.stamp" in names else None)
+    stamp = next((TimeColumn(name, SECOND_NS) for name in names if name in STAMPS), None)
+    message = _of_message(names, stamp, stamp) if stamp else None
+    return message if message and message.type else _own(stem, names)
 
 
 def plain_names(header: Sequence[str]) -> list[str]:
@@ -90,16 +95,15 @@ def plain_names(header: Sequence[str]) -> list[str]:
     return ["%" + name if i == 0 and names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _rostopic(header: Sequence[str]) -> Sheet:
-    log_time, *names = plain_names(header)
-    columns = {name: name for name in names}
-    for name in names:
-        array = re.fullmatch(r"(.*[a-z_])(\d+)", name)
-        if array and f"{array[1]}0" in columns:
-            columns[f"{array[1]}.{array[2]}"] = name
-    stamp = TimeColumn("header.stamp") if columns.pop("header.stamp", None) else None
+def _of_message(names: Sequence[str], received: TimeColumn, stamp: TimeColumn | None) -> Sheet:
+    """Return the meaning of columns that are the fields of a message: its type is that which has them."""
+    columns = {name: name for name in names if name not in (received.column, "header.stamp")}
+    for name in list(columns):
+        array = re.fullmatch(r"(.*[a-z]_?)(\[?)(\d+)(\]?)", name)
+        if array and f"{array[1]}{array[2]}0{array[4]}" in columns:
+            columns[f"{array[1].rstrip('_')}.{array[3]}"] = name
     fitting = (kind for kind, paths in ROSTOPIC_TYPES.items() if paths <= columns.keys())
-    return Sheet(next(fitting, ""), columns, TimeColumn(log_time), stamp)
+    return Sheet(next(fitting, ""), columns, received, stamp)
 
 
 def _own(stem: str, header: Sequence[str]) -> Sheet | None:

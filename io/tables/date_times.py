@@ -26,11 +26,17 @@ DATE = (
 )
 CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9}|:\d{3})?)?( ?[AaPp][Mm])?"
 ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}(:?\d{2})?))?"
+ALL_DIGITS = (
+    r"(?P<year>(?:19|20)\d\d)(?:(?P<month>0[1-9]|1[0-2])(?P<day>[0-2]\d|3[01])|(?P<of_year>[0-2]\d\d|3[0-6]\d))"
+    r"[T _]?(?P<hour>[01]\d|2[0-3])(?P<minute>[0-5]\d)(?P<second>[0-5]\d(?:[.,]\d{1,9})?)"
+)
+"""A date, or a year and a day of it, and a time of day without marks: 20260514T102000, 2026134102000.5."""
 DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
 DATE_TIME = re.compile(
     rf"({DATE})[T ,_]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})"
-    rf"|\d{{4}}[-:/]\d{{3}}[-T:/ ]{CLOCK}{ZONE}|(19|20)\d{{6}}[T _]\d{{6}}([.,]\d{{1,9}})?{ZONE}"
+    rf"|\d{{4}}[-:/]\d{{3}}[-T:/ ]{CLOCK}{ZONE}|{ALL_DIGITS}{ZONE}"
 )
+WHOLLY_DIGITS = re.compile(rf"^{ALL_DIGITS}(?![\d:])")
 DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[-T:/ ]")
 MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
@@ -286,7 +292,8 @@ def _without_date(cells: Sequence[str]) -> list[str]:
 
 def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:
     """Return dates and times as ISO text; the cell as it stands if it is none."""
-    plain = pd.Series(texts, dtype="str").str.replace(DAY_OF_YEAR, _of_year, regex=True)
+    plain = pd.Series(texts, dtype="str").str.replace(WHOLLY_DIGITS, _of_digits, regex=True)
+    plain = plain.str.replace(DAY_OF_YEAR, _of_year, regex=True)
     plain = plain.str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
     plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)
     plain = plain.str.replace("_", " ", regex=False)
@@ -295,6 +302,12 @@ def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]
     day_first = mark in orders and orders[mark].day_first
     moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first, utc=True, errors="coerce")
     return _as_text(moments, cells)
+
+
+def _of_digits(found: re.Match[str]) -> str:
+    """Return a date and time without marks with them."""
+    day = found["of_year"] or f"{found['month']}-{found['day']}"
+    return f"{found['year']}-{day} {found['hour']}:{found['minute']}:{found['second']}"
 
 
 def _of_year(found: re.Match[str]) -> str:

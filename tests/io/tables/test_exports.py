@@ -31,10 +31,25 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("Time,Heading (deg)", "2020-257T12:{utc},{h}"),
         ("Time,Heading (deg)", "2020:257:12:{utc}.0,{h}"),
         ("Time [s],Heading (deg)", "{d},{h}"),
+        ("Time,Heading (deg)", "20200913{all},{h}"),
+        ("Time,Heading (deg)", "2020257{all}.0,{h}"),
         ("%  GPST      latitude(deg)  heading(deg)", "2020/09/13 12:{gps}.000   45.1   {h}"),
         ("UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)", "2020,9,13,12,{hms},{h}"),
     ],
-    ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "RTKLIB", "Xsens"],
+    ids=[
+        "blank names",
+        "pipes",
+        "printed",
+        "REMUS",
+        "GPS time",
+        "day of year",
+        "colons",
+        "Fortran",
+        "digits",
+        "digits of a year",
+        "RTKLIB",
+        "Xsens",
+    ],
 )
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
@@ -42,6 +57,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
         t, clock = T0_S + k, f"26:{40 + k}"
         gps = f"26:{58 + k}" if k < 2 else f"27:0{k - 2}"  # 18 s ahead
         values = {"t": t, "h": 10.5 + k, "sod": 44800 + k, "utc": clock, "gps": gps, "hms": clock.replace(":", ",")}
+        values["all"] = f"12{clock.replace(':', '')}"
         rows.append(row.format(**values, d=f"{t / 1e9:.9f}D+09"))
     log = read_log(saved(tmp_path / "compass.csv", "\n".join([names, *rows]) + "\n"))
 

@@ -165,3 +165,21 @@ def test_messages_of_ros_1_are_known_by_their_columns_and_read_as_such(tmp_path:
 
     assert log.provenance[sensor].type.endswith(f"/{kind}")
     assert log.tables[sensor][MADE[sensor]].to_numpy()[0] == pytest.approx(np.array(want), abs=1e-6)
+
+
+@pytest.mark.parametrize(("seconds", "array"), [("secs", "_{}"), ("sec", "[{}]")])
+def test_messages_in_csv_with_stamps_in_two_columns_are_of_their_type(tmp_path: Path, seconds: str, array: str) -> None:
+    """As bagpy writes them, and pandas' json_normalize."""
+    stamps = f"Time,header.seq,header.stamp.{seconds},header.stamp.n{'ano' if seconds == 'sec' else ''}{seconds}"
+    covariance = ",".join(f"position_covariance{array.format(k)}" for k in range(9))
+    fix = f"{T0 / 1e9 + 9},1,{T0 // 10**9},{T0 % 10**9}"
+    rows = f"{fix},-1,46,7,{','.join('012345678')}\n{fix},0,45,7,{','.join('012345678')}"
+    folder = write_csv(tmp_path / "dive", gps_fix=f"{stamps},status.status,latitude,longitude,{covariance}\n{rows}")
+
+    (topic,) = CsvLog(folder).topics()
+    paths = ["header.stamp", "position_covariance.8"]
+    records = read_whole(CsvLog(folder), {topic.name: paths})[topic.name]
+
+    assert (topic.type, topic.count) == ("sensor_msgs/NavSatFix", 2)
+    assert [records.columns[path][0] for path in paths] == [T0, 8]
+    assert read_log(folder).tables["gps"]["lat_deg"].tolist() == [45]
