@@ -42,6 +42,7 @@ class TopicInfo:
     is_shared: bool = False  # rows of a table that hold several sensors: of one, a row may have no value
     table: str = ""  # that holds the topic, if it is read by the names of its columns
     unused: tuple[str, ...] = ()  # columns of that table which no sensor uses
+    file: str = ""  # the name of the file that holds it, if a log has several
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""

@@ -61,6 +61,8 @@ def scan_lines(
             prefix = line[begin : match.start()]
             logged = prefixed_ns(prefix, day_first) if received_ns is None else int(received_ns[number])
             clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
+            if logged == NO_TIME and name not in SENTENCE_KINDS and not addressed:  # "MODEM,1600000000.5,2"
+                logged = prefixed_ns(body.partition(",")[0])
             last = logged if logged != NO_TIME else last
             begin = match.end()
             has_talker = addressed and not name.startswith("P")  # GPGGA is GGA of GP; a vendor's name is all of it
@@ -109,9 +111,11 @@ def _sentence_time(name: str, fields: Sequence[str]) -> tuple[str, int, int, boo
     except IndexError:
         return None
     kind = SENTENCE_KINDS.get(full, UNKNOWN)
-    time = NO_TIME
-    if kind.time is not None and kind.time < len(fields):
-        time = time_of_day_ns(fields[kind.time].rpartition(" ")[2])
+    place, time = kind.time, NO_TIME
+    if kind is UNKNOWN and name.startswith("P"):  # a vendor's may have its time, hhmmss.ss, first or behind its type
+        place = next((k for k, one in enumerate(fields[:2]) if "." in one and time_of_day_ns(one) != NO_TIME), None)
+    if place is not None and place < len(fields):
+        time = time_of_day_ns(fields[place].rpartition(" ")[2])
     date = [fields[i].partition(" ")[0] for i in kind.date if i < len(fields)]
     midnight = date_ns(date) if time != NO_TIME and date and len(date) == len(kind.date) else NO_TIME
     return full, time, midnight, kind.has_fix(fields)

@@ -24,6 +24,7 @@ from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES, SENSORS
+from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile
 from usbldr.io.settings.configuration import own_configuration, parse_configuration
@@ -252,6 +253,9 @@ def _proposed_origin(examination: Examination, log: Log) -> tuple[float, float, 
 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role not in log.provenance:
+        for one in log.findings:  # a file of it that is not read, which "none" would leave out in silence
+            if one.code in ("NOT-READ", "TOPIC-UNREAD") and role in suggested_sensors(one.text.partition(" ")[0]):
+                return [('# topic = "?"', f"CHECK: {one.text}")]
         head = log.settings.usbl.head
         why = f"{head.topic} is the ship's" if role == "gps" and head and head.topic else "no such topic in the log"
         return [('topic = "none"', why)] if role != "usbl" else []

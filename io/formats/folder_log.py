@@ -23,16 +23,18 @@ from usbldr.io.tables.table_log import TableLog
 FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
 SHOWN = 5  # [files] that a sentence names
 LEVELS = 3  # of folders within a folder in which files like those of a log are looked for
+OF_EITHER = (".xml", ".kml", ".kmz", ".geojson", ".npz", ".pkl")
+"""Endings of settings and results, or of records, which no reader reads: named if they are named like a sensor."""
 NO_RECORDS = frozenset(
     ending
     for endings in (
         ".png .jpg .jpeg .gif .bmp .tif .tiff .webp .heic .svg .eps .ico .psd .xcf .cr2 .nef .arw .dng",  # pictures
         ".mp4 .mov .avi .mkv .wmv .webm .m4v .mts .mp3 .wav .flac .ogg .m4a .srt",  # films and sounds
         ".md .rst .pdf .doc .docx .odt .rtf .tex .bib .ppt .pptx .odp .html .htm .css .url .eml .msg",  # papers
-        ".toml .yaml .yml .ini .cfg .conf .xml .xsd .urdf .xacro .launch .rviz .lock .env",  # settings
+        ".toml .yaml .yml .ini .cfg .conf .xsd .urdf .xacro .launch .rviz .lock .env",  # settings
         ".py .pyc .ipynb .m .mlx .r .jl .c .h .cc .cpp .hpp .java .js .ts .go .rs .sh .bat .ps1 .cmd .idl .srv",  # code
         ".exe .dll .so .msi .deb .whl .lnk .swp .bak .old .orig .db3-wal .db3-shm .db3-journal",  # of computers
-        ".kml .kmz .geojson .npz .pkl",  # results
+        " ".join(OF_EITHER),
     )
     for ending in endings.split()
 )
@@ -214,9 +216,11 @@ def _may_hold_records(file: Path) -> bool:
 
 def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> list[Finding]:
     """Name the files that are not read: a loss if one is named like a sensor; of the first others, foreign formats."""
-    sensors = [file for file in files if _may_hold_records(file) and _named_like_a_sensor(file)]
+    either = [file for file in files if _may_hold_records(file) or file.suffix.lower() in OF_EITHER]
+    sensors = [file for file in either if _named_like_a_sensor(file)]
     findings = [
-        Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=True) for file in sensors
+        Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=_may_hold_records(file))
+        for file in sensors
     ]
     others = [file for file in files if file not in sensors and _may_hold_records(file)]
     foreign = {file: why for file in others[:SHOWN] if (why := _why(file, open_file)).startswith("is ")}

@@ -55,6 +55,7 @@ class JoinedLog:
         for part in self.parts:
             for stated in part.reader.topics():
                 topic, key = moved_topic(stated, part.offset_of(stated.name)), _key(stated)
+                topic = topic if part.reader.path == self.path else replace(topic, file=part.reader.path.name)
                 found[key] = _together(found[key], topic) if key in found else topic
         return tuple(found.values())
 

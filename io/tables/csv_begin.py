@@ -30,6 +30,8 @@ BLANKS = " \t\v\f\xa0"  # that may surround a cell
 
 def looks_like_csv(head: bytes) -> bool:
     """Return whether a file's first bytes are text with a line of column names, or comments alone."""
+    if head.lstrip().startswith((b"{", b"<")):  # JSON, XML
+        return False
     lines = head_lines(head)
     if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
         return lines[0].startswith("#")

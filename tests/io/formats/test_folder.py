@@ -11,7 +11,7 @@ import pytest
 from pyarrow import parquet
 
 import table_recordings
-from commands import run
+from commands import drafted, run
 from damage import recorded
 from damaged_formats import FORMATS
 from recordings import SECOND, T0, saved_lines, sentence, short_dive, write_csv, write_rosbag2
@@ -219,6 +219,30 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(f
     said = [("not read of this folder: profile.svp; --with FILE adds one", False)]
     assert [(f.text, f.lost_data) for f in log.findings()] == said
     assert {topic.name: topic.count for topic in log.topics()}["/depth"] == COUNT
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "why", "lost"),
+    [
+        ("gps.xml", '<?xml version="1.0"?><a/>', "gps.xml is not read: is XML; export", False),
+        (
+            "gps.geojson",
+            '{"type": "FeatureCollection"}',
+            "gps.geojson is not read: it is a log of its own (JSON lines)",
+            False,
+        ),
+        ("gps_ublox.txt", "$PUBX,00,122640.10,4500.0,N\n" * COUNT, "gps_ublox.txt: named like the gps, but of", True),
+    ],
+)
+def test_a_file_named_for_a_sensor_that_the_log_lacks_is_named_and_asked_for(folder, file, text, why, lost):
+    (folder / "gps.csv").unlink()
+    (folder / file).write_text(text, encoding="ascii")
+
+    (said,) = [one for one in read_log(folder).findings if one.code in ("NOT-READ", "TOPIC-UNREAD")]
+
+    assert said.text.startswith(why)
+    assert said.lost_data == lost
+    assert f'# [gps]\n# topic = "?"                           # CHECK: {said.text}\n' in drafted(folder)
 
 
 def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:

@@ -371,3 +371,21 @@ def test_a_receiver_with_several_talkers_is_one_topic_and_two_are_two(talkers: S
         assert counts == {f"/{one}GGA": [*talkers, "GQ"].count(one) for one in {*talkers, "GQ"}}
     else:
         assert counts == {f"/{talkers[0]}GGA": len(talkers)}
+
+
+@pytest.mark.parametrize(
+    ("line", "topic", "days"),
+    [
+        ("PING,{t}.5,{k}", "/PING", 0),
+        ("$PUBX,00,12264{k}.50,1", "/PUBX", -18518),
+        ("$PACME,12264{k}.50,1", "/PACME", -18518),
+    ],
+)
+def test_sentences_that_are_unknown_are_timed_by_a_time_at_their_beginning(tmp_path: Path, line, topic, days) -> None:
+    """18518 days after 1970 is 2020-09-13."""
+    lines = [line.format(k=k, t=T0 // SECOND + k) for k in range(4)]
+
+    (found,) = open_log(saved_lines(tmp_path / "a.txt", lines)).topics()
+
+    begin_ns = T0 // SECOND * SECOND + SECOND // 2 + days * 86400 * SECOND
+    assert (found.name, found.first_ns, found.last_ns) == (topic, begin_ns, begin_ns + 3 * SECOND)
