@@ -28,7 +28,7 @@ _UNITS: Mapping[Dimension, Mapping[str, float]] = {
 """Factors to m/s, degrees, metres, pascals and nanoseconds."""
 
 _SPELLINGS: Mapping[str, str] = {
-    "m/s": "mps m_s",
+    "m/s": "mps m_s m.s",  # the last one of R, which writes "Forward (m/s)" as Forward..m.s.
     "cm/s": "cmps cm_s",
     "mm/s": "mmps mm_s",
     "km/h": "kmh kph km_h",
@@ -64,17 +64,21 @@ _FACTORS: Mapping[str, tuple[Dimension, float]] = {
     unit: (dimension, factor) for dimension, units in _UNITS.items() for unit, factor in units.items()
 }
 _TIME = r"(s|h)(?:ec|econds?|r|ours?)?"
+_SINCE = re.compile(r" since (the )?((unix )?epoch|1970-0?1-0?1|0?1[/.]0?1[/.]1970)[t0:. ]*(z|utc|gmt)?")
+"""Behind a unit of time: of which year the first moment is."""
 _PER = re.compile(rf"([a-z]+)(?: ?/ ?| per ){_TIME}|([a-z]+?)[ .*·]?{_TIME}(?:(?:\^|\*\*)?-1|⁻¹)")
 """A length per time, also as UDUNITS and CF write it: "cm s-1", "km.h^-1", "metres per second"."""
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
 _NUMBER = r"(\d+(?:\.\d*)?)"
 _ANGLE = re.compile(
-    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º]) *| +|(?=[NSW]|$))"
+    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º]) *| +|-(?=\d)|(?=[NSW]|$))"
     rf"(?:{_NUMBER} *['′]? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
     re.IGNORECASE,
 )
 """Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
 _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
+_OF_R = re.compile(r"(.*[^.])\.\.([a-z]+(?:\.[a-z]+)?)\.", re.IGNORECASE)
+"""A name with brackets as R's make.names() leaves it: Heading..deg."""
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
 _ENDINGS = re.compile(r"(?<=.)[_\s,]+(?=.)")  # what parts a name from the unit that ends it
 _LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
@@ -92,6 +96,7 @@ class NamedUnit(NamedTuple):
 def _known(unit: str) -> tuple[Dimension, float] | None:
     """Return the dimension of a unit in any spelling, and its factor to usbldr's own one; None if it is unknown."""
     text = " ".join(unit.lower().split())
+    text = text[: since.start()] if (since := _SINCE.search(text)) and since.end() == len(text) else text
     if per := _PER.fullmatch(text):
         length, time = filter(None, per.groups())
         text = f"{_UNIT_OF.get(length, length)}/{time}"
@@ -103,7 +108,7 @@ def named_unit(name: str) -> NamedUnit:
 
     Of elements, the unit is that of the whole: "velocity_mm_s[0]", "velocity_mm_s.x".
     """
-    brackets = _BRACKETS.fullmatch(name)
+    brackets = _BRACKETS.fullmatch(name) or _OF_R.fullmatch(name)
     if brackets and brackets[2].strip().lower() in _NOTES:
         return named_unit(brackets[1])
     if brackets:
@@ -116,6 +121,12 @@ def named_unit(name: str) -> NamedUnit:
         if known := _known(unit):
             return NamedUnit(whole[: ending.start()] + element, unit, *known)
     return NamedUnit(name)
+
+
+def unit_of(cell: str) -> NamedUnit:
+    """Return the text of a cell and the unit behind it: "0.2 sec"."""
+    value, _, unit = cell.partition(" ")
+    return named_unit(f"{value} [{unit}]") if unit else NamedUnit(cell)
 
 
 def stated_degrees(text: str) -> float:

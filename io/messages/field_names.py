@@ -32,7 +32,7 @@ RULES: Sequence[Rule] = (
         "time",
         "time",
         "(?<!receive_)time|(uhr)?zeit|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|"
-        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|"
+        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|utime|"
         "time_(excel|julian|mjd|labview)|x_value|(time_)?(filetime|ticks)",  # LabVIEW's, Windows's, and .NET's
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
@@ -98,7 +98,7 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
-    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
+    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|wt|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
     r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|"  # a true heading counts from true north
     r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
     r"batt(ery)?|voltage|thruster|motor)(_|$)"

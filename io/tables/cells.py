@@ -15,7 +15,7 @@ from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.time_columns import ISO, SECOND_NS
-from usbldr.io.units import named_unit, stated_degrees
+from usbldr.io.units import stated_degrees, unit_of
 
 NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
 WORDS: Mapping[str, str] = {"true": "1", "false": "0", **dict.fromkeys(NO_VALUE, "nan")}
@@ -57,6 +57,10 @@ def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: float = 0)
             return _in_range(int(text))
         if ISO.fullmatch(text):
             return _in_range(_iso_ns(text))
+        if (unit := unit_of(text)).unit:  # "0.2 sec", as MATLAB writes durations
+            if unit.dimension != "time" or unit.factor != unit_ns:
+                raise ValueError
+            text = unit.label
         return _in_range(int(((Decimal(DOUBLE.sub("e", text)) - Decimal(at_1970)) * unit_ns).to_integral_value()))
 
     whats = {1: "a whole number of nanoseconds", SECOND_NS: "a number of seconds before 2116"}
@@ -83,9 +87,8 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
                 return float(re.sub(r"[^\d+-]", "", whole) + "." + decimals)
             if DOUBLE.search(text):
                 return float(DOUBLE.sub("e", text))
-            value, _, unit = text.partition(" ")
-            if unit and named_unit(f"x [{unit}]")[2:] == own:
-                return float(value)
+            if (unit := unit_of(text))[2:] == own:
+                return float(unit.label)
             return stated_degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
 
     column = named_column(name)

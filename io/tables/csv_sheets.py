@@ -163,8 +163,8 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
     untimed = time_fault(stamps, arrivals, cells)
     faults = {
-        sensor: untimed
-        or _doubled(sensor, columns, time_column(stamps[0], cells))
+        sensor: (_doubled(sensor, {"": stamps, **columns}, time_column(stamps[0], cells)) if stamps else "")
+        or untimed
         or _fault(columns, cells, sides[sensor])
         for sensor, columns in found.items()
     }
@@ -251,7 +251,7 @@ def _doubled(sensor: str, columns: Mapping[str, Sequence[NamedColumn]], clock: T
     if not doubled:
         return ""
     time = next((key for key, unit_ns in TIME_UNITS_NS.items() if (unit_ns, AT_1970.get(key, 0)) == clock[1:]), "")
-    keys = {time: clock.column, **{KEYS.get(key, key): same[0].name for key, same in columns.items()}}
+    keys = {time: clock.column, **{KEYS.get(key, key): same[0].name for key, same in columns.items() if key}}
     line = ", ".join(f"{key} = {quoted(name)}" for key, name in keys.items())
     names = ", ".join(column.name for column in doubled[0])
     return f"has columns for the same quantity ({names}); choose one under [{sensor}]: columns = {{ {line} }}"

@@ -13,7 +13,7 @@ from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, words_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.unnamed_columns import is_number
-from usbldr.io.units import NamedUnit
+from usbldr.io.units import NamedUnit, unit_of
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
@@ -88,6 +88,8 @@ def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, float] | 
     cell = cells.get(column.name, "")
     if column.known or ISO.fullmatch(cell):
         return round(column.factor) if column.known else SECOND_NS, 0
+    if (unit := unit_of(cell)).dimension == "time":
+        return round(unit.factor), 0
     key = named_epoch(column, cell) or next(iter(keys_since_1970(cell)), None)
     return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
 

@@ -31,26 +31,18 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("Time,Heading (deg)", "2020-257T12:{utc},{h}"),
         ("Time,Heading (deg)", "2020:257:12:{utc}.0,{h}"),
         ("Time [s],Heading (deg)", "{d},{h}"),
+        ("timestamp (seconds since 01/01/1970), system, Heading (deg)", "{t}, lauv, {h}"),
+        ("Time..s.,Heading..deg.", "{t},{h}"),
+        ("utime,Heading (deg)", "{t}000000,{h}"),
+        ("Time,Heading (deg)", "{t}.0 sec,{h}"),
         ("Time,Heading (deg)", "20200913{all},{h}"),
         ("Time,Heading (deg)", "2020257{all}.0,{h}"),
         ("%  GPST      latitude(deg)  heading(deg)", "2020/09/13 12:{gps}.000   45.1   {h}"),
         ("UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)", "2020,9,13,12,{hms},{h}"),
     ],
-    ids=[
-        "blank names",
-        "pipes",
-        "printed",
-        "REMUS",
-        "GPS time",
-        "day of year",
-        "colons",
-        "Fortran",
-        "digits",
-        "digits of a year",
-        "RTKLIB",
-        "Xsens",
-    ],
-)
+    ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "LCM",
+         "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens"],
+)  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
     for k in range(4):

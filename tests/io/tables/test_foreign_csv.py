@@ -181,6 +181,9 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "short German": ("dive", "V voraus [m/s],V stb [m/s],Heading rw [°]\n1.5,0.25,30.5", AHEAD),
     "short": ("dive", "Fwd_Spd_mps,Stbd_Spd_mps,Hdg_deg\n1.5,0.25,30.5", AHEAD),
     "degrees and minutes": ("dive", "Heading (deg),GPS Lat,GPS Lon\n30.5,,\n31,43° 06.5' N,5° 54.25' W", TOULON),
+    "dashes": ("dive", "Heading (deg),GPS Lat,GPS Lon\n30.5,,\n31,43-06.5N,005-54.25W", TOULON),
+    "water track beside": ("dive", "BT Forward m/s,BT Starboard m/s,WT Forward m/s,WT Starboard m/s,Heading (deg)\n"
+                           "1.5,0.25,9,9,30.5", AHEAD),
     "blanks": ("dive", "Heading (deg),GPS Latitude,GPS Longitude\n30.5,,\n31,43 06.5 N,005 54.25 W", TOULON),
     "NMEA": ("dive", "Heading (deg),GPS Lat,GPS N/S,GPS Lon,GPS E/W\n30.5,,,,\n31,4306.5,N,00554.25,W", TOULON),
     "sides": ("gps", "Latitude [deg],N/S,Longitude [deg],E/W\n45.5,S,30.25,W", SOUTH_WEST),
@@ -300,7 +303,7 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
         ("nav", "Time,Heading (deg)", "1,1",
          'has a column Time without a known unit; write it behind the name ("Time [s]")'),
         ("nav", "Time [s],stamp_ns,Heading (deg)", "1,1,1",
-         "has not one column of time (Time [s], stamp_ns); name its columns with"),
+         'has columns for the same quantity (Time [s], stamp_ns); choose one under [compass]: columns = { time_'),
         ("nav", "Heading (deg),Roll (deg)", "1,1",
          "has not one column of time (none); name its columns with the key columns of a"),
         ("nav", "t_s,IMU Heading (deg),AHRS Heading (deg)", "1,1,1",
