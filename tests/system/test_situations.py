@@ -37,7 +37,6 @@ from recordings import (
     sentence,
     short_dive,
     twist,
-    write_bag,
     write_mcap,
     write_payloads,
     yaw,
@@ -75,22 +74,6 @@ def test_what_may_not_be_read_is_named(tmp_path: Path, folder: bool, monkeypatch
     monkeypatch.setattr(Path, "iterdir" if folder else "open", refuse)  # a superuser may read all
 
     assert refusal(LogError, open_log, log) == f"{log}: cannot be read (Permission denied)"
-
-
-def test_a_recording_under_way_is_read_whatever_its_name(tmp_path: Path) -> None:
-    file = write_bag(tmp_path / "a.bag", short_dive())
-    running = file.rename(tmp_path / "a.bag.active")
-
-    assert sum(topic.count for topic in open_log(running).topics()) == 33
-
-
-def test_a_bag_and_an_mcap_file_of_ros_2_are_one_dive(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "a.bag", [twist(T0 + k * SECOND, 1.0, 0.5) for k in range(5)])
-    mcap = write_mcap(tmp_path / "b.mcap", [twist(T0 + k * SECOND, 2.0, 0.5) for k in range(5, 8)])
-
-    log = read_log(bag, Request(joined=(str(mcap),)))
-
-    assert log.tables["dvl"]["forward_mps"].tolist() == [1.0] * 5 + [2.0] * 3
 
 
 def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> None:

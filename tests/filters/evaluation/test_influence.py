@@ -73,19 +73,6 @@ def test_an_outlier_among_n_equal_fixes_moves_the_track_by_its_nth_part() -> Non
     assert math.isnan(reported.error_change_m)
 
 
-def test_leaving_out_another_fix_changes_neither_the_timeline_nor_its_other_fixes() -> None:
-    line = weaving_dive(Faults(), seconds=20)
-    before = line.fix_m.copy()
-
-    shorter = without_fix(line, 3)
-
-    np.testing.assert_array_equal(line.fix_m, before)
-    np.testing.assert_array_equal(shorter.fix_m, np.delete(before, 3, axis=0))
-    assert 4.0 not in shorter.fix_time_s
-    assert 4.0 not in shorter.fix_received_s
-    assert len(shorter.fix_cov_m2) == len(before) - 1
-
-
 def replayed(log: Path, method: str, *options: str) -> tuple[str, Path]:
     folder = log.parent / f"run-{log.name}"
     return output_of("replay", log, "-f", method, "-N", "20", "-o", folder, "--calibrate", "none", *options), folder

@@ -66,9 +66,9 @@ def test_the_order_of_dates_is_said_once_for_all_files(tmp_path: Path) -> None:
     assert "08.07.2026 is read as 2026-07-08" in said[0]
 
 
-def test_a_topic_in_both_files_is_one_topic(tmp_path: Path) -> None:
+def test_a_topic_in_a_bag_and_in_a_file_of_ros_2_is_one_topic(tmp_path: Path) -> None:
     rows = short_dive()
-    first, second = write_mcap(tmp_path / "a.mcap", rows[:15]), write_mcap(tmp_path / "b.mcap", rows[15:])
+    first, second = write_bag(tmp_path / "a.bag", rows[:15]), write_mcap(tmp_path / "b.mcap", rows[15:])
     whole = read_log(write_mcap(tmp_path / "whole.mcap", rows))
 
     log = joined(second, first)
