@@ -111,16 +111,6 @@ def test_a_record_is_read_as_its_conventions_say(tmp_path: Path, row: Row, toml:
     assert found[: len(expected)] == pytest.approx(expected)
 
 
-def test_a_stamp_that_is_late_by_its_latency_is_moved_back(tmp_path: Path) -> None:
-    rows = [twist(T0 + k * SECOND, 1.0, 0.0) for k in range(3)] + [yaw(T0 + k * SECOND, 0.0) for k in range(3)]
-
-    log = logged(tmp_path, rows, "[dvl]\nlatency_s = 0.25")
-
-    np.testing.assert_allclose(log.tables["dvl"]["time_s"], [-0.25, 0.75, 1.75])
-    np.testing.assert_allclose(log.tables["dvl"]["received_s"], [0, 1, 2])
-    assert log.start_ns == T0
-
-
 IN_RADIANS = '/heading: no value is above 6.3; if they are radians, state [compass] unit = "rad"'
 NO_HEADER = "/heading: its type has no header, so it is timed by log time"
 UNKNOWN = {"orientation_covariance": np.array([-1.0] + [0.0] * 8)}
@@ -151,22 +141,6 @@ def test_numbers_that_are_in_doubt_are_pointed_out_or_left_out(tmp_path, rows, t
 
     assert {role: len(table) for role, table in log.tables.items()} == used
     assert said.items() <= codes(log).items()
-
-
-def test_marine_dvl_records_are_judged_by_what_their_family_says(tmp_path: Path) -> None:
-    still = marine(T0 + 3, velocity__x=0.0, velocity__y=0.0)
-    rows = [marine(T0), marine(T0 + 1, beams=2), marine(T0 + 2, velocity_mode=2), still]
-    rows += [marine(T0 + 4, velocity__x=math.nan), marine(T0 + 5, velocity__x=327.67)]
-
-    log = logged(tmp_path, rows)
-
-    assert list(log.tables["dvl"]["valid"]) == [True, False, False, False, False, False]
-    assert codes(log)["DVL-INVALID"] == (
-        "/dvl/data: 5 of 6 records are invalid and not used (1 not a number, 1 exactly zero, "
-        "1 fewer than 3 good beams, 1 water track, 1 faster than 20 m/s)"
-    )
-    assert log.provenance["dvl"].conventions[0] == Convention("axes", "FRD", "type")
-    assert log.provenance["dvl"].used == 1
 
 
 @pytest.mark.parametrize(

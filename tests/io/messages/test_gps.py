@@ -32,7 +32,6 @@ from recordings import (
     saved,
     saved_lines,
     sentence,
-    stamp,
     write_bag,
     write_mcap,
     write_rosbag2,
@@ -227,15 +226,6 @@ def test_each_kind_states_its_accuracy_in_its_own_way_and_a_known_covariance_bea
     log = logged(tmp_path, [row(kind, {**FIXES[kind][0], **values})], topics={"gps": "/gps"})
 
     assert log.tables["gps"]["sd_m"].iloc[0] == pytest.approx(0.5, rel=1e-4)
-
-
-def test_a_location_fix_is_timed_by_its_own_timestamp(tmp_path: Path) -> None:
-    kind = "foxglove_msgs/msg/LocationFix"
-
-    log = logged(tmp_path, [row(kind, {"timestamp": stamp(T0 - 250_000_000), **BERMUDA})])
-
-    assert log.start_ns == T0 - 250_000_000
-    assert Convention("time", "timestamp", "type") in log.provenance["gps"].conventions
 
 
 def test_the_raw_fix_of_mavros_comes_before_its_estimate(tmp_path: Path) -> None:
