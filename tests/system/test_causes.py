@@ -126,9 +126,8 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
     assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in replayed(log, "--truth", "none")[1]
 
 
-def test_dead_reckoning_and_a_run_directory_are_called_what_they_are(edited: Callable[..., Path]) -> None:
+def test_a_run_directory_is_called_what_it_is(edited: Callable[..., Path]) -> None:
     log = edited()
-    assert "without fixes this is dead reckoning: --filter dr" in replayed(log, "--usbl", "none")[1]
     assert replayed(log)[0] == 0
     assert "usbldr compare run shows it" in str(run("info", log.with_name("run")).exception)
 
@@ -231,7 +230,6 @@ CAUSES = {
     "the GPS of another vessel": ({"gps": at_anchor}, "track and truth move differently"),
     "the GPS of a ship beside it": ({"gps": around}, "so that the truth is of another vehicle"),
     "the ship's end of the USBL": ({"usbl": of_the_ship}, r"the fixes move unlike dead reckoning.* \[USBL-MOTION\]"),
-    "no fixes": ({}, "without fixes this is dead reckoning: --filter dr", "--usbl", "none"),
 }
 
 
@@ -241,9 +239,9 @@ CAUSES = {
 def test_each_cause_is_said_of_a_made_and_of_a_real_log(kind: str, name: str, request, edited) -> None:
     """The ship's GPS is named, too: by --gps it is as wrong."""
     tables, configuration = request.getfixturevalue("river") if kind == "real" else (None, LIMITS)
-    edits, sentence, *options = CAUSES[name]
+    edits, sentence = CAUSES[name]
 
-    said = replayed(edited(configuration, tables, **edits), "--gps", "/gps", *options)[1]
+    said = replayed(edited(configuration, tables, **edits), "--gps", "/gps")[1]
 
     assert re.search(sentence, said), said
 

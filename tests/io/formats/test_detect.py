@@ -71,7 +71,6 @@ ECHO = "is what ros2 topic echo prints; read the recording that it came from, or
         (b"hello world", "unknown format (starts with b'hello world'); usbldr reads " + FORMATS),
         (b"#ROSBAG V1.2\n", "is a ROS 1 bag of an old version; convert it to version 2.0 first "
          "(rosbag fix IN.bag OUT.bag)"),
-        (b"dive.mcap".ljust(257, b"\0") + b"ustar", "is a tar archive; unpack it first (tar -xf)"),
         (b"CDF\x01rest", "is a netCDF-3 file; convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)"),
         (matlab_4(), "is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')"),
         (b"PK\x03\x04rest", "is a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV"),
