@@ -14,6 +14,7 @@ from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_
 from usbldr.io.writing import writing
 from usbldr_cli.options.log_options import request_provenance
 from usbldr_cli.options.output_files import write_json
+from usbldr_cli.runs.compare_directory import listed_figures
 from usbldr_cli.runs.job_store import common_fault
 
 if TYPE_CHECKING:
@@ -40,7 +41,10 @@ class ResultFiles:
         return {**made_by(), "request": self.request, **self.content, **made}
 
     def write(self, folder: Path, pictures: "Sequence[drawing.Picture] | None", plot_format: str = "png") -> None:
-        """Write figures and page, unless there are none, then CSV, Markdown and, last, JSON, each atomically."""
+        """Write figures and page, unless there are none, then CSV, Markdown and, last, JSON, each atomically.
+
+        Figures that the JSON of an earlier run lists, and this run does not have, are deleted.
+        """
         import pandas as pd
 
         from usbldr.io.reports.markdown_report import markdown
@@ -53,7 +57,11 @@ class ResultFiles:
                 shown = draw_page(folder, pictures, lambda blocks: self.page(blocks, made), plot_format)
             tables = {"_seeds.csv": self.seeds, ".csv": self.records}
             csv = {end: pd.DataFrame(of).to_csv(index=False, lineterminator="\n") for end, of in tables.items() if of}
-            texts = csv | {".md": markdown(self.page(shown, made)), ".json": json_text(self.json()) + "\n"}
+            figures = [picture.name for picture in shown]
+            for earlier in listed_figures(folder / f"{self.name}.json") - {*figures}:
+                (folder / earlier).unlink(missing_ok=True)
+            content = json_text({**self.json(), "figures": figures}) + "\n"
+            texts = csv | {".md": markdown(self.page(shown, made)), ".json": content}
             for ending, text in texts.items():
                 write_atomically(folder / f"{self.name}{ending}", text.encode())
 

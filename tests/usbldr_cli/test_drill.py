@@ -103,6 +103,14 @@ def test_the_same_drills_again_use_the_finished_runs_and_others_are_refused(dive
     assert "holds another comparison" in str(refused)
 
 
+def test_other_drills_in_the_same_folder_leave_no_figure_of_the_earlier_ones(dive: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for fault in (("--drop", "usbl@30:60"), ("--thin", "usbl:0.5Hz")):
+        run("drill", dive, *fault, "--filters", "ekf", "--seeds", 1, "-j", 1, "-o", out, "--force")
+
+    assert {file.name for file in out.glob("*.png")} == {*content(out)["figures"]}
+
+
 def test_the_faults_of_the_options_are_one_drill_and_nothing_is_written_to_the_log(dive: Path) -> None:
     before = {file: file.read_bytes() for file in dive.iterdir()}
 

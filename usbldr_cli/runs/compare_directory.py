@@ -37,7 +37,7 @@ def prepare(folder: Path, request: Mapping[str, Any], force: bool, tables: str =
         if foreign is not None:
             raise UsageError(f"{folder} holds {foreign}, which is not of a comparison: choose another --output")
         as_stored = json.loads(json.dumps(request))  # tuples become lists
-        if (folder / tables).exists() and not force and _request(folder / tables) != as_stored:
+        if (folder / tables).exists() and not force and _stated(folder / tables).get("request") != as_stored:
             raise UsageError(
                 f"{folder} holds another comparison: choose another --output, or --force to replace its tables "
                 "(finished runs are kept)"
@@ -58,8 +58,17 @@ def _foreign(folder: Path) -> str | None:
     return None
 
 
-def _request(tables: Path) -> Any:
+def listed_figures(tables: Path) -> set[str]:
+    """Return the names of the figures that a JSON lists, if they are names of such figures."""
+    names = _stated(tables).get("figures")
+    return (
+        {name for name in names if isinstance(name, str) and OWN.fullmatch(name)} if isinstance(names, list) else set()
+    )
+
+
+def _stated(tables: Path) -> dict[str, Any]:
     try:
-        return json.loads(tables.read_text(encoding="utf-8"))["request"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+        content = json.loads(tables.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
