@@ -13,7 +13,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.writing import writing
@@ -61,9 +61,8 @@ def _foreign(folder: Path) -> str | None:
 def listed_figures(tables: Path) -> set[str]:
     """Return the names of the figures that a JSON lists, if they are names of such figures."""
     names = _stated(tables).get("figures")
-    return (
-        {name for name in names if isinstance(name, str) and OWN.fullmatch(name)} if isinstance(names, list) else set()
-    )
+    listed = cast("list[Any]", names) if isinstance(names, list) else []
+    return {name for name in listed if isinstance(name, str) and OWN.fullmatch(name)}
 
 
 def _stated(tables: Path) -> dict[str, Any]:
@@ -71,4 +70,4 @@ def _stated(tables: Path) -> dict[str, Any]:
         content = json.loads(tables.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return content if isinstance(content, dict) else {}
+    return cast("dict[str, Any]", content) if isinstance(content, dict) else {}
