@@ -1,7 +1,8 @@
 """vehicle.yaml and mission.yaml of oplab's auv_nav as the content of a usbldr.toml.
 
 Their keys: docs/file_format_definitions.md of github.com/ocean-perception/oplab_pipeline. Surge, sway and heave are
-metres forward, starboard and down, yaw is clockwise. A time offset is added to stamps, but subtracted from ROS's.
+metres forward, starboard and down, yaw is clockwise. A time offset is added to stamps, but subtracted from ROS's. The
+yaw of the INS is added to headings by some of its parsers and has no effect in others, so it is not converted.
 """
 
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ class Parts(NamedTuple):
 VEHICLE, MISSION = "vehicle.yaml", "mission.yaml"
 SENSORS: Mapping[str, Parts] = {
     "dvl": Parts("velocity", "dvl", "mount_deg", "sd_mps"),
-    "compass": Parts("orientation", "ins", "bias_deg", "sd_deg"),
+    "compass": Parts("orientation", "ins", "", "sd_deg"),
     "usbl": Parts("usbl", "usbl", "", "sd_m"),
     "gps": Parts("", "gps", "", ""),
     "depth": Parts("depth", "depth", "", ""),

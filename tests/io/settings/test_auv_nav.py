@@ -31,10 +31,10 @@ CONVERTED = {
     "schema": 1,
     "map": {"origin_lat_deg": 43.0, "origin_lon_deg": 6.0},
     "dvl": {"lever_arm_m": [0.0, -0.8, -0.2], "mount_deg": 45.0, "latency_s": -0.5},
-    "compass": {"bias_deg": 0.5, "topic": "/imu/data", "latency_s": 0.25, "sd_deg": 0.3},
+    "compass": {"topic": "/imu/data", "latency_s": 0.25, "sd_deg": 0.3},
     "usbl": {"lever_arm_m": [-0.2, 0.4, 0.289], "target": 4, "sd_m": 2.0},
 }
-LEFT_OUT = "dvl roll_deg, velocity std_factor, velocity std_offset, usbl timezone, fore"
+LEFT_OUT = "dvl roll_deg, velocity std_factor, velocity std_offset, ins yaw_deg, usbl timezone, fore"
 
 
 def stated(folder: Path, name: str = "vehicle.yaml", **files: str):
@@ -83,7 +83,7 @@ def test_a_log_is_read_with_them_and_init_writes_them(tmp_path: Path) -> None:
     log = read_log(tmp_path / "dive.mcap", Request(configuration=str(vehicle)))
     run("init", tmp_path / "dive.mcap", "--config", vehicle, "--output", tmp_path / "usbldr.toml")
 
-    assert only(log, "NO-SUCH-KEY").endswith("has no key for, and is not used: dvl roll_deg, fore")
+    assert only(log, "NO-SUCH-KEY").endswith("has no key for, and is not used: dvl roll_deg, ins yaw_deg, fore")
     written = (tmp_path / "usbldr.toml").read_text(encoding="utf-8")
-    assert "Not converted, for there is no such key: dvl roll_deg, fore.\n" in written
+    assert "Not converted, for there is no such key: dvl roll_deg, ins yaw_deg, fore.\n" in written
     assert "mount_deg = 45.0                        # stated in vehicle.yaml" in written
