@@ -7,6 +7,7 @@ import pytest
 
 import usbldr
 from checkout import ROOT
+from usbldr.io.conventions.shown_noise import examined
 from usbldr.io.drills.drill import damaged
 from usbldr.io.drills.suite import STANDARD, read_suite
 
@@ -36,11 +37,12 @@ def test_near_and_frequent_echoes_are_left_out(seed: int) -> None:
         "fixes stamped 2 s late",
     ],
 )
-def test_a_drill_costs_at_most_two_and_a_half_times_the_dive_without_it(name: str) -> None:
-    """The dive alone .22 m; it cost 9.2 m after an outage while false fixes could make velocities false."""
+def test_a_drill_costs_at_most_two_and_a_half_times_the_dives_without_it(name: str) -> None:
+    """The four dives alone cost .22 m; after an outage, 9.2 m while false fixes could make velocities false."""
     (drill,) = (one for one in read_suite(STANDARD) if one.name == name)
-    log = damaged(usbldr.open_log("turns", usbldr.Request(configuration="none"), 0), drill, 0)
+    dives = (usbldr.open_log("turns", usbldr.Request(configuration="none"), seed) for seed in range(4))
+    logs = [examined(damaged(log, drill, seed)) for seed, log in enumerate(dives)]
 
-    _, error_m = STUDY["errors_m"](log, "adf", usbldr.RunSettings())
+    error_m = [np.mean(STUDY["errors_m"](log, "adf", usbldr.RunSettings())[1]) for log in logs]
 
     assert np.mean(error_m) < 2.5 * 0.22
