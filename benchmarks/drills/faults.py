@@ -96,6 +96,16 @@ def over_fish(log: Log, seed: int) -> Log:
     return examined(replace(log, tables={**log.tables, "dvl": changed}))
 
 
+def seldom(role: str, every: int, fault: str) -> Damage:
+    """Return the damage by a fault as `usbldr drill` writes it, of a sensor of which every nth record is kept."""
+
+    def put_in(log: Log, seed: int) -> Log:
+        thinned = log.tables[role].iloc[::every].reset_index(drop=True)
+        return examined(drill(fault)(replace(log, tables={**log.tables, role: thinned}), seed))
+
+    return put_in
+
+
 def beside_iron(log: Log, seed: int) -> Log:
     """Return a log whose compass is turned by up to 50° for about half a minute, at a random time."""
     rng, table = np.random.default_rng(seed), log.tables["compass"]
@@ -141,6 +151,8 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "DVL scale 2 % after a quarter": (drill("scale dvl:1.02@25%:"), 0.0),
     "fixes shift by 8 m after 60 %": (fixes(lambda t, z, rng: z + (t > 480.0)[:, None] * [6.4, -4.8]), 0.0),
     "fixes 3 s later from the middle on": (later, 0.0),
+    "a DVL of 1 Hz, 10 % spikes of 2 m/s": (seldom("dvl", 5, "spike dvl:2m/s@0.1"), 0.0),
+    "a compass of 1 Hz, 5 % spikes of 60°": (seldom("compass", 10, "spike compass:60deg@0.05"), 0.0),
     "a DVL over fish: off for 20 s, five times": (over_fish, 0.0),
     "no sensor records for 25 s": (silent, 0.0),
     "a compass beside iron: up to 50° for half a minute": (beside_iron, 0.0),

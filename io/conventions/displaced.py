@@ -7,7 +7,7 @@ after them, from which the vehicle may have differed as it usually does from its
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -24,6 +24,8 @@ MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
 FAR_S = ((60.0, 0.0), (0.0, 60.0))  # before and after a stretch, by judgement: false fixes in a row end by then
 FIXES_BESIDE = 7  # before and after a stretch: their median endures two outliers
 RIGHT = 0.5  # [-] of the way between fixes, by judgement: what right velocities leave of it, noise included, at most
+DRIFTS_M = (0.03, 0.1, 0.3, 1.0, 3.0)  # [m/√s] of dead reckoning, from good to hardly any
+FIX_DOF = 4.0  # [-] by judgement: of Student's t, as fixes have outliers
 DR_ERROR = 0.1  # [-] of the way, by judgement: of dead reckoning, if the log does not show it
 
 
@@ -42,12 +44,33 @@ class Fixes(NamedTuple):
     position_m: Array  # (F, 2) east, north
     stated_m2: float  # the variance of a fix
     yaw_rad: Vector  # (n,)
+    way_m: Array  # (F, 2) of dead reckoning to each
+
+    @classmethod
+    def beside(
+        cls, time_s: Vector, position_m: Array, stated_m2: float, velocities: tuple[Vector, Array, Vector]
+    ) -> Self:
+        """Make it of F fixes and of n velocities: times, m/s (n, 2) and headings in rad."""
+        dvl_s, velocity_mps, yaw_rad = velocities
+        way_m: Array = np.cumsum(rotated(-yaw_rad, velocity_mps) * np.gradient(dvl_s)[:, None], axis=0)
+        reached_m = np.column_stack([np.interp(time_s, dvl_s, way_m[:, axis]) for axis in range(2)])
+        return cls(time_s, position_m, stated_m2, yaw_rad, reached_m)
 
     def variance_m2(self) -> float:
         """Return the variance of a fix: the stated one, or the larger one that neighbours show."""
         bent_m = self.position_m[1:-1] - (self.position_m[:-2] + self.position_m[2:]) / 2  # 1.5 times that of a fix
         shown_m2 = (TO_SD * float(np.median(np.abs(bent_m)))) ** 2 / 1.5 if len(bent_m) else 0.0
         return max(self.stated_m2, shown_m2)
+
+    def contradict(self, without: Self) -> bool:
+        """Tell whether records are false without which dead reckoning has another way.
+
+        It errs from fix to fix by a random walk, with false records by a larger one. If it is no better than none, its
+        conventions are wrong, and nothing is shown.
+        """
+        ways_m = np.stack([self.way_m, without.way_m, np.zeros_like(self.way_m)])
+        with_them, better, still = _log_likelihoods(self.time_s, self.position_m - ways_m, self.variance_m2()).tolist()
+        return better > max(with_them, still) + MIN_LOG_ODDS
 
 
 def false_velocities(time_s: Vector, velocity_mps: Array, fixes: Fixes | None) -> Mask:
@@ -69,6 +92,25 @@ def false_velocities(time_s: Vector, velocity_mps: Array, fixes: Fixes | None) -
                 false[one.first : one.end] = True
                 judge.leave_out(one)
     return false if 2 * np.count_nonzero(false) <= len(false) else np.zeros_like(false)
+
+
+def _log_likelihoods(time_s: Vector, error_m: Array, variance_m2: float) -> Vector:
+    """Return the log likelihood of errors of fixes against W ways (W, F, 2), each with its best random walk, (W,).
+
+    A Kalman filter of the level, with Student's t for outliers.
+    """
+    walk_m2 = np.square(DRIFTS_M)[:, None]
+    level_m, level_m2 = error_m[None, :, 0], np.full((len(DRIFTS_M), 1), variance_m2)
+    total = np.zeros((len(DRIFTS_M), len(error_m)))
+    for dt_s, now_m in zip(np.diff(time_s).tolist(), error_m[:, 1:].swapaxes(0, 1), strict=True):
+        level_m2 = level_m2 + walk_m2 * dt_s
+        of_both_m2 = level_m2 + variance_m2
+        off_m = now_m - level_m
+        ratio = np.sum(off_m**2, axis=2) / of_both_m2 / FIX_DOF
+        total -= np.log(of_both_m2) + (FIX_DOF + 2) / 2 * np.log1p(ratio)
+        level_m = level_m + (level_m2 / of_both_m2 / (1 + ratio))[:, :, None] * off_m
+        level_m2 = level_m2 * variance_m2 / of_both_m2
+    return total.max(axis=0)
 
 
 def stretches_between_jumps(time_s: Vector, velocity_mps: Array) -> list[Stretch]:

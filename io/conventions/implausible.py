@@ -23,6 +23,8 @@ from usbldr.io.log import Log
 REST_MPS = 0.05  # [m/s] of the mean velocity: the sensors of a slower vehicle may show the same values again
 SPIKE_PASSES = 20  # of eight hours at 10 Hz with 40 % false headings 12 find some, with 20 % two
 LEFT_OUT = "they are left out"
+TOO_FAST = "no vehicle moves there and back so fast"
+BY_FIXES = "the fixes show that the vehicle did not move there and back so"
 
 
 class Records(NamedTuple):
@@ -54,6 +56,7 @@ class Records(NamedTuple):
 
 
 Tables = Mapping[str, pd.DataFrame]
+SpikesOf = Callable[..., Vector]  # of times and values: how far each is off, with what is reached in a second
 Judged = tuple[Records, list[Finding]]  # the records of a table that may be measurements, and what is to be said
 
 
@@ -107,8 +110,8 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     found = _stretch_finding("DVL-ZERO", records, zero, text)
     records, stuck_found = _without_stuck(records.without(zero), tables, "velocities")
     records, held = _without_held(records, tables)
-    records, spikes = _without_spikes(records, velocity_spikes, "m/s")
-    displaced = false_velocities(records.time_s, records.values, _fixes(records, tables))
+    records, spikes = _without_false_spikes("dvl", records, velocity_spikes, "m/s", tables)
+    displaced = false_velocities(records.time_s, records.values, _fixes(tables, "dvl", records))
     text = f"lie between two steps of the velocity, there and back, that the vehicle did not make; {LEFT_OUT}"
     steps = _stretch_finding("DVL-JUMP", records, displaced, text)
     return records.without(displaced), [*found, *stuck_found, *held, *spikes, *steps]
@@ -123,19 +126,20 @@ def _without_held(records: Records, tables: Tables) -> Judged:
     return records.without(copied), _stretch_finding("DVL-HELD", records, copied, text)
 
 
-def _fixes(records: Records, tables: Tables) -> Fixes | None:
-    """Return the fixes and headings beside velocities; None if there are none."""
-    if "usbl" not in tables or "compass" not in tables:
+def _fixes(tables: Tables, role: str, records: Records) -> Fixes | None:
+    """Return the fixes beside velocities, with these records of a sensor; None if a sensor is missing."""
+    if not {"dvl", "compass", "usbl"} <= tables.keys():
         return None
-    fixes, headings = (Records.of("", tables[role], CHECKS[role][0]) for role in ("usbl", "compass"))
-    yaw = np.interp(records.time_s, headings.time_s, np.unwrap(np.radians(headings.values[:, 0])))
+    of = {name: Records.of("", tables[name], CHECKS[name][0]) for name in ("dvl", "compass", "usbl")} | {role: records}
+    dvl, usbl, headings_rad = of["dvl"], of["usbl"], np.unwrap(np.radians(of["compass"].values[:, 0]))
+    yaw_rad = np.interp(dvl.time_s, of["compass"].time_s, headings_rad)
     stated_m2 = float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float)))
-    return Fixes(fixes.time_s, fixes.values, stated_m2, yaw)
+    return Fixes.beside(usbl.time_s, usbl.values, stated_m2, (dvl.time_s, dvl.values, yaw_rad))
 
 
 def _compass(records: Records, tables: Tables) -> Judged:
     records, found = _without_stuck(records, tables, "headings")
-    records, spikes = _without_spikes(records, lambda time_s, values: heading_spikes(time_s, values[:, 0]), "deg")
+    records, spikes = _without_false_spikes("compass", records, heading_spikes, "deg", tables)
     records, jumps = _without_jumps(records)
     return records, [*found, *spikes, *jumps]
 
@@ -195,11 +199,23 @@ def _stretch_finding(code: str, records: Records, which: Mask, text: str) -> lis
     return [Finding(code, whole, records.topic, start_s, length_s, "s")]
 
 
-def _without_spikes(records: Records, deviation_of: Callable[[Vector, Array], Vector], unit: str) -> Judged:
+def _without_false_spikes(role: str, records: Records, spikes_of: SpikesOf, unit: str, tables: Tables) -> Judged:
+    """Leave out spikes that no vehicle can follow, and those that one can if the fixes show that this one did not."""
+    others, possible = _without_spikes(records, partial(spikes_of, reached=0.0), unit, BY_FIXES)
+    if not possible:
+        return records, []
+    records, certain = _without_spikes(records, spikes_of, unit, TOO_FAST)
+    before, after = (_fixes(tables, role, each) for each in (records, others))
+    if before is None or after is None or len(others.values) == len(records.values) or not before.contradict(after):
+        return records, certain
+    return others, possible
+
+
+def _without_spikes(records: Records, spikes_of: SpikesOf, unit: str, why: str) -> Judged:
     """Leave out spikes as long as there are any: where they are dense, some show once their neighbours are gone."""
     count, worst = len(records.values), (0.0, 0.0)
     for _ in range(SPIKE_PASSES):
-        deviation = deviation_of(records.time_s, records.values)
+        deviation = spikes_of(records.time_s, records.values)
         if not deviation.any():
             break
         row = int(np.argmax(deviation))
@@ -210,7 +226,7 @@ def _without_spikes(records: Records, deviation_of: Callable[[Vector, Array], Ve
     (time_s, size), left = worst, count - len(records.values)
     text = (
         f"{records.topic}: {left} of {count} records are far from their neighbours, the worst by "
-        f"{size:.3g} {unit} at {time_s:.1f} s, and no vehicle moves there and back so fast; {LEFT_OUT}"
+        f"{size:.3g} {unit} at {time_s:.1f} s, and {why}; {LEFT_OUT}"
     )
     return records, [Finding("SPIKES", text, records.topic, time_s, size, unit)]
 

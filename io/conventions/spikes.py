@@ -29,17 +29,15 @@ MAX_CLIMB_MPS = 5.0  # [m/s] vehicles dive and climb at up to 3 m/s
 MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 
-def velocity_spikes(time_s: Vector, velocity_mps: Array) -> Vector:
+def velocity_spikes(time_s: Vector, velocity_mps: Array, reached: float = MAX_ACCELERATION_MPS2) -> Vector:
     """Return how far each velocity (n, 2) in m/s is from its neighbours', m/s (n,), 0 if a vehicle can follow it."""
     window = median_window(time_s)
-    median = np.column_stack([_running_median(v, window) for v in velocity_mps.T])
-    deviation: Vector = np.linalg.norm(velocity_mps - median, axis=1)
 
     def excess(rows: Indices) -> Vector:
         change = np.linalg.norm(velocity_mps[rows] - velocity_mps[rows - 1], axis=1)
-        return change - MAX_ACCELERATION_MPS2 * (time_s[rows] - time_s[rows - 1])
+        return change - reached * (time_s[rows] - time_s[rows - 1])
 
-    return _impossible(deviation, window, MIN_SPIKE_MPS, excess)
+    return _impossible(_off(velocity_mps, window), window, MIN_SPIKE_MPS, excess)
 
 
 def depth_spikes(time_s: Vector, depth_m: Vector) -> Mask:
@@ -49,20 +47,22 @@ def depth_spikes(time_s: Vector, depth_m: Vector) -> Mask:
     def excess(rows: Indices) -> Vector:
         return np.abs(depth_m[rows] - depth_m[rows - 1]) - MAX_CLIMB_MPS * (time_s[rows] - time_s[rows - 1])
 
-    return _impossible(np.abs(depth_m - _running_median(depth_m, window)), window, MIN_SPIKE_M, excess) > 0
+    return _impossible(_off(depth_m[:, None], window), window, MIN_SPIKE_M, excess) > 0
 
 
-def heading_spikes(time_s: Vector, heading_deg: Vector) -> Vector:
-    """Return how far each heading (n,) is from its neighbours', degrees (n,), 0 if a vehicle can follow it."""
+def heading_spikes(time_s: Vector, heading_deg: Array, reached: float = MAX_TURN_DPS) -> Vector:
+    """Return how far each heading (n, 1) is from its neighbours', degrees (n,), 0 if a vehicle can follow it."""
+    heading_deg = heading_deg[:, 0]
     window, deviation = median_window(time_s), np.empty(len(heading_deg))
     for rows, near, inside in _windows(len(heading_deg), window):
         angle = np.radians(heading_deg[near])
-        median = np.arctan2(_running_median(np.sin(angle), window), _running_median(np.cos(angle), window))
-        deviation[rows] = np.degrees(np.abs(wrapped(angle - median)))[inside]
+        directions = _levels(np.column_stack([np.sin(angle), np.cos(angle)]), window)
+        off = [np.abs(wrapped(angle - np.arctan2(*level.T))) for level in directions]
+        deviation[rows] = np.degrees(np.fmin(*off))[inside]
 
     def excess(rows: Indices) -> Vector:
         change = np.abs(wrapped(heading_deg[rows] - heading_deg[rows - 1], 180.0))
-        return change - MAX_TURN_DPS * (time_s[rows] - time_s[rows - 1])
+        return change - reached * (time_s[rows] - time_s[rows - 1])
 
     return _impossible(deviation, window, MIN_SPIKE_DEG, excess)
 
@@ -144,6 +144,29 @@ def _running_median(values: Vector, window: int) -> Vector:
         rolling = pd.Series(values[near]).rolling(window, center=True, min_periods=1)
         found[rows] = rolling.median().to_numpy()[inside]
     return found
+
+
+def _off(values: Array, window: int) -> Vector:
+    """Return how far records (n, k) are from their neighbours: from the running median or the line, (n,)."""
+    found = np.empty(len(values))
+    for rows, near, inside in _windows(len(values), window):
+        off = [np.linalg.norm(values[near] - level, axis=1) for level in _levels(values[near], window)]
+        found[rows] = np.fmin(*off)[inside]
+    return found
+
+
+def _levels(values: Array, window: int) -> tuple[Array, Array]:
+    """Return the running median of records (n, k), and the median of lines between records as far before and after.
+
+    Where a turn or a climb begins, the running median is not on the way. At the ends there are no lines (NaN).
+    """
+    rolling = pd.DataFrame(values).rolling(window, center=True, min_periods=1).median().to_numpy()
+    lines, half = np.full_like(values, np.nan), window // 2
+    if (count := len(values) - 2 * half) > 0:
+        far = np.linspace(1, half, HALF_WINDOW_RECORDS).round().astype(int).tolist()
+        both = [(values[half - by :][:count] + values[half + by :][:count]) / 2 for by in far]
+        lines[half : half + count] = np.median(both, axis=0)
+    return rolling, lines
 
 
 def _windows(count: int, window: int) -> Iterator[tuple[slice, slice, slice]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from logs import codes, logged, with_table
 from recordings import SECOND, T0, short_dive, yaw
+from usbldr.filters.frames import rotated
 from usbldr.filters.types import Mask, Truth, Vector
 from usbldr.io.conventions import spikes
 from usbldr.io.conventions.implausible import without_implausible
@@ -301,6 +302,41 @@ def test_spikes_of_the_dvl_are_left_out_and_no_other_velocity(dive: Log, share: 
     assert lost(log) == {"dvl": times(log, "dvl")[wrong].tolist()}
 
 
+def test_the_fixes_show_that_headings_are_false_to_which_a_vehicle_could_turn(dive: Log) -> None:
+    table = dive.tables["compass"].iloc[::10].reset_index(drop=True)  # 1 Hz: 90 degrees there and back are possible
+    false = np.random.default_rng(5).permuted(np.arange(len(table)) < 45) & (table["time_s"] > 9).to_numpy()
+
+    log = turned(with_table(dive, "compass", table), false, 60.0)
+
+    assert lost(log) == {"compass": table["time_s"][false].tolist()}
+
+
+def test_spikes_at_the_begin_of_a_turn_of_a_slow_compass_are_found_although_the_running_median_is_off_there() -> None:
+    time_s = np.arange(300.0)
+    heading_deg = 5.0 * np.clip(time_s - 100.0, 0.0, 20.0) + np.random.default_rng(6).normal(0.0, 0.3, 300)
+    heading_deg[[103, 104, 105]] += [60.0, 60.0, -60.0]
+
+    off = spikes.heading_spikes(time_s, heading_deg[:, None], reached=0.0)
+
+    assert np.flatnonzero(off).tolist() == [103, 104, 105]
+
+
+@pytest.mark.parametrize("made", [False, True])
+def test_the_fixes_show_whether_a_slow_dvl_has_spikes_or_the_vehicle_moves_so(dive: Log, made: bool) -> None:
+    rng = np.random.default_rng(4)
+    table = dive.tables["dvl"].iloc[::5].reset_index(drop=True)  # 1 Hz: 1.5 m/s there and back are possible
+    moved = rng.permuted(np.arange(len(table)) < 40) & (table["time_s"] > 9).to_numpy()
+    burst_mps = 1.5 * rotated(rng.uniform(0, 2 * np.pi, len(table)), np.array([1.0, 0.0])) * moved[:, None]
+    log = changed(with_table(dive, "dvl", table), "dvl", VELOCITY, table[VELOCITY].to_numpy() + burst_mps)
+    headings = log.tables["compass"]
+    heading_deg = np.interp(table["time_s"], headings["time_s"], np.unwrap(headings["heading_deg"], period=360.0))
+    way_m = np.cumsum(rotated(-np.radians(heading_deg), burst_mps), axis=0)
+    fixes_m = np.column_stack([np.interp(times(log, "usbl"), table["time_s"], east) for east in way_m.T])
+    log = changed(log, "usbl", PLACE, log.tables["usbl"][PLACE].to_numpy() + made * fixes_m)
+
+    assert lost(log) == ({} if made else {"dvl": table["time_s"][moved].tolist()})
+
+
 @pytest.mark.parametrize("to_s", [360.0, np.inf])
 def test_a_heading_that_jumps_and_does_not_return_at_once_is_turned_back(dive: Log, to_s: float) -> None:
     """A square of 900 s: the stretch from 300 s, and that after 360 s, are the longest of theirs."""
@@ -459,13 +495,13 @@ def test_spikes_are_the_same_in_blocks_of_any_length(dive: Log, length: int, mon
     time_s, heading_deg = times(dive, "compass"), dive.tables["compass"]["heading_deg"].to_numpy()
     off = np.random.default_rng(5).choice(len(time_s), 40, replace=False)
     heading_deg = heading_deg + 50.0 * np.isin(np.arange(len(time_s)), off)
-    whole = spikes.heading_spikes(time_s, heading_deg)
+    whole = spikes.heading_spikes(time_s, heading_deg[:, None])
     turned_deg = heading_deg + 90.0 * (np.arange(len(time_s)) >= 2000)
     rows, jump_deg = spikes.heading_jumps(time_s, turned_deg)
 
     monkeypatch.setattr(layouts, "BLOCK_RECORDS", length)
 
     assert np.count_nonzero(whole) > 20
-    np.testing.assert_array_equal(spikes.heading_spikes(time_s, heading_deg), whole)
+    np.testing.assert_array_equal(spikes.heading_spikes(time_s, heading_deg[:, None]), whole)
     assert 2000 in rows.tolist()
     np.testing.assert_array_equal(spikes.heading_jumps(time_s, turned_deg), (rows, jump_deg))
