@@ -178,8 +178,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8, help="dives")
     parser.add_argument("--arrival", type=int, default=2, help="of them also in the order of arrival, by adf")
     options = parser.parse_args()
-    print("| fault | mean of the dives, m | of each | over the dive without | by arrival, back after |")
-    print("| --- | ---: | --- | ---: | --- |")
+    print("| fault | mean of the dives, m | least, largest | over the dive without | by arrival, back after |")
+    print("| --- | ---: | ---: | ---: | --- |")
     clean = np.ones(options.seeds)
     for name, (damage, false_s) in FAULTS.items():
         means, back = [], []
@@ -190,7 +190,7 @@ def main() -> None:
                 t, e_m = errors_m(log, "adf", usbldr.RunSettings(order="arrival"))
                 back.append(t[(t < false_s) | (e_m > BACK_M)].max())
         clean = np.array(means) if name == "none" else clean
-        each = " ".join(f"{mean:.2f}" for mean in means)
+        each = f"{min(means):.2f}, {max(means):.2f}"
         times = f"{np.mean(np.array(means) / clean):.2f}"
         print(
             f"| {name} | {np.mean(means):.2f} | {each} | {times} | {', '.join(f'{s:.0f} s' for s in back)} |",
