@@ -88,7 +88,7 @@ def main() -> None:
     print(f"| log | against DR | ahead by | at median speed | length ratio | rotated clockwise |\n|{'---|' * 6}")
     for name in (*FOLDERS, SCENARIO):
         for source, one in agreement(dive(name)).items():
-            lead = f"{one.lead_s:+.2f} s | {one.lead_m:+.2f} m" if math.isfinite(one.lead_s) else "not observable | "
+            lead = f"{one.lead_s:+.2f} s | {one.lead_m:+.2f} m" if math.isfinite(one.lead_s) else "· | ·"
             print(f"| {name} | {source} | {lead} | {one.ratio:.3f} | {one.turn_deg:+.1f}° |")
 
 

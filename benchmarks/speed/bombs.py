@@ -1,6 +1,8 @@
 """Files made to exhaust memory or time: CPU time, peak memory and exit code of `usbldr info` on each.
 
-$ python benchmarks/speed/bombs.py --write docs/broken_files.md
+$ python benchmarks/speed/bombs.py
+
+docs/broken_files.md states the largest numbers.
 """
 
 import argparse
@@ -20,7 +22,6 @@ import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 
 MB = 1 << 20
-MARKERS = ("<!-- bombs.py: begin -->", "<!-- bombs.py: end -->")
 T0 = 1_600_000_000_000_000_000
 MAGIC = b"\x89MCAP0\r\n"
 CSV, CSV_ROWS = b"time_ns,forward_mps,starboard_mps\n", b"1,2,3\n" * 200_000
@@ -125,18 +126,15 @@ def bombs(chunk: int, giga: int) -> Mapping[str, tuple[int, Callable[[Path], Pat
 def main() -> None:
     options = argparse.ArgumentParser(description="Print the table as Markdown.")
     options.add_argument("--bombs", nargs="+", metavar="WORD", help="only those with one of these words in their names")
-    options.add_argument("--write", type=Path, nargs="*", default=[], help="pages whose markers take the table")
     options.add_argument("--info", help=argparse.SUPPRESS)
     arguments = options.parse_args()
     if arguments.info:
         info(arguments.info)
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # speed is a package
     from speed.format_bombs import format_bombs
-    from speed.peers_table import write
 
     heads = ["file", "kB", "decompressed GB", "exit code", "CPU s", "MB"]
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    print("\n".join(lines))
+    print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     for name, (size, make) in {**bombs(100 * MB, 1 << 30), **format_bombs(1 << 30)}.items():
         if arguments.bombs and not any(word in name for word in arguments.bombs):
             continue
@@ -147,10 +145,7 @@ def main() -> None:
             packed = max(one.stat().st_size for one in Path(folder).iterdir()) / 1000
         cost = done.stdout.splitlines()[-1].split() if done.returncode == 0 else ["crash", "", ""]
         cells = [name, f"{packed:.0f}" if packed >= 1 else f"{packed:.1f}", f"{size / 1e9:.1f}", *cost]
-        lines.append(f"| {' | '.join(cells)} |")
-        print(lines[-1], flush=True)
-    for page in arguments.write:
-        write(page, "\n".join(lines), MARKERS)
+        print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def info(file: str) -> NoReturn:
