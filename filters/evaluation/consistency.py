@@ -45,7 +45,7 @@ class FixUpdates(NamedTuple):
     used: Annotated[int, Metric("fixes_used", "USBL fixes used.")]
     down_weighted: Annotated[int, Metric("fixes_down_weighted", "USBL fixes that are likely outliers.")]
     rejected: Annotated[int, Metric("fixes_rejected", "USBL fixes rejected.")]
-    longest_gap_s: Annotated[float, Metric("longest_fix_gap_s", "Longest time without a used fix.", "s")]
+    longest_gap_s: Annotated[float, Metric("longest_fix_gap_s", "Longest time without a used fix.")]
 
 
 class SensorUpdates(NamedTuple):

@@ -22,10 +22,10 @@ EXPLAINED_SIGMAS = 3.0  # a shift within so many sigmas of the track itself is w
 class ConstantShift(NamedTuple):
     """The mean error as a vector, and the errors after it is subtracted."""
 
-    length_m: Annotated[float, Metric("shift_m", "Length of the mean error as a vector.", "m", "lower")]
+    length_m: Annotated[float, Metric("shift_m", "Length of the mean error as a vector.", "lower")]
     share: Annotated[float, Metric("shift_share", "Share of that shift in the mean square error.")]
-    mean_m: Annotated[float, Metric("unshifted_mean_m", "Mean horizontal error without the shift.", "m", "lower")]
-    rmse_m: Annotated[float, Metric("unshifted_rmse_m", "RMS horizontal error without the shift.", "m", "lower")]
+    mean_m: Annotated[float, Metric("unshifted_mean_m", "Mean horizontal error without the shift.", "lower")]
+    rmse_m: Annotated[float, Metric("unshifted_rmse_m", "RMS horizontal error without the shift.", "lower")]
     nees: Annotated[float | None, Metric("unshifted_nees", "Mean NEES without the shift.")]
     sigmas: Annotated[float, Metric("shift_sigmas", "Length of the shift over the sigma of the track.")]
 

@@ -1,6 +1,6 @@
 """Errors, distances and particles of one track, as typed values: metres, seconds, per cent.
 
-A field of a typed part declares its metric: the name in report.json, the unit, which way is better, and the meaning.
+A field of a typed part declares its metric: the name in report.json, which way is better, and the meaning.
 """
 
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args, get_type_hints
@@ -14,11 +14,10 @@ Direction: TypeAlias = Literal["lower", "higher", "both"]  # which way is better
 
 
 class Metric(NamedTuple):
-    """One number of a report: {} in its name and meaning is the axis or the sensor; unit "" for a count or a ratio."""
+    """One number of a report: {} in its name and meaning is the axis or the sensor."""
 
     name: str
     meaning: str
-    unit: str = ""
     direction: Direction = "both"
 
 
@@ -39,46 +38,46 @@ def by_name(part: type, place: str, value: tuple[float | None, ...] | None) -> d
 class AxisErrors(NamedTuple):
     """Errors along one axis, east or north."""
 
-    bias_m: Annotated[float, Metric("bias_{}_m", "Signed mean of the {} error.", "m")]
-    rmse_m: Annotated[float, Metric("rmse_{}_m", "Root mean square of the {} error.", "m", "lower")]
-    mean_abs_m: Annotated[float, Metric("mean_abs_{}_m", "Mean of the absolute {} error.", "m", "lower")]
-    median_abs_m: Annotated[float, Metric("median_abs_{}_m", "Median of the absolute {} error.", "m", "lower")]
-    std_abs_m: Annotated[float, Metric("std_abs_{}_m", "Standard deviation of the absolute {} error.", "m", "lower")]
-    min_abs_m: Annotated[float, Metric("min_abs_{}_m", "Smallest absolute {} error.", "m", "lower")]
-    p95_abs_m: Annotated[float, Metric("p95_abs_{}_m", "95th percentile of the absolute {} error.", "m", "lower")]
-    max_abs_m: Annotated[float, Metric("max_abs_{}_m", "Largest absolute {} error.", "m", "lower")]
+    bias_m: Annotated[float, Metric("bias_{}_m", "Signed mean of the {} error.")]
+    rmse_m: Annotated[float, Metric("rmse_{}_m", "Root mean square of the {} error.", "lower")]
+    mean_abs_m: Annotated[float, Metric("mean_abs_{}_m", "Mean of the absolute {} error.", "lower")]
+    median_abs_m: Annotated[float, Metric("median_abs_{}_m", "Median of the absolute {} error.", "lower")]
+    std_abs_m: Annotated[float, Metric("std_abs_{}_m", "Standard deviation of the absolute {} error.", "lower")]
+    min_abs_m: Annotated[float, Metric("min_abs_{}_m", "Smallest absolute {} error.", "lower")]
+    p95_abs_m: Annotated[float, Metric("p95_abs_{}_m", "95th percentile of the absolute {} error.", "lower")]
+    max_abs_m: Annotated[float, Metric("max_abs_{}_m", "Largest absolute {} error.", "lower")]
 
 
 class HorizontalErrors(NamedTuple):
     """Lengths of the errors in the plane."""
 
-    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "Root mean square of the horizontal error.", "m", "lower")]
-    mean_m: Annotated[float, Metric("mean_horizontal_m", "Mean horizontal error.", "m", "lower")]
-    median_m: Annotated[float, Metric("median_horizontal_m", "Median horizontal error, CEP50.", "m", "lower")]
-    std_m: Annotated[float, Metric("std_horizontal_m", "Standard deviation of the horizontal error.", "m", "lower")]
-    min_m: Annotated[float, Metric("min_horizontal_m", "Smallest horizontal error.", "m", "lower")]
-    p95_m: Annotated[float, Metric("p95_horizontal_m", "95th percentile of the horizontal error, CEP95.", "m", "lower")]
-    max_m: Annotated[float, Metric("max_horizontal_m", "Largest horizontal error.", "m", "lower")]
-    final_m: Annotated[float, Metric("final_horizontal_m", "Horizontal error of the last scored epoch.", "m", "lower")]
+    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "Root mean square of the horizontal error.", "lower")]
+    mean_m: Annotated[float, Metric("mean_horizontal_m", "Mean horizontal error.", "lower")]
+    median_m: Annotated[float, Metric("median_horizontal_m", "Median horizontal error, CEP50.", "lower")]
+    std_m: Annotated[float, Metric("std_horizontal_m", "Standard deviation of the horizontal error.", "lower")]
+    min_m: Annotated[float, Metric("min_horizontal_m", "Smallest horizontal error.", "lower")]
+    p95_m: Annotated[float, Metric("p95_horizontal_m", "95th percentile of the horizontal error, CEP95.", "lower")]
+    max_m: Annotated[float, Metric("max_horizontal_m", "Largest horizontal error.", "lower")]
+    final_m: Annotated[float, Metric("final_horizontal_m", "Horizontal error of the last scored epoch.", "lower")]
 
 
 class SurfacingErrors(NamedTuple):
     """Errors at the first truth samples after long gaps of the truth."""
 
     mean_m: Annotated[
-        float, Metric("surfacing_error_m", "Mean error at the first truth sample after each long gap.", "m", "lower")
+        float, Metric("surfacing_error_m", "Mean error at the first truth sample after each long gap.", "lower")
     ]
     percent: Annotated[
-        float | None, Metric("surfacing_percent", "Those errors over the distance travelled in the gaps.", "%", "lower")
+        float | None, Metric("surfacing_percent", "Those errors over the distance travelled in the gaps.", "lower")
     ]
 
 
 class Travel(NamedTuple):
     """How far the vehicle went, and how far dead reckoning drifted on the way."""
 
-    distance_m: Annotated[float, Metric("distance_m", "Distance travelled by the estimated speed.", "m")]
+    distance_m: Annotated[float, Metric("distance_m", "Distance travelled by the estimated speed.")]
     drift_percent: Annotated[
-        float | None, Metric("drift_percent", "Final error of dead reckoning over that distance.", "%", "lower")
+        float | None, Metric("drift_percent", "Final error of dead reckoning over that distance.", "lower")
     ]
 
 

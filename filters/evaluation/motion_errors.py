@@ -12,23 +12,21 @@ from usbldr.filters.types import Mask, Trajectory, Truth, Vector
 class HeadingErrors(NamedTuple):
     """Errors of the estimated heading, clockwise."""
 
-    bias_deg: Annotated[float, Metric("bias_heading_deg", "Signed mean of the heading error, clockwise.", "deg")]
-    rmse_deg: Annotated[float, Metric("rmse_heading_deg", "Root mean square of the heading error.", "deg", "lower")]
-    max_abs_deg: Annotated[float, Metric("max_abs_heading_deg", "Largest absolute heading error.", "deg", "lower")]
+    bias_deg: Annotated[float, Metric("bias_heading_deg", "Signed mean of the heading error, clockwise.")]
+    rmse_deg: Annotated[float, Metric("rmse_heading_deg", "Root mean square of the heading error.", "lower")]
+    max_abs_deg: Annotated[float, Metric("max_abs_heading_deg", "Largest absolute heading error.", "lower")]
 
 
 class VelocityErrors(NamedTuple):
     """Errors of the estimated velocity along the axes of the vehicle."""
 
-    bias_starboard_mps: Annotated[
-        float, Metric("bias_starboard_mps", "Signed mean error of the starboard velocity.", "m/s")
-    ]
+    bias_starboard_mps: Annotated[float, Metric("bias_starboard_mps", "Signed mean error of the starboard velocity.")]
     rmse_starboard_mps: Annotated[
-        float, Metric("rmse_starboard_mps", "Root mean square error of the starboard velocity.", "m/s", "lower")
+        float, Metric("rmse_starboard_mps", "Root mean square error of the starboard velocity.", "lower")
     ]
-    bias_forward_mps: Annotated[float, Metric("bias_forward_mps", "Signed mean error of the forward velocity.", "m/s")]
+    bias_forward_mps: Annotated[float, Metric("bias_forward_mps", "Signed mean error of the forward velocity.")]
     rmse_forward_mps: Annotated[
-        float, Metric("rmse_forward_mps", "Root mean square error of the forward velocity.", "m/s", "lower")
+        float, Metric("rmse_forward_mps", "Root mean square error of the forward velocity.", "lower")
     ]
 
 
