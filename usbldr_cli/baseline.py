@@ -39,8 +39,8 @@ def baseline(
 ) -> None:
     """Write a baseline for each LOG: a row for each method, with the metrics of its run and their limits.
 
-    Options of replay that have a value (--start 4 --config dive.toml) are written into the rows. The file is yours to
-    edit: add rows, options and metrics.
+    Options of replay that have a value (--start 4 --config dive.toml) are written into the rows. You can add
+    rows, options and metrics.
 
     \b
     $ usbldr baseline dive.mcap --output gate.toml

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 AT_LEAST_0 = click.FloatRange(min=0)
 DEPTH = "Depth of the transponder below the surface."
-LATENCY = "1-sigma of the stated latencies: 0.02 if pulses keep the clocks together.  [default: 1]"
+LATENCY = "1-sigma of the stated latencies: 0.02 if pulses synchronise the clocks.  [default: 1]"
 
 
 @click.command()
@@ -65,12 +65,11 @@ def calibrate_usbl(
 ) -> int:
     """Find how the USBL of a ship is installed, from a survey of a transponder that lies still or from a dive.
 
-    The LOG of a survey holds the fixes along the head's axes, and the ship's position, heading, roll and pitch. Found
-    are the roll, pitch and heading of the head, the scale of its ranges, the lever arm from antenna to head, the
-    latencies of attitude and position, and the place of the transponder, each with its sigma. The LOG of a dive has a
-    DVL and a compass in place of the transponder; it gives the heading and the scale if the ship moves, and the tilt if
-    the depth is known. Errors that LOG does not separate are named with what would separate them. Exit code 1 if the
-    verdict is bad or open.
+    The LOG of a survey holds the fixes along the head's axes, and the ship's position, heading, roll and pitch. The
+    result has the roll, pitch and heading of the head, the scale of its ranges, the lever arm from antenna to head, the
+    latencies of attitude and position, and the place of the transponder, each with its sigma, and names the errors that
+    LOG does not separate. The LOG of a dive has a DVL and a compass in place of the transponder; it gives the heading
+    and the scale if the ship moves, and the tilt if the depth is known. Exit code 1 if the verdict is bad or open.
 
     \b
     $ usbldr calibrate-usbl survey --write usbldr.toml -o calibration

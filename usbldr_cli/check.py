@@ -60,7 +60,7 @@ def check(
 
     A missing row or log is a failure. A metric that is better by more than its limit passes, and is reported because
     the baseline is stale. For a row that fails, the doctor's findings on its log are printed, and its run directory
-    with pictures is kept.
+    with figures is kept.
 
     \b
     $ usbldr baseline dive.mcap --output gate.toml

@@ -56,7 +56,7 @@ def drill(
     quiet: bool,
     **others: Any,
 ) -> int:
-    """Put faults into the records of LOG and report what each filter makes of them.
+    """Add faults to the records of LOG and report how they change the error of each filter.
 
     The faults of the options happen together; those of --suite one drill after the other. A fault is
     SENSOR[:AMOUNT][@WHERE]: where is a share of the records, "one" record, or spans FROM:TO in seconds or per cent of

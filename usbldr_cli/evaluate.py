@@ -55,7 +55,7 @@ def evaluate(
     quiet: bool,
     **selection: Any,
 ) -> int:
-    """Report the errors of a track that LOG or a file holds, like those of a filter.
+    """Report the errors of a track in LOG or in a file, like those of a filter.
 
     A topic of Odometry, Pose or NavSatFix messages, a recording with one such topic, TUM text, usbldr's track CSV, or
     CSV with usbldr's column names. If it has covariances, NEES says whether they are right. Writes a run directory,

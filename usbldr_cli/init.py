@@ -20,8 +20,8 @@ def init(log: str, output: Path | None, force: bool, **selection: Any) -> None:
     """Write a usbldr.toml for LOG, with the source of each line.
 
     Topics, axes, frames, mounting and delays are those that fit LOG best, estimated without any truth. For a sensor
-    without a topic of a known type, it proposes columns of one whose fields have fitting names. Keys of a configuration
-    that is there are kept. Check the lines marked CHECK. Replay accepts the file as is. Exit code 3 if DVL,
+    without a topic of a known type, it proposes columns of one whose fields have fitting names. Keys of an existing
+    configuration are kept. Check the lines marked CHECK. Replay accepts the file as is. Exit code 3 if DVL,
     compass or USBL is still missing: complete the file that is written, or leave the sensor out ("--dvl none").
 
     \b

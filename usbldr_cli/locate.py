@@ -37,7 +37,7 @@ ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
     type=float,
     default=0.0,
     metavar="SECONDS",
-    help="How far the clock that stamped them is ahead.  [default: 0]",
+    help="How far the clock of these times is ahead.  [default: 0]",
 )
 @click.option(
     "-o",
@@ -53,13 +53,13 @@ ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
     type=click.FloatRange(0, 170, min_open=True),
     nargs=2,
     metavar="ACROSS ALONG",
-    help="Opening angles in degrees of a camera that looks down: adds what it saw of the bottom.",
+    help="Opening angles in degrees of a camera that looks down: adds its footprint on the bottom.",
 )
 @click.option(
     "--geotag",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="FOLDER",
-    help="Write copies of the photos with GPS tags into FOLDER; sidecars (.xmp) of what is no JPEG.",
+    help="Write copies of the photos with GPS tags into FOLDER; a sidecar (.xmp) if one is no JPEG.",
 )
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @verbose_option
@@ -74,7 +74,7 @@ def locate(
     geotag: Path | None,
     force: bool,
 ) -> None:
-    """Say where each photo, ping or sample was taken, from the smoothed run directory RUN.
+    """Give the position of each photo, ping or sample, from the smoothed run directory RUN.
 
     --at is a CSV table with a column time_ns, time_unix_s, time_s (of RUN's tables) or time (ISO 8601, UTC), a topic of
     RUN's log, or a folder of photos (EXIF). Each row gets position, depth, heading, roll, pitch and the radius that

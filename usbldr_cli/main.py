@@ -19,11 +19,11 @@ COMMANDS = {
     "doctor": "Find faults in LOG that matter for navigation, and say what to do.",
     "init": "Write a commented configuration for LOG.",
     "replay": "Run a filter over LOG and report its east and north errors.",
-    "evaluate": "Judge a track that a vehicle or another program computed.",
+    "evaluate": "Report the errors of a track of a vehicle or another program.",
     "compare": "Run several filters over logs and seeds, side by side.",
-    "drill": "Put faults into LOG and report what filters make of them.",
+    "drill": "Add faults to LOG and report how they change the errors of filters.",
     "export": "Write LOG, or a part of it, in another format.",
-    "locate": "Say where each photo, ping or sample of a dive was taken.",
+    "locate": "Give the position of each photo, ping or sample of a dive.",
     "calibrate-usbl": "Find how a ship's USBL is installed, from a survey of a transponder.",
     "baseline": "Write a first baseline of logs, which check runs again.",
     "check": "Run a baseline again and fail if a metric got worse (for CI).",
@@ -105,7 +105,7 @@ def note_verbose(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     help="Print the version; with -v also whether the filters run in the compiled kernel.",
 )
 def cli() -> None:
-    """Replay underwater vehicle logs through navigation filters and measure them against GPS.
+    """Replay logs of underwater vehicles through navigation filters and compare the tracks with GPS.
 
     \b
     Exit codes: 0 good, 1 a check failed, 2 wrong usage or configuration,

@@ -150,7 +150,7 @@ def _chosen(
     listed = f"{len(first.steps)} times in all, as no clock does" if unordered else listed
     text = f"{', '.join(stepped)}: the clock goes {sizes}, at record {first.steps[0].row + 1}; {listed}"
     if number != JOINED and number not in map(str, range(1, len(parts) + 1)):
-        advice = f"choose one with --part N or part = N in the configuration; {JOINED} in place of N lets it count on"
+        advice = f"choose one with --part N or part = N in the configuration; {JOINED} in place of N continues it"
         advice = "the records are not in the order of their times: sort them" if unordered else advice
         if part is not None:
             raise UsageError(f"there is no part {part}: {text}; {advice}", path=first.raw.log)

@@ -68,7 +68,7 @@ selection_options = with_options(
             "--part",
             metavar="N",
             type=words(JOINED),
-            help=f'Part of a log whose clock goes back, 1, 2, ...; "{JOINED}" lets it count on.',
+            help=f'Part of a log whose clock goes back, 1, 2, ...; "{JOINED}" continues it.',
             rare=True,
         ),
         log_option(
@@ -87,7 +87,7 @@ selection_options = with_options(
             metavar="FACTOR",
             callback=_raise_limits,
             expose_value=False,
-            help="Multiply the limits on what reading LOG may cost.  [default: 1]",
+            help="Multiply the limits of memory and time for reading LOG.  [default: 1]",
             rare=True,
         ),
     )
