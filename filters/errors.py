@@ -59,7 +59,7 @@ class UsbldrError(Exception):
 
 
 class CheckError(UsbldrError):
-    """A check was made and failed."""
+    """A check failed."""
 
     exit_code = 1
 
@@ -75,7 +75,7 @@ class SettingError(UsageError):
 
 
 class LogError(UsbldrError):
-    """The log can't be read, is incomplete, or lacks what was asked of it."""
+    """The log cannot be read, is incomplete, or lacks what was requested."""
 
     exit_code = 3
 

@@ -76,9 +76,7 @@ def within_two_sigmas(errors: HeadErrors, found: Identification) -> tuple[int, i
 
 def beside_a_ship(seeds: int) -> None:
     """Print a row for each error of a head on a ship that moves."""
-    print(
-        "| errors, ship moving | mean of the dives, m | largest, m | head's errors within 2 sigmas | named rivals |"
-    )
+    print("| errors, ship moving | mean of the dives, m | largest, m | head's errors within 2 sigmas | named rivals |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, stated in SHIP_FAULTS.items():
         means, right, estimated, rivals = [], 0, 0, 0

@@ -29,7 +29,7 @@ from usbldr.filters.windows import TimeWindow
 
 
 class Window(NamedTuple):
-    """Which truth rows count: seconds from the log's start, both ends included."""
+    """Which truth rows are scored: seconds from the log's start, both ends included."""
 
     start_s: float = -np.inf
     end_s: float = np.inf

@@ -170,7 +170,7 @@ class SensorChange(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """The model side of a run, the same for every filter."""
+    """The model of motion and sensors, the same for every filter."""
 
     process: ProcessNoise = ProcessNoise()
     # not contaminated: spikes are left out before, and what remains would hide a sudden change of speed or course

@@ -22,7 +22,7 @@ from usbldr.filters.types import Timeline, Trajectory, track_label
 
 @dataclass(frozen=True, slots=True)
 class FilterSettings:
-    """The choices of a run that are the user's and not the log's."""
+    """The settings of a filter."""
 
     particles: int = 100  # the N of the paper
     gate: float | None = None  # probability that a good measurement passes; None: no gate

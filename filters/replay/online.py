@@ -32,7 +32,7 @@ from usbldr.filters.types import Array, Update, Vector
 
 @dataclass(frozen=True, slots=True)
 class OnlineEstimate:
-    """What is known at a time."""
+    """The estimate at one time."""
 
     time_s: float
     position_m: Vector  # (2,) east, north
