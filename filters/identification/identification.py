@@ -85,7 +85,7 @@ class FalseRun(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """The parameters of a run, and the evidence of the log for them; ``evidence`` is empty if nothing was identified."""
+    """The parameters of a run, and the evidence for them; ``evidence`` is empty if nothing was identified."""
 
     parameters: Parameters
     evidence: tuple[SensorErrorEvidence, ...] = ()
