@@ -26,7 +26,7 @@ class FoundSentence(NamedTuple):
     """One sentence."""
 
     name: str
-    kind: str  # its name without its talker
+    kind: str  # its name without its talker; empty: a word that is no sentence, although one ends in it
     content: str
     checked: bool
     line: int
@@ -61,12 +61,16 @@ def scan_lines(
             prefix = line[begin : match.start()]
             logged = prefixed_ns(prefix, day_first) if received_ns is None else int(received_ns[number])
             clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
-            if logged == NO_TIME and name not in SENTENCE_KINDS and not addressed:  # "MODEM,1600000000.5,2"
+            if name.startswith("P"):  # a vendor's name is all of it
+                kind = name
+            elif addressed:  # GPGGA is GGA of GP
+                kind = name[2:]
+            else:  # "HDG,1600000000.5,40" is no sentence, for it has no talker
+                kind = "" if name in SENTENCE_KINDS else name
+            if logged == NO_TIME and kind not in SENTENCE_KINDS and not addressed:  # "MODEM,1600000000.5,2"
                 logged = prefixed_ns(body.partition(",")[0])
             last = logged if logged != NO_TIME else last
             begin = match.end()
-            has_talker = addressed and not name.startswith("P")  # GPGGA is GGA of GP; a vendor's name is all of it
-            kind = name[2:] if has_talker else name
             sentence_time = _sentence_time(kind, body.split(","))
             if sentence_time is None or not (_is_checksum(checksum, content.encode()) if checksum else not cut):
                 wrong.append(number)

@@ -46,7 +46,7 @@ class Sentences:
         stamped = ("header.stamp",) if self.stamp_ns is not None else ()
         return TopicInfo(
             name=topic,
-            type=f"nmea/{self.kind}",
+            type=f"nmea/{self.kind or 'word'}",
             encoding="nmea",
             count=len(self.contents),
             first_ns=int(self.received_ns.min()),

@@ -17,6 +17,7 @@ from logs import HEAD, MAP, codes, columns, covariance, logged, logged_nmea, on_
 from recordings import SECOND, T0, saved, saved_lines, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
+from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS
 from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.provenance import Convention
@@ -379,6 +380,7 @@ def test_a_receiver_with_several_talkers_is_one_topic_and_two_are_two(talkers: S
         ("PING,{t}.5,{k}", "/PING", 0),
         ("$PUBX,00,12264{k}.50,1", "/PUBX", -18518),
         ("$PACME,12264{k}.50,1", "/PACME", -18518),
+        ("HDG,{t}.5,40.5", "/HDG", 0),
     ],
 )
 def test_sentences_that_are_unknown_are_timed_by_a_time_at_their_beginning(tmp_path: Path, line, topic, days) -> None:
@@ -389,3 +391,4 @@ def test_sentences_that_are_unknown_are_timed_by_a_time_at_their_beginning(tmp_p
 
     begin_ns = T0 // SECOND * SECOND + SECOND // 2 + days * 86400 * SECOND
     assert (found.name, found.first_ns, found.last_ns) == (topic, begin_ns, begin_ns + 3 * SECOND)
+    assert found.type not in {f"nmea/{kind}" for kind in SENTENCE_KINDS}
