@@ -182,8 +182,8 @@ def _adding(
     def sensors(reader: Reader) -> set[str]:
         topics = reader.topics()
         roles = choose_roles(path, topics, {}, {})
-        named = set[str]().union(*(suggested_sensors(topic.name) for topic in topics))
-        return {*roles.chosen, *roles.unresolved} | named | suggested_sensors(reader.path.stem if len(topics) else "")
+        names = [topic.name for topic in topics] + [reader.path.stem] * (len(topics) > 0 and reader.path != path)
+        return {*roles.chosen, *roles.unresolved}.union(*map(suggested_sensors, names))
 
     present = set[str]().union(*map(sensors, readers))
     filled = [file for file in files if file.is_file() and file.stat().st_size and _may_hold_records(file)]

@@ -310,7 +310,9 @@ def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: 
     assert [(topic.name, topic.count) for topic in log.topics()] == [("/GPGGA", 27)]
 
 
-def test_sentences_of_a_sensor_that_the_tables_lack_are_part_of_the_dive(folder: Path) -> None:
+@pytest.mark.parametrize("name", ["dive", "dvl_tests"])
+def test_sentences_of_a_sensor_that_the_tables_lack_are_part_of_the_dive(tmp_path: Path, name: str) -> None:
+    folder = dive(tmp_path / name)
     bodies = [f"PNORBT7,{T0 / 1e9 + k:.1f},1,-3,{k / 100:.2f},0.25,-0.5,0.003,25,25,25,25" for k in range(COUNT)]
     (folder / "nortek.log").write_text("".join(sentence(body) + "\n" for body in bodies), encoding="ascii")
     (beside_a_table,) = open_log(folder).findings()
