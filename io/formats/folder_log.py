@@ -24,7 +24,8 @@ FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
 SHOWN = 5  # [files] that a sentence names
 LEVELS = 3  # of folders within a folder in which files like those of a log are looked for
 OF_EITHER = (".xml", ".kml", ".kmz", ".geojson", ".npz", ".pkl")
-"""Endings of settings and results, or of records, which no reader reads: named if they are named like a sensor."""
+"""Endings of settings and results, or of records, which no reader reads: named if they are named like a sensor, and a
+loss unless a file of the same stem is read, of which they may be another form."""
 NO_RECORDS = frozenset(
     ending
     for endings in (
@@ -218,10 +219,10 @@ def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> lis
     """Name the files that are not read: a loss if one is named like a sensor; of the first others, foreign formats."""
     either = [file for file in files if _may_hold_records(file) or file.suffix.lower() in OF_EITHER]
     sensors = [file for file in either if _named_like_a_sensor(file)]
-    findings = [
-        Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=_may_hold_records(file))
-        for file in sensors
-    ]
+    findings: list[Finding] = []
+    for file in sensors:
+        lost = _may_hold_records(file) or file.stem not in {one.stem for one in file.parent.iterdir() if one not in files}
+        findings.append(Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=lost))
     others = [file for file in files if file not in sensors and _may_hold_records(file)]
     foreign = {file: why for file in others[:SHOWN] if (why := _why(file, open_file)).startswith("is ")}
     findings += [Finding("NOT-READ", f"{file.name} is not read: it {why}") for file, why in foreign.items()]
