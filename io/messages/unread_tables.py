@@ -23,8 +23,9 @@ def unread_tables(
             alike = role in used and without_numbers(used[role]) == without_numbers(topic.name)
             alike |= role in unnamed and topic.type == f"usbldr/{role}"
             unread = topic.is_table and topic.problem and topic.name not in used.values()
-            if unread and (alike or (topic.first_row[:1] and topic.first_row[0][0] == "1")):
-                found.setdefault(topic.name, _unread(role, topic))
+            unnamed_columns = topic.first_row[:1] and topic.first_row[0][0] == "1"
+            if unread and (alike or unnamed_columns):
+                found.setdefault(topic.name, _unread(role, topic, used.get(role, "") if unnamed_columns else ""))
     files = {one.file for one in topics if one.name in used.values()}
     for topic in topics:
         of_file = suggested_sensors(topic.file.partition(".")[0]) if topic.type.startswith(("nmea/", "json/")) else ()
@@ -37,6 +38,8 @@ def unread_tables(
     return tuple(found.values())
 
 
-def _unread(role: str, topic: TopicInfo) -> Finding:
-    text = f"{topic.name}: named like the {role}, and not read: {topic.problem}; rename it if it is no part of it"
+def _unread(role: str, topic: TopicInfo, named: str) -> Finding:
+    """Return that a table is not read; ``named``: the sensor's topic if the table has no line of names."""
+    why = topic.problem.partition(",")[0] + f"; write that of {named} before it" if named else topic.problem
+    text = f"{topic.name}: named like the {role}, and not read: {why}; rename it if it is no part of it"
     return Finding("TOPIC-UNREAD", text, topic.name, lost_data=True)

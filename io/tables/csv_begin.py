@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
+from usbldr.io.messages.topic_names import without_numbers
 from usbldr.io.tables.date_times import foreign_time, named_zone
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
@@ -129,9 +130,9 @@ def with_point(cell: str) -> str:
     return cell.replace(",", ".") if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
 
 
-def header_and_row(file: Path) -> tuple[list[str], list[str]]:
-    """Return a file's column names as written, and the cells of its first row."""
-    names, separator, lines, *_ = begin_of_table(file)
+def header_and_row(file: Path, beside: Sequence[Path] = ()) -> tuple[list[str], list[str]]:
+    """Return a file's column names as written, and the cells of its first row; ``beside``: files that may name them."""
+    names, separator, lines, *_ = begin_of_table(file, beside=beside)
     cells = cells_of(next((line for line in lines if line.strip()), ""), separator)
     cells += [""] * (len(names) - len(cells) if any(cells) else 0)
     return names, cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells]
@@ -148,8 +149,26 @@ class TableBegin(NamedTuple):
     remarks: Sequence[str]  # the lines before the names
 
 
-def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
-    """Return the beginning of a file: what is before its column names, if it is text, is a title or comments."""
+def _names_of_part(file: Path, row: Sequence[str], beside: Sequence[Path]) -> list[str] | None:
+    """Return the names of a file's columns by another one whose name differs in a number, and whose first row is alike.
+
+    So a logger, or ``split``, leaves the parts of a table. None if there is no such file.
+    """
+    for other in beside:
+        if other != file and without_numbers(other.stem) == without_numbers(file.stem):
+            names, cells = header_and_row(other)
+            alike = len(cells) == len(row) and names[0] != "1"
+            pairs = ((is_number(with_point(cell)) for cell in pair) for pair in zip(cells, row, strict=False) if all(pair))
+            if alike and all(one == another for one, another in pairs):
+                return names
+    return None
+
+
+def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Path] = ()) -> TableBegin:
+    """Return the beginning of a file: what is before its column names, if it is text, is a title or comments.
+
+    ``beside``: the files of its folder, of which another part of the table may name its columns.
+    """
     lines = text_lines(file, WESTERN)
     begun = list(islice(lines, PREAMBLE))
     comments = 0  # before the last ones: there may be thousands
@@ -164,7 +183,7 @@ def begin_of_table(file: Path, units_are_row: bool = False) -> TableBegin:
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
     names, rows = cells_of(first, separator), place + 1
     if row is not None:
-        names, rows = [f"{k}" for k in range(1, len(names) + 1)], place
+        names, rows = _names_of_part(file, names, beside) or [f"{k}" for k in range(1, len(names) + 1)], place
     elif separator is None and _is_dated(names, next((line for line in clean[rows:] if line.strip()), "").split()):
         separator = DATED
     while not units_are_row and rows < len(begun):

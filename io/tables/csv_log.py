@@ -60,13 +60,6 @@ class CsvSource:
     sensor: str | None = None  # of a file with several sensors: whose rows
 
 
-def _wide_texts(file: Path) -> TextTable:
-    """Return the cells of a file; those of a long table made wide."""
-    read = read_texts(file)
-    long = long_columns(list(read.columns))
-    return widened(read, long) if long else read
-
-
 class CsvLog:
     """A folder of CSV files, or one such file."""
 
@@ -75,7 +68,7 @@ class CsvLog:
         self.path, self._given = path, files
         self._configured, self._formats = tuple(configured), time_formats(configured)
         self._read: dict[Path, TextTable] = {}
-        self._raw = cache(_wide_texts)
+        self._raw = cache(self._wide_texts)
         self._begin = cache(self._header_and_row)
         self._row = cache(self._first_cells)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
@@ -103,9 +96,15 @@ class CsvLog:
         filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
         return TableHead(file, self._stem(file), header, sheet_of(source.sensor.replace("/", "__"), filled))
 
+    def _wide_texts(self, file: Path) -> TextTable:
+        """Return the cells of a file; those of a long table made wide."""
+        read = read_texts(file, beside=self._texts)
+        long = long_columns(list(read.columns))
+        return widened(read, long) if long else read
+
     def _header_and_row(self, file: Path) -> tuple[Sequence[str], Sequence[str]]:
         """Return a file's column names as written, and the cells of its first row; those of a long table made wide."""
-        names, cells = header_and_row(file)
+        names, cells = header_and_row(file, self._texts)
         if long_columns(names) is None:
             return names, cells
         columns = self._table(file).columns

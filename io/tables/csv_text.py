@@ -110,14 +110,14 @@ class _Rows:
         return self._other
 
 
-def read_texts(file: Path, units_are_row: bool = False) -> TextTable:
+def read_texts(file: Path, units_are_row: bool = False, beside: Sequence[Path] = ()) -> TextTable:
     """Return all cells of a CSV file, or of columns between blanks; raise LogError if a column is there twice.
 
     A file without names, TUM or .fnv, has the columns of its format. Its last line needs no line end; of any other
     file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor are words
     behind the last row, nor a line of units behind the names, unless ``units_are_row``.
     """
-    names, separator, lines, begin, spoilt, _ = begin_of_table(file, units_are_row)
+    names, separator, lines, begin, spoilt, _ = begin_of_table(file, units_are_row, beside)
     header = plain_names(names)
     known = unnamed_columns(file, header if separator in BY_BLANKS else ())
     if known is not None:

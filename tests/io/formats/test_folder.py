@@ -272,12 +272,14 @@ def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
-        ("gps_2", "2027-01-01T00:00:00.5Z,45.0,7.0\n2027-01-01T00:00:01.5Z,45.0,7.1\n", "has no header"),
-        ("usbl_b", "2027-01-01 00:00:00Z,-3.5,1e2\n2027-01-01 00:00:01Z,-3.6,1e2\n", "has no header"),
+        ("gps_2", "2027-01-01T00:00:00.5Z,45.0,7.0\n2027-01-01T00:00:01.5Z,45.0,7.1\n",
+         "has no header: its first line holds values; write that of /gps before it; rename it if"),
+        ("usbl_b", "2027-01-01 00:00:00Z,-3.5,1e2\n2027-01-01 00:00:01Z,-3.6,1e2\n",
+         "so its columns are 1, 2, ...; name them with the key columns of the sensor's section"),
         ("dvl_002", "when,forward,sideways\n1,2,3\n", "its columns match no sensor (when, forward, sideways)"),
         ("ship_compass", "Time [s],Heading [cdeg]\n1,2\n", "has a column Heading [cdeg] without a known unit"),
     ],
-)
+)  # fmt: skip
 def test_a_table_of_a_sensor_that_cannot_be_read_beside_the_one_that_is_read_is_a_loss(tmp_path, name, text, why):
     folder = write_csv(dive(tmp_path / "dive"), imu_raw="t,ax\n1,2\n", dvl_settings="key,value\nrange,20\n")
     assert not any(finding.lost_data for finding in read_log(folder).findings)

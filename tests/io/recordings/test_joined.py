@@ -122,6 +122,7 @@ EARLIER = "they follow each other; of times that two of them have, the records o
         (("dvl", "continued", "rest_of_dvl"), IN_THREE, "they follow each other"),
         (("dvl_1", "dvl_2"), (velocities(0, 15), OTHER_ORDER), "they follow each other"),
         (("dvl_1", "dvl_2"), (velocities(0, 15), velocities(13, COUNT)), EARLIER),
+        (("dvl_1", "dvl_2"), (velocities(0, 15), velocities(15, COUNT).partition("\n")[2]), "they follow each other"),
     ],
 )
 def test_tables_that_follow_each_other_are_one_topic(tmp_path, names, parts, why):
