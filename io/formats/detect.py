@@ -1,6 +1,5 @@
 """The format of a log, recognised by its first bytes, never by its name."""
 
-import re
 import struct
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
@@ -13,6 +12,7 @@ from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLIT
 from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of, is_tar, opened
 from usbldr.io.reader import Reader
+from usbldr.io.tables.foreign_texts import foreign_text
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
 UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
@@ -43,22 +43,7 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""
-FOREIGN_TEXTS: Mapping[str, str] = {
-    r"(?i)\s*<(!doctype )?(html|head|body|table)": "an HTML page, whatever its name; export the sheet as CSV",
-    r"\s*<\?xml": "XML; export its values as CSV, with a line of names",
-    r'\s*(\{\s*"|\[\s*[\[{])': "JSON, but not of one object a record; write it so, or as CSV",
-    r"(?i)\s*(--.*\bdump\b|(create table|insert into|set \w+ ?=)\b)": "a dump of a database; export its tables as CSV",
-    r"header:\r?\n\s+stamp:|(?s:.*)^---\r?\n\w+:": "what ros2 topic echo prints; read the recording that it came from, "
-    "or write its values as CSV",
-}
-"""Texts of other programs by a pattern of their beginning, with what to do about them."""
 MATLAB_4, MATLAB_4_NAME = struct.Struct("<5I"), 64  # fixed: the numbers before the name of a matrix; its bytes at most
-
-
-def _foreign_text(head: bytes) -> str:
-    """Return what a text is that no reader of records or tables reads, empty if it is none of these."""
-    text = head.decode(errors="replace")
-    return next((what for begin, what in FOREIGN_TEXTS.items() if re.match(begin, text, re.MULTILINE)), "")
 
 
 def _is_other_text(head: bytes) -> bool:
@@ -87,7 +72,7 @@ def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.tables.csv_begin import looks_like_csv
     from usbldr.io.tables.csv_log import CsvLog
 
-    table = looks_like_csv(head) and not _is_other_text(head) and not _foreign_text(head)
+    table = looks_like_csv(head) and not _is_other_text(head)
     return CsvLog(path) if table else None
 
 
@@ -205,7 +190,7 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
     if not head:
         raise LogError("the file holds nothing but zeros" if path.stat().st_size else "the file is empty", path=path)
     foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
-    foreign = foreign or _foreign_text(head)
+    foreign = foreign or foreign_text(head)
     if foreign:
         raise LogError(f"is {foreign}", path=path)
     if is_tar(head):

@@ -14,6 +14,7 @@ from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
 from usbldr.io.messages.topic_names import without_numbers
 from usbldr.io.tables.date_times import foreign_time, named_zone
+from usbldr.io.tables.foreign_texts import foreign_text
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.units import named_unit
@@ -31,7 +32,7 @@ BLANKS = " \t\v\f\xa0"  # that may surround a cell
 
 def looks_like_csv(head: bytes) -> bool:
     """Return whether a file's first bytes are text with a line of column names, or comments alone."""
-    if head.lstrip().startswith((b"{", b"<")):  # JSON, XML
+    if head.lstrip().startswith((b"{", b"<")) or foreign_text(head):  # JSON, XML
         return False
     lines = head_lines(head)
     if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
