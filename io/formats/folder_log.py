@@ -221,7 +221,9 @@ def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> lis
     sensors = [file for file in either if _named_like_a_sensor(file)]
     findings: list[Finding] = []
     for file in sensors:
-        lost = _may_hold_records(file) or file.stem not in {one.stem for one in file.parent.iterdir() if one not in files}
+        lost = _may_hold_records(file) or file.stem not in {
+            one.stem for one in file.parent.iterdir() if one not in files
+        }
         findings.append(Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=lost))
     others = [file for file in files if file not in sensors and _may_hold_records(file)]
     foreign = {file: why for file in others[:SHOWN] if (why := _why(file, open_file)).startswith("is ")}

@@ -159,7 +159,9 @@ def _names_of_part(file: Path, row: Sequence[str], beside: Sequence[Path]) -> li
         if other != file and without_numbers(other.stem) == without_numbers(file.stem):
             names, cells = header_and_row(other)
             alike = len(cells) == len(row) and names[0] != "1"
-            pairs = ((is_number(with_point(cell)) for cell in pair) for pair in zip(cells, row, strict=False) if all(pair))
+            pairs = (
+                (is_number(with_point(cell)) for cell in pair) for pair in zip(cells, row, strict=False) if all(pair)
+            )
             if alike and all(one == another for one, another in pairs):
                 return names
     return None

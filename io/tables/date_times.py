@@ -41,6 +41,7 @@ DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[-T:/ ]")
 MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
+SHORT_DATE = re.compile(r"(0?[1-9]|[12]\d|3[01])(0[1-9]|1[0-2])(\d\d)")  # as NMEA 0183 has it, day first
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
 DATE_NAME, CLOCK_NAME = (
     re.compile(rf"(^|[\s_])({words})") for words in ("date|datum|day|ymd|yyyy", "time|clock|utc|hh?mm")
@@ -124,7 +125,8 @@ def with_iso_times(
     if parts and all(_are(columns[name], NUMBER) for name in parts.values()):
         found[list(parts.values())[-1]] = _of_parts(parts, columns)
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
-    dates += [name for name, cells in columns.items() if DATE_NAME.search(name.lower()) and _are(cells, DIGITS_DATE)]
+    of_digits = [(name, cells) for name, cells in columns.items() if DATE_NAME.search(name.lower())]
+    dates += [name for name, cells in of_digits if _are(cells, DIGITS_DATE) or _are(cells, SHORT_DATE)]
     for name, cells in columns.items():
         if name in OWN_TIMES:
             continue
@@ -269,8 +271,9 @@ def _on_days(cells: Sequence[str], dates: Sequence[str], orders: Mapping[str, Da
     """Return times of day, or seconds of it, with their dates."""
     digits = _are(cells, DIGITS_CLOCK)
     clocks = [DIGITS_CLOCK.sub(r"\1:\2:\3", cell) if digits else _clock(cell) for cell in cells]
-    days = [DIGITS_DATE.sub(r"\1-\2-\3", day) for day in dates]
-    return _iso([f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells, orders)
+    short = _are(dates, SHORT_DATE)
+    days = [SHORT_DATE.sub(r"20\3-\2-\1", day) if short else DIGITS_DATE.sub(r"\1-\2-\3", day) for day in dates]
+    return _iso([day and f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells, orders)
 
 
 def _clock(cell: str) -> str:

@@ -527,12 +527,30 @@ DIGITS = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
     ("cells", "formats", "wanted"),
     [
         (DIGITS, {}, DIGITS | {"TIME": ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]}),
+        (
+            {"DATE": ["180526"] * 2, "UTC": ["000012.5", "123000"]},
+            {},
+            {"DATE": ["180526"] * 2, "UTC": ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]},
+        ),
+        (
+            {"DATE": ["10526", ""], "UTC": ["000012", "000013"]},
+            {},
+            {"DATE": ["10526", ""], "UTC": ["2026-05-01T00:00:12.000000", "000013"]},
+        ),
         (CLOCK, {}, CLOCK),
         ({"count": ["20260518"]} | CLOCK, {}, {"count": ["20260518"]} | CLOCK),
         ({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"}, {"t": ["2026-06-05T01:30:00.000000"]}),
         ({"t": ["23:59:59.5", "00:00:00.5"]}, {}, {"t": ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]}),
     ],
-    ids=["digits beside digits", "digits alone", "digits of a count", "a stated format", "midnight is passed"],
+    ids=[
+        "digits beside digits",
+        "those of NMEA",
+        "without a zero",
+        "digits alone",
+        "digits of a count",
+        "a stated format",
+        "midnight is passed",
+    ],
 )
 def test_times_are_read_with_the_date_beside_them_or_by_a_stated_format(cells, formats, wanted):
     assert with_iso_times(cells, formats) == wanted
