@@ -101,6 +101,7 @@ OTHER = re.compile(
     r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|wt|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
     r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|"  # a true heading counts from true north
     r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
+    r"(lat|latitude|long?|lng|longitude)_(min|sec)[a-z]*|"  # beside degrees
     r"batt(ery)?|voltage|thruster|motor)(_|$)"
 )
 """Words of columns that are no measurement of these sensors."""

@@ -25,6 +25,8 @@ GROUPED, UNGROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}"), re.compile(r"[+-]?
 """Numbers as they are if points part thousands."""
 DOUBLE = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 """The letter before an exponent as Fortran writes it: 1.5D+03."""
+PART_OF_ANGLE = re.compile(r"(.+?)[\s_.(\[]+(deg|min|sec)[a-z]*[)\]]?", re.IGNORECASE)
+"""The name of a column of degrees, minutes or seconds: "Lat Min"."""
 Number = TypeVar("Number", int, float)
 
 
@@ -96,6 +98,21 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
     sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number
 
     return _parsed(texts, name, number, float("nan"), "a number")
+
+
+def with_whole_angles(columns: Mapping[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+    """Return the columns of a table, with the minutes and seconds of latitudes and longitudes beside their degrees."""
+    parts: dict[str, dict[str, str]] = {}
+    for name in columns:
+        if part := PART_OF_ANGLE.fullmatch(name):
+            parts.setdefault(part[1].lower(), {})[part[2].lower()] = name
+    whole = dict(columns)
+    for label, names in parts.items():
+        column = named_column(f"{label} [deg]")
+        if column and column.rule.key in ("lat_deg", "lon_deg") and names.keys() >= {"deg", "min"}:
+            cells = zip(*(columns[names[part]] for part in ("deg", "min", "sec") if part in names), strict=True)
+            whole[names["deg"]] = [degrees and f"{degrees}°{' '.join(rest)}" for degrees, *rest in cells]
+    return whole
 
 
 def _unclear_points(texts: Sequence[str]) -> str:

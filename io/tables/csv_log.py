@@ -21,7 +21,7 @@ from usbldr.io.messages.field_names import utm_code
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
-from usbldr.io.tables.cells import ParsedColumn, numbers, times
+from usbldr.io.tables.cells import ParsedColumn, numbers, times, with_whole_angles
 from usbldr.io.tables.csv_begin import begin_of_table, header_and_row
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
@@ -190,7 +190,8 @@ class CsvLog:
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
             raw = self._raw(file)
-            self._read[file] = raw._replace(columns=with_iso_times(raw.columns, self._formats, self._orders))
+            columns = with_iso_times(raw.columns, self._formats, self._orders)
+            self._read[file] = raw._replace(columns=with_whole_angles(columns))
         return self._read[file]
 
     def _cells(self, source: CsvSource, name: str) -> Sequence[str]:

@@ -186,6 +186,9 @@ UNDERSTOOD = {  # what is understood: file, text, columns
                            "1.5,0.25,9,9,30.5", AHEAD),
     "blanks": ("dive", "Heading (deg),GPS Latitude,GPS Longitude\n30.5,,\n31,43 06.5 N,005 54.25 W", TOULON),
     "NMEA": ("dive", "Heading (deg),GPS Lat,GPS N/S,GPS Lon,GPS E/W\n30.5,,,,\n31,4306.5,N,00554.25,W", TOULON),
+    "degrees apart from minutes": ("dive", "Heading (deg),GPS Lat Deg,GPS Lat Min,N/S,GPS Lon (deg),GPS Lon (min),E/W\n"
+                                   "30.5,,,,,,\n31,43,06.5,N,005,54.25,W", TOULON),
+    "seconds apart": ("gps", "lat_deg,lat_min,lat_sec,lon_deg,lon_min,lon_sec\n-45,29,60,-30,15,0", SOUTH_WEST),
     "sides": ("gps", "Latitude [deg],N/S,Longitude [deg],E/W\n45.5,S,30.25,W", SOUTH_WEST),
     "sides before": ("gps", "NS,Latitude [deg],EW,Longitude [deg],mode\nS,45.5,W,30.25,A", SOUTH_WEST),
     "sides and signs": ("gps", "Latitude [deg],Longitude [deg],lat dir,lon dir\n-45.5,-30.25,S,W", SOUTH_WEST),
