@@ -17,8 +17,13 @@ from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.time_columns import ISO, SECOND_NS
 from usbldr.io.units import stated_degrees, unit_of
 
-NO_VALUE = ("", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--", "---")
-WORDS: Mapping[str, str] = {"true": "1", "false": "0", **dict.fromkeys(NO_VALUE, "nan")}
+NO_VALUE = re.compile(
+    r"|-+|\*+|\?+|<?n/?a>?|\(?null\)?|none|nil|nat|no[ _]?(data|value|fix)|missing|invalid|undefined|"
+    r"#[\w/]+[!?]?|[+-]?nan(\(\w*\))?|[+-]?1\.#\w+",  # errors of spreadsheets; of printf by glibc, and by Microsoft
+    re.IGNORECASE,
+)
+"""What programs write for no number."""
+WORDS: Mapping[str, str] = {"true": "1", "false": "0"}
 THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([., '\xa0\u202f])\d{3})(?:\1\d{3})*(?!\1)[.,]\d+")
 """A number whose thousands are parted by another character than its decimals."""
 GROUPED, UNGROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}"), re.compile(r"[+-]?[1-9]\d{0,2}")
@@ -82,7 +87,7 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
 
     def number(text: str) -> float:
         try:
-            return float(WORDS.get(text.lower(), text))
+            return float("nan" if NO_VALUE.fullmatch(text) else WORDS.get(text.lower(), text))
         except ValueError:
             if THOUSANDS.fullmatch(text):
                 whole, _, decimals = text.replace(",", ".").rpartition(".")

@@ -424,7 +424,13 @@ def test_units_of_a_file_hold_for_columns_of_the_configuration_and_before_its_un
     assert ("KEY-UNUSED" in codes(log)) == unused
 
 
-@pytest.mark.parametrize("word", ["NA", "n/a", "#N/A", "null", "None", "-", "---", ""])
+NO_VALUES = (
+    *("NA", "n/a", "#N/A", "null", "None", "-", "---", "", "#NV", "#DIV/0!", "-nan(ind)", "-nan", "1.#QNAN", "-1.#IND"),
+    *("<NA>", "NaT", "(null)", "?", "***", "no data", "invalid"),
+)
+
+
+@pytest.mark.parametrize("word", NO_VALUES)
 def test_words_for_no_value_are_none(word: str) -> None:
     read = numbers(["1.5", word], "x")
 
