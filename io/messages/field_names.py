@@ -38,6 +38,7 @@ RULES: Sequence[Rule] = (
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(receive_time|(received|arrival)(_time|_unix)?)"),
     Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge|voraus"),
+    Rule("dvl", "forward_mps", "velocity", "(?<!fore_)(?<!forward_)(?<!fwd_)(aft|astern|achteraus)", -1.0),
     Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|stb|right|steuerbord|rechts)"),
     Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left|backbord|links)", -1.0),
     Rule("dvl", "up_mps", "velocity", "(?<!down_)(up|upward)"),
@@ -49,7 +50,7 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg|hea)(_(t(rue)?|rw))?|hdt|steuerkurs"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg|hea|compass)(_(t(rue)?|rw))?|hdt|steuerkurs"),
     *(Rule("compass", f"{angle}_deg", "angle", angle, alone=False) for angle in ("roll", "pitch")),  # beside a heading
     Rule("depth", "depth_m", "length", "depth|tiefe"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
@@ -98,8 +99,8 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
-    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|wt|current|sound|error|err|cmd|command|setpoint|desired|ekf|filtered|"
-    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_h)|altitude|"  # a true heading counts from true north
+    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|wt|current|sound|error|err|fom|var|cmd|command|setpoint|desired|ekf|filtered|"
+    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_[hb])|altitude|"  # a true heading, or bearing, counts from true north
     r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
     r"(lat|latitude|long?|lng|longitude)_(min|sec)[a-z]*|"  # beside degrees
     r"batt(ery)?|voltage|thruster|motor)(_|$)"

@@ -172,6 +172,10 @@ SOUTH_WEST = {"gps.lat_deg": pytest.approx([-45.5]), "gps.lon_deg": pytest.appro
 AT_HEAD = {"usbl.east_m": pytest.approx([100.0]), "usbl.north_m": pytest.approx([0.0], abs=1e-9)}
 UNDERSTOOD = {  # what is understood: file, text, columns
     "ranges": ("ranger", f"Range [m],Bearing [rad]\n100,{np.pi / 2}", AT_HEAD),
+    "true bearings": ("ranger", "Slant Range (m),True Bearing (deg)\n100,90", AT_HEAD),
+    "aft and port": ("dive", "Aft velocity [cm/s],Port velocity [cm/s],Compass [deg]\n-150,-25,30.5", AHEAD),
+    "figures of merit": ("dive", "Velocity Fwd [m/s],Velocity Stbd [m/s],FOM Fwd [m/s],Var Stbd [m/s],Heading (deg)\n"
+                         "1.5,0.25,9,9,30.5", AHEAD),
     "speeds": ("dive", "Surge Speed (m/s),Starboard Velocity (m/s),Heading True (deg)\n1.5,0.25,30.5", AHEAD),
     "units without brackets": ("dive", "DVL Fwd m/s,DVL Stbd m/s,HDG_T deg\n1.5,0.25,30.5", AHEAD),
     "names in quotes": ("dive", '"Vel Fwd [m/s]","Vel Right [m/s]","HDT, deg"\n1.5,0.25,30.5', AHEAD),
