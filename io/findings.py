@@ -18,6 +18,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "HEADING-CONVENTION": "error",
     "MAP-FRAME": "error",
     "DVL-AXES": "error",
+    "DVL-EARTH": "error",
     "HEADING-RADIANS": "error",
     "DVL-UNIT": "error",
     "PLACES-APART": "error",

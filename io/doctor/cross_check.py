@@ -41,6 +41,7 @@ CONVENTION_CODES = {"dvl": "DVL-AXES", "compass": "HEADING-CONVENTION", "usbl": 
 """By the sensor whose convention it is."""
 REPLAY_WARNING_CODES = (
     *CONVENTION_CODES.values(),
+    "DVL-EARTH",
     "HEADING-RADIANS",
     "DVL-MOUNT",
     "HEADING-BIAS",

@@ -101,7 +101,7 @@ def _draft(path: Path, request: Request) -> Draft:
     used = {role: choice.topic.name for role, choice in roles.chosen.items()}
     used |= {role: one.topic.name for role, one in proposals.items()}
     present = used if examination.log is None else examination.log.tables
-    unusable = [one.text for one in examination.findings if one.code == "UNUSABLE"]
+    unusable = [one.text for one in examination.findings if one.code in ("UNUSABLE", "DVL-EARTH")]
     left = [role for role in SENSORS if "none" in (request.topics.get(role), stated.settings.topic(role))]
     missing = [role for role in SENSORS if role not in (*present, *unread, *left)]
     absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""

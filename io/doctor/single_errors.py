@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import listed
-from usbldr.filters.identification.dr_usbl_fit import fit_rotation, segment_numbers
+from usbldr.filters.identification.dr_usbl_fit import as_points, fit_rotation, segment_numbers
 from usbldr.filters.types import Timeline
 from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value, reinterpret
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -83,6 +83,12 @@ def _candidates(log: Log, timeline: Timeline) -> Iterator[SingleError]:
         advice = "exchange their columns" if log.convention("dvl", "axes").chosen_by == "column names" else key
         exchanged = replace(timeline, dr_mps=sign * timeline.dr_mps[:, ::-1])
         yield SingleError("DVL-AXES", "dvl", "its first two velocities are exchanged", advice, exchanged)
+    velocity = as_points(timeline.dr_mps)
+    for east_north in (turn * one for turn in (1, 1j, -1, -1j) for one in (velocity, velocity.conj())):  # of any axes
+        components = np.column_stack([east_north.real, east_north.imag])
+        what = "its velocities are along east and north, not along axes of the vehicle or instrument"
+        along = replace(timeline, dr_mps=components, dr_yaw_rad=np.zeros(len(timeline.time_s)))
+        yield SingleError("DVL-EARTH", "dvl", what, "record them in instrument axes", along)
     if recorded_value(log, "usbl", "kind") == "latlon" and log.origin is not None:
         lat_deg, lon_deg = to_geodetic(log.origin, *timeline.fix_m.T)
         for what, lat, lon in (

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import drafted, findings, output_of, report_of, run
+from commands import drafted, findings, finished, output_of, report_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv
@@ -423,6 +423,25 @@ def test_replay_warns_of_reversed_or_exchanged_axes(tmp_path: Path, first: str, 
     assert re.findall(r"\[(DVL-\w+)\]", said) == [code]
     assert f"state {key} = {value.removeprefix('-')} under [dvl]" in said.replace("-180.0", "180.0")
     assert "[DVL-" not in cured
+
+
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+def test_velocities_in_earth_axes_are_named(tmp_path: Path, frame: str) -> None:
+    rows = curved_dive(gps=True)
+    stamps, angles = np.array([(row[0], yaw_rad(row)) for row in rows if row[1] == "/imu"]).T
+    for k, row in enumerate(rows):
+        if row[1] == "/dvl":
+            body = complex(row[3]["twist.linear.x"], row[3]["twist.linear.y"])
+            earth = body * np.exp(1j * np.interp(row[0], stamps, np.unwrap(angles)))
+            pair = (earth.real, earth.imag) if frame == "ENU" else (earth.imag, earth.real)
+            rows[k] = (*row[:3], dict(row[3]) | dict(zip(("twist.linear.x", "twist.linear.y"), pair, strict=True)))
+    log = written(tmp_path, rows)
+
+    found, init = findings(log), finished("init", log, "-o", tmp_path / "a.toml")
+
+    assert "its velocities are along east and north" in found["DVL-EARTH"]["text"]
+    assert init.returncode == 3
+    assert "record them in instrument axes" in init.stderr
 
 
 def yaw_rad(row: Row) -> float:
