@@ -11,6 +11,7 @@ from typing import NamedTuple
 from usbldr.io.gps_time import WEEK_S
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, words_of
+from usbldr.io.tables.cf_times import clock_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import NamedUnit, unit_of
@@ -84,12 +85,17 @@ def time_column(column: NamedColumn, cells: Mapping[str, str]) -> TimeColumn:
 
 
 def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, float] | None:
-    """Return the unit of a time in ns and 1970 in it: of its name, of a date and time, or as it is in this century."""
+    """Return the unit of a time in ns and 1970 in it: of its name, of a date and time, or as it is in this century.
+
+    Its name may state a unit since any day.
+    """
     cell = cells.get(column.name, "")
     if column.known or ISO.fullmatch(cell):
         return round(column.factor) if column.known else SECOND_NS, 0
     if (unit := unit_of(cell)).dimension == "time":
         return round(unit.factor), 0
+    if (clock := clock_of(column.unit.unit)) is not None:
+        return clock.unit_ns, -clock.since_ns / clock.unit_ns
     key = named_epoch(column, cell) or next(iter(keys_since_1970(cell)), None)
     return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
 

@@ -33,6 +33,7 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("Time [s],Heading (deg)", "{d},{h}"),
         ("timestamp (seconds since 01/01/1970), system, Heading (deg)", "{t}, lauv, {h}"),
         ("Time..s.,Heading..deg.", "{t},{h}"),
+        ("time [seconds since 2000-01-01 00:00:00],Heading (deg)", "{j2000},{h}"),
         ("utime,Heading (deg)", "{t}000000,{h}"),
         ("Time,Heading (deg)", "{t}.0 sec,{h}"),
         ("Time,Heading (deg)", "20200913{all},{h}"),
@@ -40,7 +41,7 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("%  GPST      latitude(deg)  heading(deg)", "2020/09/13 12:{gps}.000   45.1   {h}"),
         ("UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)", "2020,9,13,12,{hms},{h}"),
     ],
-    ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "LCM",
+    ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF", "LCM",
          "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
@@ -49,6 +50,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
         t, clock = T0_S + k, f"26:{40 + k}"
         gps = f"26:{58 + k}" if k < 2 else f"27:0{k - 2}"  # 18 s ahead
         values = {"t": t, "h": 10.5 + k, "sod": 44800 + k, "utc": clock, "gps": gps, "hms": clock.replace(":", ",")}
+        values["j2000"] = t - 946_684_800
         values["all"] = f"12{clock.replace(':', '')}"
         rows.append(row.format(**values, d=f"{t / 1e9:.9f}D+09"))
     log = read_log(saved(tmp_path / "compass.csv", "\n".join([names, *rows]) + "\n"))
