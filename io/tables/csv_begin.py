@@ -34,7 +34,7 @@ def looks_like_csv(head: bytes) -> bool:
     """Return whether a file's first bytes are text with a line of column names, or comments alone."""
     if head.lstrip().startswith((b"{", b"<")) or foreign_text(head):  # JSON, XML
         return False
-    lines = head_lines(head)
+    lines, _ = _whole_names(head_lines(head))
     if len(lines) > PREAMBLE and all(line.startswith(REMARKS) for line in lines[:-1]):
         return lines[0].startswith("#")
     header = lines[_header_place(lines)] if lines else ""
@@ -42,6 +42,20 @@ def looks_like_csv(head: bytes) -> bool:
     printable = (header if row is None else lines[row]).replace("\t", " ").isprintable()
     named = any(char.isalpha() for char in header) and (_separator(header) in header or has_blank_columns(head, True))
     return printable and (named or row is not None)
+
+
+def _whole_names(lines: list[str]) -> tuple[list[str], int]:
+    """Return lines with those joined that line breaks in quoted names part, as in a spreadsheet, and how many they are.
+
+    A line of names holds no value.
+    """
+    quoted = [k for k, line in enumerate(lines) if line.count('"') % 2][:2]
+    if len(quoted) < 2:
+        return lines, 0
+    first, last = quoted
+    whole = " ".join(line.strip() for line in lines[first : last + 1])
+    named = not any(map(is_value, cells_of(whole, _separator(whole))))
+    return ([*lines[:first], whole, *lines[last + 1 :]], last - first) if named else (lines, 0)
 
 
 def has_blank_columns(head: bytes, whole: bool = False) -> bool:
@@ -178,6 +192,7 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
     while len(begun) == PREAMBLE and all(line.startswith(REMARKS) for line in begun):
         comments += len(begun) - 1
         begun = [begun[-1], *islice(lines, PREAMBLE - 1)]
+    begun, breaks = _whole_names(begun)
     clean = [line.replace("\0", "") for line in begun]
     row = row_without_names(clean)
     place = _header_place(clean) if row is None else row
@@ -200,7 +215,7 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
         names.pop()  # of separators at the end of the line
     if names.count("") > 1:
         names = [name or f"column {k}" for k, name in enumerate(names, 1)]
-    return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows, spoilt, clean[:place])
+    return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows + breaks, spoilt, clean[:place])
 
 
 def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:

@@ -348,6 +348,8 @@ ENDS = ["(2 rows)\n", "\n-- end of file --\n\n", "Total: 2 records\nEOF", "# EOF
 AROUND = {  # what other programs write around a table, and the heading in it
     "what spreadsheets add": SHEET.encode("utf-8-sig"),
     "words with their values before the names": f"{LABVIEW}Time [s]\tHeading [deg]\tRoll\n0,0\t1,5\t0\n0,5\t2,5\t0\n",
+    "line breaks in names": '"Time\n[s]","Heading\n[deg]",Note\r\n0,1.5,\r\n1,2.5,x\r\n',
+    "line breaks in names, else clean": '"Time\n[s]","Heading\n[deg]"\n0,1.5\n1,2.5\n',
     "an older encoding": "Time [s],Heading [°]\n0,1.5\n1,2.5\n".encode("latin-1"),
     "two returns": TIMED.replace("\n", "\r\r\n"),
     **{f"blanks between columns, behind {mark!r}": mark + BLANKS for mark in ("", "# ", "   ")},
