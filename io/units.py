@@ -16,11 +16,11 @@ MPS_PER_UNIT: Mapping[str, float] = {
     "knots": 1852 / 3600,
 }
 PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1, "hPa": 100, "kPa": 1e3, "dbar": 1e4, "bar": 1e5, "psi": 6894.75729317}
-DEG_PER_RAD = 57.29577951308232  # fixed: by definition
+DEG_PER_RAD, DEG_PER_GON = 57.29577951308232, 0.9  # fixed: by definition
 
 _UNITS: Mapping[Dimension, Mapping[str, float]] = {
     "velocity": MPS_PER_UNIT,
-    "angle": {"deg": 1.0, "rad": DEG_PER_RAD, "1e-7deg": 1e-7},
+    "angle": {"deg": 1.0, "rad": DEG_PER_RAD, "gon": DEG_PER_GON, "1e-7deg": 1e-7},
     "length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
     "pressure": PASCALS_PER_UNIT,
     "time": {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000},
@@ -39,6 +39,7 @@ _SPELLINGS: Mapping[str, str] = {
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
     "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",
     "rad": "rads radian radians",
+    "gon": "gons grad grads gradian gradians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
     "hPa": "mbar millibar millibars",
     "dbar": "decibar decibars",

@@ -20,6 +20,7 @@ from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
+from usbldr.io.units import DEG_PER_GON
 
 PER_RECORD = "as each record says"  # in place of a convention or a unit
 BY_RANGE = "by range"  # in place of a unit: the largest value decides
@@ -42,10 +43,13 @@ class KeyTexts:
 
     declination: str = "declination_deg under [compass]"
     radians: str = 'state [compass] unit = "rad"'
+    gon: str = 'state [compass] unit = "gon"'
 
 
 OF_COMPASS = KeyTexts()
-OF_HEAD = KeyTexts("heading_declination_deg in head of [usbl]", "name another heading_topic in head of [usbl]")
+OF_HEAD = KeyTexts(
+    "heading_declination_deg in head of [usbl]", "name another heading_topic in head of [usbl]", "multiply them by 0.9"
+)
 
 
 def compass(
@@ -122,12 +126,12 @@ def _clockwise(
         unit, unit_by, unit_note = ("deg" if largest > 7.0 else "rad"), "values", f"up to {largest:.3g}"
     in_degrees = raw.number("unit_code") == DEGREES if unit == PER_RECORD else np.full(len(angle), unit == "deg")
     from_east = raw.number("sense_code") != CLOCKWISE if convention == PER_RECORD else convention == "ENU"
-    angle = np.where(in_degrees, angle, np.degrees(angle))
+    angle = np.where(in_degrees, angle, angle * DEG_PER_GON if unit == "gon" else np.degrees(angle))
     if unit_by == "default" and largest < 6.3:
         text = f"no value is above 6.3; if they are radians, {keys.radians}"
         findings = [*findings, raw.finding("HEADING-UNIT", text)]
     if unit == "deg" and _like_gon(angle):
-        text = "its headings go round at 400, as gon do, not at 360; multiply them by 0.9"
+        text = f"its headings go round at 400, as gon do, not at 360; {keys.gon}"
         findings = [*findings, raw.finding("HEADING-UNIT", text)]
     causes = {
         "not a number": ~np.isfinite(angle),

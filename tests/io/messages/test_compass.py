@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logs import logged, only, refusal
+from logs import codes, logged, only, refusal
 from recordings import HEADER, IMU, ODOMETRY, POSE, POSE_COVARIANCE, T0, Row, define, fields, fix, record, turned
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.conventions.declination import declination
@@ -121,9 +121,12 @@ def test_headings_that_go_round_at_400_are_gon(tmp_path: Path, circle: int, dama
     rows = [row("old_ds_sensor_msgs/msg/Gyro", {"heading": angle}, k) for k, angle in enumerate(angles)]
 
     said = [one.text for one in logged(tmp_path, rows).findings if one.code == "HEADING-UNIT"]
+    cured = logged(tmp_path, rows, '[compass]\nunit = "gon"\n')
 
-    gon = "/heading: its headings go round at 400, as gon do, not at 360; multiply them by 0.9"
+    gon = '/heading: its headings go round at 400, as gon do, not at 360; state [compass] unit = "gon"'
     assert said == ([gon] if circle == 400 else [])
+    assert "HEADING-UNIT" not in codes(cured)
+    assert cured.tables["compass"]["heading_deg"].max() < 360
 
 
 NO_TURN = "/heading: 2 of 5 records are invalid and left out (2 far beyond a whole turn)"

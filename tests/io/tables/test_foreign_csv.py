@@ -176,6 +176,8 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "aft and port": ("dive", "Aft velocity [cm/s],Port velocity [cm/s],Compass [deg]\n-150,-25,30.5", AHEAD),
     "figures of merit": ("dive", "Velocity Fwd [m/s],Velocity Stbd [m/s],FOM Fwd [m/s],Var Stbd [m/s],Heading (deg)\n"
                          "1.5,0.25,9,9,30.5", AHEAD),
+    "gon": ("dive", "Forward (m/s),Starboard (m/s),Heading [gon]\n1.5,0.25,33.888888888888886",
+            AHEAD | {"compass.heading_deg": [pytest.approx(30.5)]}),
     "speeds": ("dive", "Surge Speed (m/s),Starboard Velocity (m/s),Heading True (deg)\n1.5,0.25,30.5", AHEAD),
     "units without brackets": ("dive", "DVL Fwd m/s,DVL Stbd m/s,HDG_T deg\n1.5,0.25,30.5", AHEAD),
     "names in quotes": ("dive", '"Vel Fwd [m/s]","Vel Right [m/s]","HDT, deg"\n1.5,0.25,30.5', AHEAD),
@@ -218,7 +220,7 @@ def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path)
     compass, usbl = open_log(folder).topics()
 
     assert (compass.name, compass.count, compass.problem) == ("/nav/compass", 2, "")
-    assert usbl.problem.startswith("nav.csv has a column USBL Latitude without a known unit (deg, rad, 1e-7deg)")
+    assert usbl.problem.startswith("nav.csv has a column USBL Latitude without a known unit (deg, rad, gon, 1e-7deg)")
     unread = ("USBL Latitude", "USBL Longitude", "Battery")
     assert compass.unused == usbl.unused == unread
     assert f"columns of /nav that no sensor uses: {', '.join(unread)}\n" in run("info", folder).stdout
@@ -304,7 +306,7 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
 @pytest.mark.parametrize(
     ("name", "header", "cells", "why"),
     [
-        ("nav", "Time [s],Heading [gon]", "1,1", "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
+        ("nav", "Time [s],Heading [mil]", "1,1", "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
         ("nav", "Time [s],Heading (deg),Depth", "1,1,1",
          "has a column Depth without a known unit (m, dm, cm, mm, km, ft)"),
         ("nav", "Time,Heading (deg)", "1,1",
@@ -323,8 +325,8 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
          "has a column gps_time that may count from 1970 or, as GPS time,"),
         ("compass", "GPS seconds [s],Heading [deg]", "1451260818.5,1",
          "has a column GPS seconds [s] that may count from 1970 or"),
-        ("compass", "Time [s],Heading [gon]", "1,1",
-         "has a column Heading [gon] without a known unit (deg, rad, 1e-7deg)"),
+        ("compass", "Time [s],Heading [mil]", "1,1",
+         "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
         ("compass", "Time [s],Heading [deg],Heading [deg]", "1,1,1",
          "has columns for the same quantity (Heading [deg], Heading"),
         ("dvl", "1600000000,5,dvl_link,1.5,0.5", "1600000000,5,dvl_link,1.5,0.5",
