@@ -100,7 +100,7 @@ KEYS = {
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
     r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|wt|current|sound|error|err|fom|var|cmd|command|setpoint|desired|ekf|filtered|"
-    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_[hb])|altitude|"  # a true heading, or bearing, counts from true north
+    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_[hb])|altitude|"  # a true heading or bearing is from true north
     r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
     r"(lat|latitude|long?|lng|longitude)_(min|sec)[a-z]*|"  # beside degrees
     r"batt(ery)?|voltage|thruster|motor)(_|$)"

@@ -85,7 +85,7 @@ ECHO = "is what ros2 topic echo prints; read the recording that it came from, or
          "is JSON, but not of one object a record; write it so, or as CSV"),
         (b"header:\n  stamp:\n    sec: 1\n---\n", ECHO),
         (b"data: 1.5\n---\ndata: 2.5\n---\n", ECHO),
-        (b"#BESTPOSA,COM1,0,78.5,FINESTEERING,2399,345618.000,02000020,cdba,16809;SOL_COMPUTED,SINGLE,45.1,7.2*1f2e3d4c\n",
+        (b"#BESTPOSA,COM1,0,78.5,FINESTEERING,2399,345618.000,02000020,cdba,1;SOL_COMPUTED,45.1,7.2*1f2e3d4c\n",
          "is a NovAtel receiver's log; write it as CSV (NovAtel Convert) or log NMEA sentences"),
         (b"dvl,vehicle=rov vx=1.5,vy=0.2 1600000000000000000\n",
          "is InfluxDB's line protocol; write its points as CSV (influx query --raw)"),

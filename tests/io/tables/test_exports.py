@@ -41,8 +41,8 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("%  GPST      latitude(deg)  heading(deg)", "2020/09/13 12:{gps}.000   45.1   {h}"),
         ("UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)", "2020,9,13,12,{hms},{h}"),
     ],
-    ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF", "LCM",
-         "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens"],
+    ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF",
+         "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []

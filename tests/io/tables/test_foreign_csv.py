@@ -306,7 +306,8 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
 @pytest.mark.parametrize(
     ("name", "header", "cells", "why"),
     [
-        ("nav", "Time [s],Heading [mil]", "1,1", "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
+        ("nav", "Time [s],Heading [mil]", "1,1",
+         "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
         ("nav", "Time [s],Heading (deg),Depth", "1,1,1",
          "has a column Depth without a known unit (m, dm, cm, mm, km, ft)"),
         ("nav", "Time,Heading (deg)", "1,1",
