@@ -32,8 +32,8 @@ class TableHead:
 
 
 DEVICE = re.compile(
-    r"(device|sensor|instrument|dvl|compass|imu|gps|depth|vehicle|unit|node|source|system)_(id|no|number|serial|name)|"
-    r"device|sensor|instrument|vehicle|source|serial(_(no|number))?"
+    r"(device|sensor|instrument|dvl|compass|imu|gps|depth|vehicle|unit|node|source|system|receiver|antenna)_(id|no|number|serial|name)|"
+    r"device|sensor|instrument|receiver|antenna|vehicle|source|serial(_(no|number))?"
 )
 """The name of a column that may say which of several devices measured."""
 ALIKE = ("vehicle", "source")  # in most tables the same in all rows: the name of another column comes first

@@ -263,7 +263,7 @@ def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: 
     assert len(log.tables["usbl"]) == 5
 
 
-@pytest.mark.parametrize("who", ["device_id", "sensor", "Vehicle", "Source", "Serial No", "unit"])
+@pytest.mark.parametrize("who", ["device_id", "sensor", "Vehicle", "Source", "Serial No", "Receiver", "unit"])
 @pytest.mark.parametrize(
     ("role", "names", "keys", "columns"),
     [
