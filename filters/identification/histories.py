@@ -15,8 +15,11 @@ from usbldr.filters.types import Array, Indices, Mask, Vector
 
 OFFSET_WALK_M = 0.1  # [m/√s] by judgement: an echo moves with the geometry, slowly
 RATE_MPS = 0.1  # [m/s] each axis, by judgement: of an offset that grows
-KINDS = ((60.0, 3600.0, OFFSET_SD_M), (20.0, 120.0, OFFSET_SD_M), (30.0, 60.0, 6.0))
-"""Mean duration of a run [s], mean time between runs [s], sigma of an offset, each axis [m]: the likeliest is taken."""
+KINDS = ((60.0, 3600.0, OFFSET_SD_M), (20.0, 120.0, OFFSET_SD_M), (30.0, 60.0, 6.0), (600.0, 3600.0, OFFSET_SD_M))
+"""Mean duration of a run [s], mean time between runs [s], sigma of an offset, each axis [m]: the likeliest is taken.
+
+Of echoes, of frequent ones, of near ones, and of another beacon or antenna, which are long.
+"""
 HISTORIES = 10  # of each kind, and as many in a long run
 RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
 CELL_BITS = 12  # fixed: of the square in which a position lies, in each direction

@@ -46,8 +46,8 @@ def without_both(changed: Sequence[SensorChange]) -> tuple[SensorChange, ...]:
 
 
 def cost(timeline: Timeline) -> float:
-    """Return the log odds against a span: strong evidence, and all of its possible times."""
-    return math.log(STRONG_ODDS * len(timeline.fix_time_s) * len(REACHES_S))
+    """Return the log odds against a span: strong evidence, all of its possible times, and which sensors are lost."""
+    return math.log(STRONG_ODDS * len(timeline.fix_time_s) * len(REACHES_S) ** 2 * len(LOST))
 
 
 def _edges_s(timeline: Timeline, false: Mask) -> Sequence[float]:

@@ -101,7 +101,7 @@ typedef struct {
 enum { PASS_ARRAYS = 13 };
 
 /* The search for false fixes in a row: histories.c. The last four of n states are those of a run: offset and rate. */
-enum { MAX_HISTORIES = 128, MAX_KINDS = 4 }; /* of MAX_SEARCHED fixes: at most 120 */
+enum { MAX_HISTORIES = 160, MAX_KINDS = 4 }; /* of MAX_SEARCHED fixes: at most 152 */
 #define SEARCH_FIELDS(FIELD) \
     FIELD(double, far, ) FIELD(double, walk_m2, ) FIELD(double, rate_m2, ) FIELD(double, bias_m2, ) \
     FIELD(double, cell_m, ) /* two histories that agree in the recent fixes lie in the same square of this size */ \
