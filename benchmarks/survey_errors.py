@@ -7,7 +7,7 @@ import argparse
 
 import numpy as np
 
-from usbldr.filters.simulation.usbl_survey import simulate_survey
+from usbldr.filters.simulation.simulate import simulate_survey
 from usbldr.filters.usbl_survey.calibration import known_of
 from usbldr.filters.usbl_survey.verdict import judged
 from usbldr.io.scenarios.survey_scenarios import find_survey

@@ -113,7 +113,7 @@ class Update(NamedTuple):
     shift: tuple[float, ...] | None = None  # change of each state, (n,); None if not of a position fix
     in_sequence: tuple["Update", ...] = ()  # updates of the axes of a fix, if used in sequence
     nominal_sd: tuple[float, ...] = ()  # as innovation_sd, for a measurement of the nominal noise mode
-    scores: tuple[float, ...] = ()  # of the innovation: independent N(0, 1) if the model is right, see normal_scores.py
+    scores: tuple[float, ...] = ()  # of the innovation: independent N(0, 1) if the model is right, see noise.py
 
     @property
     def parts(self) -> "tuple[Update, ...]":

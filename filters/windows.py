@@ -1,4 +1,4 @@
-"""Times in seconds since the start of the log: windows (from, to), both ends included, and columns at other times."""
+"""Times in seconds since the start of the log: windows (from, to), both ends included, columns at times, integrals."""
 
 from collections.abc import Sequence
 
@@ -27,3 +27,9 @@ def columns_at(time_s: Vector, known_s: Vector, values: Array, outside: float | 
     """Return columns (k, m) of known times at others, (n, m); before and after, the first and last, or ``outside``."""
     columns: list[Array] = list(values.T)
     return np.column_stack([np.interp(time_s, known_s, one, left=outside, right=outside) for one in columns])
+
+
+def integrated(time_s: Vector, rate: Array) -> Array:
+    """Return the integral of each column (K, k) since the first time by the trapezoidal rule, (K, k)."""
+    gained = (rate[1:] + rate[:-1]) / 2 * np.diff(time_s)[:, None]
+    return np.vstack([np.zeros((1, rate.shape[1])), np.cumsum(gained, axis=0)])

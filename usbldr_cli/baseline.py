@@ -6,12 +6,10 @@ from typing import Any
 import click
 
 from usbldr_cli.options.completion import FILE
-from usbldr_cli.options.filter_list import filter_list, filters_option, refuse_repeats
-from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import inputs, read_request, selection_options
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import GroupedCommand, option
 from usbldr_cli.options.output_files import refuse_file, toml_option, write_file
-from usbldr_cli.options.run_options import RunChoices, run_options
+from usbldr_cli.options.run_options import RunChoices, filter_list, filters_option, refuse_repeats, run_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 
@@ -46,9 +44,8 @@ def baseline(
     $ usbldr baseline dive.mcap --output gate.toml
     $ usbldr check gate.toml
     """
-    from usbldr_cli.runs.baseline_rows import given_options
+    from usbldr_cli.runs.baseline_rows import first_baseline, given_options
     from usbldr_cli.runs.executors import executor
-    from usbldr_cli.runs.first_baseline import first_baseline
     from usbldr_cli.runs.workers import Job
 
     refuse_repeats("LOG", logs)

@@ -151,7 +151,7 @@ def _by_dive(log: str, request: "Request", made: "RunProvenance", drawn: bool) -
 
 
 def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path, force: bool) -> None:
-    from usbldr.io.reports.markdown_report import markdown
+    from usbldr.io.reports.page import markdown
     from usbldr.io.reports.run_directory import REPORT, json_text, run_directory, write_atomically
     from usbldr.io.reports.usbl_calibration import content, page
     from usbldr_cli.pages.html_page import REPORT_HTML, draw_page
@@ -179,7 +179,7 @@ def _print(found: "Calibration", json_to: str | None) -> None:
 def _print_plan(scenario: str, stated: "Stated") -> None:
     import numpy as np
 
-    from usbldr.filters.simulation.usbl_survey import simulate_survey
+    from usbldr.filters.simulation.simulate import simulate_survey
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import planned
     from usbldr.io.reports.usbl_calibration import plan_table, states

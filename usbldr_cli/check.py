@@ -12,15 +12,12 @@ import click
 
 from usbldr.filters.errors import CheckError, UsageError
 from usbldr_cli.options.completion import FILE
-from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.html_option import html_file_option
 from usbldr_cli.options.log_options import inputs, read_request
-from usbldr_cli.options.option import option
+from usbldr_cli.options.option import GroupedCommand, option, unused_options
 from usbldr_cli.options.output_files import folder_option, json_option, refuse_file, write_file, write_json
-from usbldr_cli.options.run_outputs import RunOutputs
-from usbldr_cli.options.unused_options import unused_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
+from usbldr_cli.run_output import RunOutputs
 
 if TYPE_CHECKING:
     from usbldr.io.settings.regression_baseline import RegressionBaseline
@@ -39,7 +36,14 @@ NAME_LETTERS = 60  # of a row in the name of its folder
 @json_option("result")
 @option("--junit", type=FILE, metavar="FILE", help="Write the result as JUnit XML, which GitLab and others show.")
 @option("--markdown", "markdown_to", type=FILE, metavar="FILE", help="Write the result as a page for a CI run.")
-@html_file_option
+@option(
+    "--html",
+    "html_to",
+    type=FILE,
+    metavar="FILE",
+    help="Write the result as one page with an interactive figure.",
+    rare=True,
+)
 @option("--force", is_flag=True, help="Replace the files of other options, and kept runs.")
 @option("--quiet", "-q", is_flag=True, help="Print only the last line.")
 @verbose_option
@@ -66,13 +70,12 @@ def check(
     $ usbldr baseline dive.mcap --output gate.toml
     $ usbldr check gate.toml
     """
-    from usbldr.io.reports.markdown_report import markdown
+    from usbldr.io.reports.page import markdown
     from usbldr.io.settings.regression_baseline import read_baseline
     from usbldr_cli.runs.baseline_rows import jobs_of_row, options_of_row
     from usbldr_cli.runs.executors import executor
-    from usbldr_cli.tables.check_verdicts import as_json, page
-    from usbldr_cli.tables.checked_rows import checked_rows
-    from usbldr_cli.tables.junit import junit as junit_text
+    from usbldr_cli.tables.check_verdicts import as_json, checked_rows, page
+    from usbldr_cli.tables.check_verdicts import junit as junit_text
 
     wanted = read_baseline(Path(file))
     jobs = {row.name: jobs_of_row(wanted.file, row) for row in wanted.rows}

@@ -11,13 +11,11 @@ import click
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr_cli.options.completion import LOG
-from usbldr_cli.options.filter_list import filter_list, filters_option, refuse_repeats, seeds_option
-from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.html_option import html_option
 from usbldr_cli.options.log_options import read_request, selection_options
-from usbldr_cli.options.option import log_option, option, scoring_option
+from usbldr_cli.options.option import GroupedCommand, log_option, option, scoring_option, warn_of_unused_options
 from usbldr_cli.options.output_files import (
     folder_option,
+    html_option,
     json_option,
     plot_format_option,
     plots_option,
@@ -26,8 +24,14 @@ from usbldr_cli.options.output_files import (
     write_file,
     write_json,
 )
-from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.options.unused_options import warn_of_unused_options
+from usbldr_cli.options.run_options import (
+    RunChoices,
+    filter_list,
+    filters_option,
+    refuse_repeats,
+    run_options,
+    seeds_option,
+)
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 from usbldr_cli.result_files import ResultFiles, refuse_empty
@@ -94,9 +98,9 @@ def compare(
     $ usbldr compare paper --filters dr,ckf,adf,cpf --seeds 20 --jobs 2 --output compared
     """
     from usbldr.io.session import is_simulated, open_log, require_scenario
-    from usbldr_cli.runs.compare_directory import UNITS, prepare
+    from usbldr_cli.result_files import UNITS, prepare
     from usbldr_cli.runs.finished_runs import is_run
-    from usbldr_cli.tables.latex_table import latex
+    from usbldr_cli.tables.compare_table import latex
 
     refuse_inputs(logs, selection, output, json_to, force)
     refuse_repeats("LOG", logs)
@@ -183,9 +187,9 @@ def _run(
     """
     from usbldr.filters.replay.methods import METHODS, track_name
     from usbldr.io.reports.report_text import BOUND_NAMES
-    from usbldr.io.settings.set_keys import sweep
+    from usbldr.io.settings.configuration import sweep
     from usbldr_cli.runs.executors import executor
-    from usbldr_cli.runs.run_jobs import run_jobs
+    from usbldr_cli.runs.jobs import run_jobs
     from usbldr_cli.runs.seed_table import BOUND, ComparisonRow
 
     settings = sweep(selection["set_keys"])

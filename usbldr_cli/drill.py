@@ -1,7 +1,7 @@
 """``usbldr drill``: filters on a log as it is and with faults put into its records, side by side."""
 
 import tempfile
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -9,24 +9,52 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from usbldr.filters.errors import UsageError
 from usbldr.io.drills.kinds import KINDS
-from usbldr_cli.options.fault_options import chosen_drills, fault_options
-from usbldr_cli.options.filter_list import filter_list, filters_option, seeds_option
-from usbldr_cli.options.help_groups import GroupedCommand
-from usbldr_cli.options.html_option import html_option
+from usbldr_cli.options.completion import words
 from usbldr_cli.options.log_options import log_options
-from usbldr_cli.options.option import option
-from usbldr_cli.options.output_files import folder_option, json_option, refuse_inputs
-from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.options.unused_options import warn_of_unused_options
+from usbldr_cli.options.option import GroupedCommand, fault_option, option, warn_of_unused_options
+from usbldr_cli.options.output_files import folder_option, html_option, json_option, refuse_inputs
+from usbldr_cli.options.run_options import RunChoices, filter_list, filters_option, run_options, seeds_option
 from usbldr_cli.options.verbosity import progress_option, verbose_option
 from usbldr_cli.options.worker_options import WorkerChoices, worker_options
 from usbldr_cli.result_files import ResultFiles, refuse_empty
 
 if TYPE_CHECKING:
+    from usbldr.io.drills.drill import Drill
     from usbldr_cli.runs.drill_rows import DrillReport
 
 DEFAULT_FILTERS = "adf,cpf"
+USUAL = ("bias", "spike", "outlier", "drop", "latency")  # the faults of any dive; --help-all lists every kind
+
+
+def fault_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --suite, and one option for each kind of fault; the command gets them under the names of the kinds."""
+    for kind in reversed(list(KINDS)):
+        declared = KINDS[kind]
+        help_text = f"{declared.meaning}  [{declared.example}]"
+        rare = kind not in USUAL
+        command = fault_option(f"--{kind}", multiple=True, metavar="FAULT", help=help_text, rare=rare)(command)
+    help_text = 'Drills of a TOML file; "standard" is the suite that is shipped.  [default without faults: standard]'
+    return fault_option("--suite", type=words("standard", files=True), metavar="FILE", help=help_text)(command)
+
+
+def chosen_drills(suite: str | None, given: Mapping[str, tuple[str, ...]]) -> "tuple[Drill, ...]":
+    """Return the drills of the suite and one of the faults of the options, which happen together."""
+    from usbldr.io.drills.drill import Drill
+    from usbldr.io.drills.fault_text import fault_of
+    from usbldr.io.drills.suite import STANDARD, read_suite
+
+    faults: list[Any] = []
+    for kind, texts in given.items():
+        for text in texts:
+            try:
+                faults.append(fault_of(kind, text))
+            except UsageError as err:
+                raise UsageError(f"--{err}") from err
+    own = (Drill(", ".join(fault.text for fault in faults), tuple(faults)),) if faults else ()
+    named = read_suite(suite or STANDARD) if suite is not None or not faults else ()
+    return (*own, *named)
 
 
 @click.command(cls=GroupedCommand)
@@ -67,8 +95,8 @@ def drill(
     """
     from usbldr.io.session import is_simulated
     from usbldr_cli.figures.drill import drill_pictures  # imports matplotlib
-    from usbldr_cli.runs.compare_directory import prepare
-    from usbldr_cli.runs.drill_runs import DrillPlan, run_drills
+    from usbldr_cli.result_files import prepare
+    from usbldr_cli.runs.drill_rows import DrillPlan, run_drills
     from usbldr_cli.runs.executors import executor
 
     drills = chosen_drills(suite, {kind: others.pop(kind) for kind in KINDS})
@@ -93,7 +121,7 @@ def drill(
 @contextmanager
 def _store(output: Path | None) -> Generator[Path]:
     """Give the folder of finished runs, a temporary one without --output: the rows need the errors over time."""
-    from usbldr_cli.runs.compare_directory import UNITS
+    from usbldr_cli.result_files import UNITS
 
     if output is not None:
         yield output / UNITS

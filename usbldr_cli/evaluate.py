@@ -6,16 +6,13 @@ from typing import Any
 import click
 
 from usbldr.filters.errors import LogError, printable
-from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import ESTIMATE
-from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
-from usbldr_cli.options.option import log_option, option, scoring_option
+from usbldr_cli.options.option import GroupedCommand, given_command, log_option, option, scoring_option
 from usbldr_cli.options.output_files import folder_option, json_option, name_of, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
-from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
 from usbldr_cli.options.verbosity import verbose_option
-from usbldr_cli.run_output import print_run, write_run
+from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, write_run
 
 FRAMES = ("ENU", "NED", "latlon")
 DEFAULTS: dict[str, Any] = {

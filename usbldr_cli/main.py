@@ -11,8 +11,8 @@ import click
 from usbldr.filters.errors import StorageError, UsageError, UsbldrError, did_you_mean
 from usbldr.io.writing import STORAGE, write_fault
 from usbldr_cli.options.blas_threads import use_one_thread
-from usbldr_cli.options.command_line import given_command, keep_command
 from usbldr_cli.options.completion import register
+from usbldr_cli.options.option import given_command, keep_command
 
 COMMANDS = {
     "info": "List the topics of LOG and how each sensor is read.",

@@ -8,9 +8,15 @@ import click
 
 from usbldr.filters.errors import CheckError, LogError, UsageError, printable
 from usbldr_cli.options.completion import FILE, FILTER, LOG
-from usbldr_cli.options.help_groups import GroupedCommand
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
-from usbldr_cli.options.option import filter_option, log_option, option, scoring_option
+from usbldr_cli.options.option import (
+    GroupedCommand,
+    filter_option,
+    log_option,
+    option,
+    scoring_option,
+    warn_of_unused_options,
+)
 from usbldr_cli.options.output_files import (
     folder_option,
     json_option,
@@ -21,10 +27,8 @@ from usbldr_cli.options.output_files import (
     write_file,
 )
 from usbldr_cli.options.run_options import RunChoices, run_options
-from usbldr_cli.options.run_outputs import RunOutputs, run_outputs
-from usbldr_cli.options.unused_options import warn_of_unused_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
-from usbldr_cli.run_output import print_run, write_run
+from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, write_run
 
 if TYPE_CHECKING:
     from usbldr.filters.identification.identification import Identification

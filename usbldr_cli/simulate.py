@@ -56,7 +56,7 @@ def simulate(
         raise UsageError("name the output with -o NAME.mcap, or -o FOLDER for CSV files")
 
     from usbldr.io.reading.inputs import refuse_inputs
-    from usbldr.io.scenarios.files import write_scenario
+    from usbldr.io.scenarios.simulated_log import write_scenario
     from usbldr.io.writers.write_log import configuration_place, log_format_of
 
     for file in (output, configuration_place(output, log_format_of(output, form))):

@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import write_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import jobs
 from usbldr_cli.runs.cluster import connected

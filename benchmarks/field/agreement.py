@@ -17,8 +17,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # field is a packa
 
 from field.logs import FOLDERS, SCENARIO, Dive, dive
 from usbldr.filters.evaluation.alignment import fit_rigid
-from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, velocity_mps
+from usbldr.filters.replay.dead_reckoning import displacement_m, velocity_mps
 from usbldr.filters.types import Array, Timeline, Vector
+from usbldr.filters.windows import columns_at
 
 OVER_S = 60.0  # long enough for moves well above the noise of both
 LEADS_S = np.arange(-16, 17) / 4
@@ -51,7 +52,7 @@ def likeness(line: Timeline, time_s: Vector, source_m: Array) -> Likeness:
     moved, travelled_m = source_m[later[first]] - source_m[first], displacement_m(line)
     fits: dict[float, Fit] = {}
     for lead_s in LEADS_S.tolist():
-        reckoned = interpolate(line, travelled_m, time_s + lead_s)
+        reckoned = columns_at(time_s + lead_s, line.time_s, travelled_m)
         fits[lead_s] = _fitted(reckoned[later[first]] - reckoned[first], moved)
     best = min(fits, key=lambda lead_s: fits[lead_s].residual_m)
     beside = min(fits[lead_s].residual_m for lead_s in (best - 1.0, best + 1.0) if lead_s in fits)

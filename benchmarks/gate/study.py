@@ -20,7 +20,7 @@ from usbldr.io.reports.run_directory import write_atomically
 from usbldr.io.settings.regression_baseline import BaselineRow, read_baseline
 from usbldr_cli.runs.baseline_rows import jobs_of_row
 from usbldr_cli.runs.executors import LocalProcesses
-from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.jobs import run_jobs
 from usbldr_cli.tables.check_verdicts import REGRESSION, compare_metric
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -25,24 +25,23 @@ from typing import Any
 
 import numpy as np
 
+from usbldr.filters.estimators.compiled import CompiledFilter, Doubt
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, replicate
 from usbldr.filters.estimators.hypotheses import (
+    SENSOR,
     Ambiguity,
     Hypothesis,
+    HypothesisLikelihoods,
     MultiHypothesisBelief,
+    hypothesis_likelihoods,
     position_m,
     pruned,
     reported,
     same_position,
-    with_outcome,
-)
-from usbldr.filters.estimators.hypothesis_likelihoods import (
-    HypothesisLikelihoods,
-    hypothesis_likelihoods,
     usbl_measurements,
+    with_outcome,
     without_fixes,
 )
-from usbldr.filters.estimators.hypothesis_spans import hypotheses_over
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.protocol import (
@@ -55,12 +54,13 @@ from usbldr.filters.estimators.protocol import (
     Step,
     Steps,
     rejected_update,
+    run_span,
 )
 from usbldr.filters.models.motion import MotionModel
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import POSITION
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Indices, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +125,64 @@ class MultiHypothesisFilter:
     def span(
         self, belief: MultiHypothesisBelief, steps: Steps, epochs: range, seed: int
     ) -> tuple[MultiHypothesisBelief, Estimates]:
-        """Return the belief after the last of some of the steps, and the estimates after each."""
-        return hypotheses_over(self, belief, steps, epochs, seed)
+        """Return the belief after the last of some of the steps, and the estimates after each.
+
+        From fix to fix, as only a fix changes the number and the weights of the hypotheses. A single one in the kernel
+        runs over fixes, too, up to one that may call for others (kernel/guard.h).
+        """
+        fixes = steps.of_sensor(SENSOR)
+        found: list[Estimates] = []
+        while epochs:
+            here = fixes[(fixes >= epochs.start) & (fixes < epochs.stop)]
+            without = range(epochs.start, int(here[0])) if len(here) else epochs
+            some = None
+            if isinstance(self.filter, CompiledFilter) and len(belief.hypotheses) == 1:
+                belief, some = self._until_doubt(self.filter, belief, steps, epochs, here, seed)
+            elif without:
+                belief, some = self._between_fixes(belief, steps, without, seed)
+            if some is not None:
+                found.append(some)
+                epochs = epochs[len(some.mean) :]
+            if epochs:
+                belief = self.step(belief, steps[epochs.start], SeededRng(seed, steps.first + epochs.start))
+                found.append(Estimates.of([self.estimate(belief)]))
+                epochs = epochs[1:]
+        return belief, Estimates.joined(found)
+
+    def _until_doubt(
+        self,
+        kernel: CompiledFilter,
+        belief: MultiHypothesisBelief,
+        steps: Steps,
+        epochs: range,
+        fixes: Indices,
+        seed: int,
+    ) -> tuple[MultiHypothesisBelief, Estimates]:
+        """Run the nominal hypothesis up to a step whose fixes may call for others; ``fixes`` are those with any."""
+        outage_s = np.diff(steps.t1_s[fixes], prepend=belief.last_fix_s)
+        log_relocation = np.full(len(epochs), np.nan)
+        with np.errstate(divide="ignore"):  # a probability of 0 has the logarithm -inf
+            log_relocation[fixes - epochs.start] = np.log(self.drift_probability(outage_s))
+        (nominal,) = belief.hypotheses
+        doubt = Doubt(log_relocation, self.outlier_noise.sd**2)
+        after, estimates = kernel.span_until(nominal.belief, steps, epochs, seed, doubt)
+        used = fixes[fixes < epochs.start + len(estimates.mean)]
+        return belief._replace(
+            hypotheses=(nominal._replace(belief=after, estimate=kernel.estimate(after)),),
+            last_fix_s=float(steps.t1_s[used[-1]]) if len(used) else belief.last_fix_s,
+        ), estimates._replace(reacquisitions=belief.reacquisitions)
+
+    def _between_fixes(
+        self, belief: MultiHypothesisBelief, steps: Steps, epochs: range, seed: int
+    ) -> tuple[MultiHypothesisBelief, Estimates]:
+        """Run every hypothesis over steps without fixes, at least one."""
+        runs = [run_span(self.filter, hypothesis.belief, steps, epochs, seed) for hypothesis in belief.hypotheses]
+        after = tuple(
+            hypothesis._replace(belief=last, estimate=estimates.last)
+            for hypothesis, (last, estimates) in zip(belief.hypotheses, runs, strict=True)
+        )
+        estimates = reported(belief, [estimates for _, estimates in runs], self.decision_odds)
+        return belief._replace(hypotheses=after), estimates
 
     def estimate(self, belief: MultiHypothesisBelief) -> Estimate:
         """Return the mean of the leader with a covariance that includes all hypotheses."""

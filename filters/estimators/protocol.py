@@ -12,7 +12,7 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection, project
 from usbldr.filters.estimators.mode_updates import mode_likelihoods
-from usbldr.filters.models.normal_scores import normal_scores
+from usbldr.filters.models.noise import normal_scores
 from usbldr.filters.models.readings import Readings
 from usbldr.filters.models.sensors import Measurement
 from usbldr.filters.models.sigma_points import linearised
@@ -104,6 +104,10 @@ class Estimate(NamedTuple):
     widening: Vector | None = None  # (n,) variances that the recovery of a gate added to the prediction
 
 
+COLUMNS = ("mean", "cov", "ess", "acceptance", "inflation")
+"""Fields of Estimates with a row for each epoch, but for those that may be missing."""
+
+
 class Estimates(NamedTuple):
     """The estimates of K epochs as columns, named as in Estimate."""
 
@@ -120,16 +124,10 @@ class Estimates(NamedTuple):
     def of(cls, each: Sequence[Estimate]) -> "Estimates":
         """Return the estimates of at least one epoch as columns."""
         none = np.zeros(len(each[0].mean))
-        return cls(
-            np.array([one.mean for one in each]),
-            np.array([one.cov for one in each]),
-            UpdateTable.of([update for one in each for update in one.updates]),
-            np.array([one.ess for one in each], np.float64),
-            np.array([one.acceptance for one in each], np.float64),
-            np.array([one.inflation for one in each], np.float64),
-            each[-1].reacquisitions,
-            np.array([none if one.widening is None else one.widening for one in each]),
-        )
+        columns = {name: np.array([getattr(one, name) for one in each], np.float64) for name in COLUMNS}
+        updates = UpdateTable.of([update for one in each for update in one.updates])
+        widening = np.array([none if one.widening is None else one.widening for one in each])
+        return cls(updates=updates, **columns, reacquisitions=each[-1].reacquisitions, widening=widening)
 
     @classmethod
     def joined(cls, each: "Sequence[Estimates]") -> "Estimates":
@@ -139,16 +137,9 @@ class Estimates(NamedTuple):
         updates = UpdateTableBuilder()
         for one in each:
             updates.add(one.updates)
-        return cls(
-            np.concatenate([one.mean for one in each]),
-            np.concatenate([one.cov for one in each]),
-            updates.table(),
-            np.concatenate([one.ess for one in each]),
-            np.concatenate([one.acceptance for one in each]),
-            np.concatenate([one.inflation for one in each]),
-            each[-1].reacquisitions,
-            np.concatenate([np.zeros_like(one.mean) if one.widening is None else one.widening for one in each]),
-        )
+        columns = {name: np.concatenate([getattr(one, name) for one in each]) for name in COLUMNS}
+        widening = np.concatenate([np.zeros_like(one.mean) if one.widening is None else one.widening for one in each])
+        return cls(updates=updates.table(), **columns, reacquisitions=each[-1].reacquisitions, widening=widening)
 
     @property
     def last(self) -> Estimate:

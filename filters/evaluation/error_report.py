@@ -6,24 +6,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.evaluation.alignment import Alignment
-from usbldr.filters.evaluation.consistency import FixUpdates, Nees, SensorUpdates, SigmaShares, sigmas
-from usbldr.filters.evaluation.constant_shift import ConstantShift
+from usbldr.filters.evaluation.alignment import Alignment, ConstantShift
+from usbldr.filters.evaluation.consistency import FixUpdates, Nees, SensorUpdates, SigmaShares, Whiteness, sigmas
 from usbldr.filters.evaluation.metrics import (
     AxisErrors,
     Coverage,
+    HeadingErrors,
     Health,
     HorizontalErrors,
     Metric,
+    RelativeError,
     Surfacing,
     SurfacingErrors,
     Travel,
+    VelocityErrors,
     by_name,
     declared,
 )
-from usbldr.filters.evaluation.motion_errors import HeadingErrors, VelocityErrors
-from usbldr.filters.evaluation.relative_error import RelativeError
-from usbldr.filters.evaluation.whiteness import Whiteness
 from usbldr.filters.types import Array, Vector
 from usbldr.filters.windows import TimeWindow
 

@@ -16,7 +16,7 @@ from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Array, Mask, Trajectory, Vector
 from usbldr.filters.updates import UpdateTable
-from usbldr.filters.windows import columns_at
+from usbldr.filters.windows import columns_at, integrated
 
 MIN_FIXES = 20  # by judgement: three for each shape that is projected out
 FALSE_SIGMAS = 4.0  # of a fix from the line between its neighbours: a false one, 6 in 100,000 of good ones
@@ -169,9 +169,7 @@ def _moved(track: Trajectory, time_s: Vector) -> Array | None:
     if yaw is None or starboard is None or forward is None:
         return None
     velocity = rotated(yaw, np.column_stack([starboard, forward]))
-    steps = (velocity[1:] + velocity[:-1]) / 2 * np.diff(track.time_s)[:, None]
-    path = np.vstack([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    return columns_at(time_s, track.time_s, path)
+    return columns_at(time_s, track.time_s, integrated(track.time_s, velocity))
 
 
 def _noise(time_s: Vector, position_m: Array, moved_m: Array, used: Mask, axis: Array) -> SlowNoise | None:

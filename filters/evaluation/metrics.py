@@ -7,10 +7,14 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args, get
 
 import numpy as np
 
-from usbldr.filters.types import Array, Trajectory, Truth, Vector
+from usbldr.filters.frames import wrapped
+from usbldr.filters.types import Array, Indices, Mask, Trajectory, Truth, Vector
 
 SURFACING_GAP_S = 30.0  # after a longer gap of the truth, the error at its next sample is a surfacing error
 Direction: TypeAlias = Literal["lower", "higher", "both"]  # which way is better; both: neither is
+LENGTHS_M = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)  # three a decade
+STEP_M = 5.0  # [m] of the way between two points that measure it: shorter ones would add the noise of a GPS
+LEAST_SEGMENTS = 2.0  # of a length fit into the way, one behind the other
 
 
 class Metric(NamedTuple):
@@ -196,3 +200,94 @@ def surfacing_errors(found: tuple[Surfacing, ...]) -> SurfacingErrors | None:
     moved = [s for s in found if s.distance_m > 0]
     percent = 100 * sum(s.error_m for s in moved) / sum(s.distance_m for s in moved) if moved else None
     return SurfacingErrors(float(np.mean([s.error_m for s in found])), percent)
+
+
+class HeadingErrors(NamedTuple):
+    """Errors of the estimated heading, clockwise."""
+
+    bias_deg: Annotated[float, Metric("bias_heading_deg", "Signed mean of the heading error, clockwise.")]
+    rmse_deg: Annotated[float, Metric("rmse_heading_deg", "Root mean square of the heading error.", "lower")]
+    max_abs_deg: Annotated[float, Metric("max_abs_heading_deg", "Largest absolute heading error.", "lower")]
+
+
+class VelocityErrors(NamedTuple):
+    """Errors of the estimated velocity along the axes of the vehicle."""
+
+    bias_starboard_mps: Annotated[float, Metric("bias_starboard_mps", "Signed mean error of the starboard velocity.")]
+    rmse_starboard_mps: Annotated[
+        float, Metric("rmse_starboard_mps", "Root mean square error of the starboard velocity.", "lower")
+    ]
+    bias_forward_mps: Annotated[float, Metric("bias_forward_mps", "Signed mean error of the forward velocity.")]
+    rmse_forward_mps: Annotated[
+        float, Metric("rmse_forward_mps", "Root mean square error of the forward velocity.", "lower")
+    ]
+
+
+def heading_errors(track: Trajectory, scored: Mask, truth: Truth, rotation_rad: float) -> HeadingErrors | None:
+    """Return the statistics at the scored epochs of a track that an alignment has turned; None if one has no yaw."""
+    yaw_rad = track.state("psi")
+    if yaw_rad is None or truth.yaw_rad is None:
+        return None
+    true_rad = np.interp(track.time_s[scored], truth.time_s, truth.yaw_rad)
+    error_deg = -np.degrees(wrapped(yaw_rad[scored] + rotation_rad - true_rad))
+    return HeadingErrors(float(error_deg.mean()), rms(error_deg), float(np.abs(error_deg).max()))
+
+
+def velocity_errors(track: Trajectory, scored: Mask, truth: Truth) -> VelocityErrors | None:
+    """Return the statistics at the scored epochs; None if the track or the truth has no velocity."""
+    u_mps, v_mps = track.state("u"), track.state("v")
+    if u_mps is None or v_mps is None or truth.velocity_mps is None:
+        return None
+    time_s = track.time_s[scored]
+    starboard: Vector = u_mps[scored] - np.interp(time_s, truth.time_s, truth.velocity_mps[:, 0])
+    forward: Vector = v_mps[scored] - np.interp(time_s, truth.time_s, truth.velocity_mps[:, 1])
+    return VelocityErrors(float(starboard.mean()), rms(starboard), float(forward.mean()), rms(forward))
+
+
+class RelativeError(NamedTuple):
+    """The error over all segments of one length, in percent of the distance travelled."""
+
+    length_m: float
+    mean_percent: float
+    rms_percent: float
+    p95_percent: float
+    segments: int  # one from each scored epoch, so that they overlap
+
+
+def relative_errors(time_s: Vector, error_m: Array, truth_m: Array, max_gap_s: float) -> tuple[RelativeError, ...]:
+    """Return the relative errors of each length that fits, of M epochs with errors and truth (M, 2).
+
+    The distance travelled is that of the truth. A segment does not cross a gap longer than ``max_gap_s``.
+
+    The change of the error over a segment does not depend on a constant shift, so it judges a track whose map origin is
+    unknown. Navigators call it percent of distance travelled; evo and KITTI measure it likewise (A. Geiger, P. Lenz, R.
+    Urtasun, "Are we ready for autonomous driving? The KITTI vision benchmark suite", CVPR 2012,
+    doi:10.1109/CVPR.2012.6248074), but turn each segment onto the truth, which hides a wrong heading.
+    """
+    way_m = distance_m(truth_m)
+    gaps = np.concatenate([[0], np.cumsum(np.diff(time_s) > max_gap_s)])
+    found: list[RelativeError] = []
+    for length_m in LENGTHS_M:
+        if way_m[-1] < LEAST_SEGMENTS * length_m:
+            break
+        end: Indices = np.searchsorted(way_m, way_m + length_m)
+        start = np.flatnonzero(end < len(way_m))
+        start = start[gaps[start] == gaps[end[start]]]
+        if not len(start):
+            continue
+        end = end[start]
+        change_m: Vector = np.hypot(*(error_m[end] - error_m[start]).T)
+        percent = 100 * change_m / (way_m[end] - way_m[start])
+        rms = float(np.sqrt(np.mean(percent**2)))
+        found.append(RelativeError(length_m, float(percent.mean()), rms, float(np.percentile(percent, 95)), len(start)))
+    return tuple(found)
+
+
+def distance_m(position_m: Array) -> Vector:
+    """Return the distance travelled at M positions (M, 2), (M,): between points at least STEP_M apart, else by time."""
+    rows = [0]
+    for row, place_m in enumerate(position_m):
+        if np.hypot(*(place_m - position_m[rows[-1]])) >= STEP_M:
+            rows.append(row)
+    steps_m = np.hypot(*np.diff(position_m[rows], axis=0).T)
+    return np.interp(np.arange(len(position_m)), rows, np.concatenate([[0.0], np.cumsum(steps_m)]))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation.constant_shift import ConstantShift, moves_otherwise
+from usbldr.filters.evaluation.alignment import ConstantShift, moves_otherwise
 from usbldr.filters.evaluation.error_report import Matching
 from usbldr.filters.evaluation.time_offset import time_offset
 from usbldr.filters.types import Array, Truth, Vector

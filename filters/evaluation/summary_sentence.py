@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usbldr.filters.evaluation.block_bootstrap import mean_difference
 from usbldr.filters.evaluation.error_report import ErrorReport
+from usbldr.filters.evaluation.seed_statistics import mean_difference
 from usbldr.filters.types import Mask
 
 FEW_COMMON = 5  # [epochs] with fewer, means of two tracks do not compare

@@ -19,7 +19,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from usbldr.filters.identification.conclusions import FAR_SD
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, segment_numbers
-from usbldr.filters.identification.drift import drift_variances_m2
 from usbldr.filters.identification.identification import MOST_OF_SCALE, STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
@@ -28,6 +27,7 @@ from usbldr.filters.identification.linearisation import (
     PASS_STATES,
     STEPS,
     Point,
+    drift_variances_m2,
     linearised,
     near,
     prior_sds,

@@ -14,11 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.clusters import OFFSET_SD_M
-from usbldr.filters.identification.compiled_histories import followed
-from usbldr.filters.identification.drift import drift_variances_m2
-from usbldr.filters.identification.histories import CORRECT, Followed, HistorySearch
+from usbldr.filters.identification.histories import CORRECT, Followed, HistorySearch, followed
 from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
-from usbldr.filters.identification.linearisation import BIAS_STATES, PASS_STATES, linearised, prior_sds
+from usbldr.filters.identification.linearisation import (
+    BIAS_STATES,
+    PASS_STATES,
+    drift_variances_m2,
+    linearised,
+    prior_sds,
+)
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
 from usbldr.filters.models.noise import robust_sd, shown_sd
 from usbldr.filters.models.parameters import FalseStart, Parameters, Start

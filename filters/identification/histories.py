@@ -1,4 +1,4 @@
-"""Follow the likeliest histories of false fixes in a row; the compiled kernel does it in compiled_histories.py.
+"""Follow the likeliest histories of false fixes in a row, in NumPy or in the compiled kernel.
 
 A Markov chain of two states, correct and in a run with an offset of its own: D. Reid, "An algorithm for tracking
 multiple targets", IEEE Trans. Automatic Control 24(6), 1979, doi:10.1109/TAC.1979.1102177. Histories that agree in the
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.clusters import FAR, OFFSET_SD_M
+from usbldr.filters.kernel import KERNEL
 from usbldr.filters.models.noise import Noise
 from usbldr.filters.types import Array, Indices, Mask, Vector
 
@@ -23,6 +24,7 @@ Of echoes, of frequent ones, of near ones, and of another beacon or antenna, whi
 HISTORIES = 10  # of each kind, and as many in a long run
 RECENT = 10  # [fixes] by judgement: decisions that are older no longer distinguish two histories
 CELL_BITS = 12  # fixed: of the square in which a position lies, in each direction
+SEARCH = KERNEL.packer("Search")
 CORRECT, BEGINS, CONTINUES = range(3)
 RUN, OFFSET, RATE = slice(-4, None), slice(-4, -2), slice(-2, None)  # of the states, the last four are a run's
 
@@ -233,3 +235,36 @@ def _correction(p: Array, inverse: Array, weighted: Array) -> tuple[Array, Array
     g = np.einsum("jn,jna->na", p, weighted)
     outer = weighted[..., :, None] * weighted[..., None, :] - inverse
     return g, np.einsum("jn,jnab->nab", p, outer) - g[:, :, None] * g[:, None, :]
+
+
+def followed(search: HistorySearch) -> list[Followed]:
+    """Return what HistorySearch.followed returns, from the kernel if it runs and has room for so many."""
+    (F, _, n), noise, limits = search.measurement_matrix.shape, search.noise, KERNEL.limits
+    kinds, modes = len(KINDS), len(noise.probabilities)
+    most = kinds * (2 * HISTORIES + F.bit_length()) + 2 * F.bit_length()  # see _chosen
+    if KERNEL.run_histories is None or n > limits.states or modes > limits.modes or most > limits.histories:
+        return search.followed()
+    searched = OFFSET_WALK_M**2, RATE_MPS**2, search.bias_m**2, search.cell_m
+    sizes = n, F, modes, kinds, search.bias.start, HISTORIES, RECENT, search.gradual
+    log_weight, rows, count = (
+        np.empty((F, limits.histories)),
+        np.empty((4, F, limits.histories), np.int64),
+        np.empty(F, np.int64),
+    )
+    inputs = (
+        search.residual_m,
+        search.measurement_matrix,
+        np.column_stack([search.dt_s, search.fade, search.drift_m2]),
+        noise.probabilities,
+        noise.cov,
+        np.tile(search.mean, (kinds, 1)),
+        np.tile(search.cov, (kinds, 1, 1)),
+        np.array(KINDS),
+    )
+    arrays = (np.ascontiguousarray(array, np.float64) for array in inputs)
+    KERNEL.run_histories(SEARCH.pack(FAR, *searched, *sizes), *arrays, log_weight, *rows, count)
+    first, parent, decision, gradual = rows
+    return [
+        Followed(log_weight[f, :N], first[f, :N], parent[f, :N], decision[f, :N], gradual[f, :N] != 0)
+        for f, N in enumerate(count.tolist())
+    ]

@@ -7,7 +7,7 @@ record of t + c. An error that is not linear is freed of its value at the point 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -15,17 +15,17 @@ import numpy as np
 
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
+from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import DEGREES, Parameters
 from usbldr.filters.models.quantities import ReportedQuantity
 from usbldr.filters.replay.dead_reckoning import (
     displacement_m,
     drift_rates,
     freed,
-    integrate,
-    interpolate,
     velocity_mps,
 )
-from usbldr.filters.types import Array, Timeline
+from usbldr.filters.types import Array, Mask, Timeline, Vector
+from usbldr.filters.windows import columns_at, integrated
 
 Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
 
@@ -73,6 +73,7 @@ STEPS: Mapping[str, float] = {
 """States that are not linear, and the step of the points that members share: what half of it leaves is below 2e-4 of
 the distance, or 3 mm in a turn."""
 NO_ERROR: Point = (0.0,) * len(STEPS)
+UNKNOWN_DIRECTION = 0.5  # fixed: variance of each axis of a unit vector in any direction
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,19 +117,19 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
     line, latency_s = freed(timeline, about), about["usbl_latency"]
     gps = np.zeros(len(line.fix_time_s[:fixes]), dtype=np.bool_) if line.fix_is_gps is None else line.fix_is_gps[:fixes]
     valid_s = np.where(gps, timeline.fix_time_s[:fixes], line.fix_time_s[:fixes])
-    drift = dict(zip(states, (integrate(line, rate) for rate in drift_rates(line, states)), strict=True))
+    drift = dict(zip(states, (integrated(line.time_s, rate) for rate in drift_rates(line, states)), strict=True))
     for clock in ("dvl_clock", "compass_clock"):
         late, early = (displacement_m(freed(timeline, about | {clock: about[clock] + step})) for step in CLOCK_STEPS_S)
         drift[clock] = (late - early) / (CLOCK_STEPS_S[0] - CLOCK_STEPS_S[1])
     drift["dvl_scale"] = drift["dvl_scale"] / (1 + about["dvl_scale"])
     at_point = sum((drift[state] * value for state, value in about.items() if value and state in drift), np.zeros(2))
     columns = np.concatenate([drift[state] for state in states], axis=1)
-    H = interpolate(line, columns, valid_s).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
-    V_at = interpolate(line, velocity_mps(line), valid_s)
+    H = columns_at(valid_s, line.time_s, columns).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
+    V_at = columns_at(valid_s, line.time_s, velocity_mps(line))
     yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
     stamped, valid = (t - np.clip(t, line.time_s[0], line.time_s[-1]) for t in (timeline.fix_time_s[:fixes], valid_s))
     from_point_s = np.where(gps, 0.0, latency_s) + valid - stamped  # of a fix of the log that was valid beyond its ends
-    reckoned_m = interpolate(line, displacement_m(line) - at_point, valid_s) + V_at * from_point_s[:, None]
+    reckoned_m = columns_at(valid_s, line.time_s, displacement_m(line) - at_point) + V_at * from_point_s[:, None]
     for names in (("x", "y"), BIAS_STATES, OFFSET_STATES):
         for axis, name in enumerate(names):
             H[:, axis, states.index(name)] = 1.0
@@ -148,3 +149,46 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
         H[gps, :, states.index(name)] = 0.0
     residual_m += H[:, :, states.index("usbl_heading")] * about["usbl_heading"]
     return Linearised(residual_m, H)
+
+
+def has_dead_reckoning(timeline: Timeline, time_s: Vector) -> Mask:
+    """Return at which times, (T,), DVL and compass were there: without them the vehicle's motion looks like noise."""
+    silent = [
+        (time_s > gap.start_s) & (time_s <= gap.end_s) for gap in timeline.outages if gap.sensor in ("dvl", "compass")
+    ]
+    return ~np.any([np.zeros(len(time_s), dtype=np.bool_), *silent], axis=0)
+
+
+def drift_variances_m2(
+    timeline: Timeline, time_s: Vector, members: Sequence[Parameters], scaled: Sequence[bool]
+) -> Array:
+    """Return the variance of each axis of dead reckoning from time to time, (T, N), ascending, from 0 to the first.
+
+    ``scaled`` says of each of N members whether the DVL's scale error is one of its states.
+    """
+    dvl_rows = np.flatnonzero(timeline.dvl_count)
+    dvl_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
+    spacing_s = np.diff(dvl_s)
+    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
+    # of the modes, what grows with R: records that contamination stands for do not enter dead reckoning
+    dvl = BankNoise([p.dvl for p in members], [p.dvl_sd_scale for p in members])
+    noise_m2 = _gained(time_s, dvl_s, R * spacing_s**2) * (dvl.probabilities * dvl.gain).sum(axis=0)
+    process = [p.process for p in members]
+    held_m2 = _gained(time_s, dvl_s, spacing_s**3 / 3) * [q.velocity_mps**2 for q in process]
+
+    yaw_s = np.append(timeline.time_s[timeline.yaw_count > 0], timeline.time_s[-1])
+    moved_m2 = np.sum(np.diff(columns_at(yaw_s, timeline.time_s, displacement_m(timeline)), axis=0) ** 2, axis=1)
+    # a random walk of the turn rate q, interpolated over s seconds: the integral of yaw has the variance q^2 s^5 / 120
+    turned = np.minimum(process[0].turn_rate_radps ** 2 * np.diff(yaw_s) ** 3 / 120, UNKNOWN_DIRECTION)
+
+    walk_m2 = [
+        q.position_m**2 + (0.0 if known else q.uncalibrated_m**2) for q, known in zip(process, scaled, strict=True)
+    ]
+    dt_s = np.maximum(np.diff(time_s, prepend=0.0), 0.0)[:, None]
+    return dt_s * walk_m2 + noise_m2 + held_m2 + _gained(time_s, yaw_s, moved_m2 * turned)
+
+
+def _gained(time_s: Vector, edges_s: Vector, gained: Vector) -> Array:
+    """Return what is gained from time to time, (T, 1), of a quantity that grows linearly between edges."""
+    total = np.interp(time_s, edges_s, np.append(0.0, np.cumsum(gained)))
+    return np.diff(total, prepend=0.0)[:, None]

@@ -2,8 +2,8 @@
 
 The predictive likelihood, the sum of log p(reading | all readings before), compares parameters without the true track:
 too large a noise predicts too widely, too small a one is over-confident. Times a log-normal prior about what was
-stated, it is maximised by Newton's method (newton.py): the noise of the DVL from its own records (dvl_likelihood.py),
-that of the fixes from their residuals to dead reckoning (usbl_likelihood.py). No random numbers are used.
+stated, it is maximised by Newton's method (newton.py): the noise of the DVL from its own records, that of the fixes
+from their residuals to dead reckoning (usbl_likelihood.py). No random numbers are used.
 
 The sigma of the DVL and the random walk of the velocity never fall below the stated ones: differences of records show
 only the white part of an error, and a walk learnt while cruising would refuse a manoeuvre.
@@ -17,13 +17,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
+from usbldr.filters.estimators.mode_updates import collapse
 from usbldr.filters.identification.identification import CONTRADICTED
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
-from usbldr.filters.models.noise import TO_SD, Gaussian
-from usbldr.filters.models.parameters import Parameters, ProcessNoise
-from usbldr.filters.types import Timeline, Vector
+from usbldr.filters.models.noise import TO_SD, BankNoise, Gaussian
+from usbldr.filters.models.parameters import UNKNOWN_START, Parameters, ProcessNoise
+from usbldr.filters.types import Indices, Timeline, Vector
+
+SEGMENT_RECORDS = 300  # consecutive, a minute at 5 Hz
+MAX_SEGMENTS = 60  # spread over the log: an hour at 5 Hz is used whole
 
 
 class TunableParameter(NamedTuple):
@@ -190,3 +194,39 @@ def _with(owner: Any, path: Sequence[str], value: float) -> Any:
     """Return a copy of nested dataclasses with one number replaced."""
     name, *rest = path
     return replace(owner, **{name: _with(getattr(owner, name), rest, value) if rest else value})
+
+
+def dvl_likelihoods(timeline: Timeline, members: Sequence[Parameters]) -> Vector:
+    """Return the predictive log likelihood of DVL records, both axes, for each of N members, (N,).
+
+    Each axis is a random walk plus white noise, as u and v in the motion model without other sensors; calibration
+    states matter little here. The log is split into independent segments of equal length, which run in parallel.
+    """
+    N = len(members)
+    rows = _segments(np.flatnonzero(timeline.dvl_count))
+    count, length = rows.shape
+    if length < 2:
+        return np.zeros(N)
+    series = 2 * count  # starboard of each stretch, then forward; the bank holds each for all members
+    noise = BankNoise([member.dvl for member in members] * series, [m.dvl_sd_scale for m in members] * series)
+    walk = np.tile(np.array([member.process.velocity_mps for member in members]) ** 2, series)
+    z = np.repeat(timeline.dvl_mps[rows].transpose(1, 2, 0).reshape(length, series), N, axis=1)
+    R = np.repeat(np.tile((timeline.dvl_sd_mps[rows] ** 2 / timeline.dvl_count[rows]).T, 2), N, axis=1)
+    dt_s = np.repeat(np.tile(np.diff(timeline.time_s[rows], axis=1).T, 2), N, axis=1)
+    bank = GaussianBank(z[:1], np.full((1, 1, series * N), UNKNOWN_START.sd_mps**2), np.zeros(series * N))
+    total = np.zeros(series * N)
+    for k in range(1, length):
+        P = bank.cov + walk * dt_s[k - 1]
+        projection = Projection(z[k : k + 1] - bank.mean, P, P)
+        bank, log_l, *_ = collapse(bank._replace(cov=P), projection, noise.modes(R[k][None, None]))
+        total += log_l
+    summed: Vector = total.reshape(series, N).sum(axis=0)
+    return summed
+
+
+def _segments(record_rows: Indices) -> Indices:
+    """Return the rows of each stretch, (stretches, records): evenly spread, as many as there are, up to the most."""
+    length = min(len(record_rows), SEGMENT_RECORDS)
+    count = min(len(record_rows) // SEGMENT_RECORDS or 1, MAX_SEGMENTS)
+    first = np.linspace(0, len(record_rows) - length, count).astype(np.intp)
+    return record_rows[first[:, None] + np.arange(length)]

@@ -10,15 +10,15 @@ How an error moves a fix is linear about a point of each member (linearisation.p
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.estimators.gaussian_bank import GaussianBank
-from usbldr.filters.identification.compiled_fixes import passed
-from usbldr.filters.identification.drift import drift_variances_m2, has_dead_reckoning
-from usbldr.filters.identification.fix_pass import FixPass
+from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
+from usbldr.filters.estimators.mode_updates import collapse
+from usbldr.filters.identification import clusters
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
     CURRENT_STATES,
@@ -31,19 +31,24 @@ from usbldr.filters.identification.linearisation import (
     STEPS,
     Linearised,
     Point,
+    drift_variances_m2,
+    has_dead_reckoning,
     linearised,
     near,
     prior_sds,
 )
-from usbldr.filters.models.noise import BankNoise
+from usbldr.filters.kernel import KERNEL
+from usbldr.filters.models.noise import BankNoise, Noise
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import START_FIXES, freed, start_position, start_sensitivity
 from usbldr.filters.replay.prior import starting_fixes
-from usbldr.filters.types import Array, Indices, Timeline, Vector
+from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 kept_linearised = lru_cache(maxsize=32)(linearised)  # members in turn share points; each takes 1.5 MB at most
 HEAD_ROWS = [PASS_STATES.index(name) for key in (HEAD, RANGE) for name in KEYS[key]]
+PASS = KERNEL.packer("Pass")
+BOTH_AXES = slice(0, 2)  # east and north of a fix
 
 
 class Member(NamedTuple):
@@ -148,3 +153,76 @@ def _start(
     mean = np.zeros_like(sd)
     mean[:2] = np.broadcast_to(position, (len(logs), 2))[about].T
     return mean, np.einsum("mik,km,mjk->ijm", T[about], sd**2, T[about])
+
+
+@dataclass(frozen=True, slots=True)
+class FixPass:
+    """F fixes minus dead reckoning, linear in n states, for N members that share G linearisations.
+
+    Between fixes the correlated error decays and dead reckoning drifts. Metres and seconds.
+    """
+
+    residual_m: Array  # (F, 2, G)
+    measurement_matrix: Array  # (F, 2, n, G)
+    group: Indices  # (N,) linearisation of each member
+    bias: slice  # rows of the correlated error
+    changes: Array  # (3, F, N) decay of the correlated error, then the variances added to it and to the position
+    noise: BankNoise
+    cov_m2: Array  # (F, 2, 2) stated
+    counted: Mask  # (F,) whether the likelihood of a fix counts
+    dt_s: Vector  # (F,) since the fix before
+
+    def over(self, bank: GaussianBank) -> tuple[GaussianBank, Vector]:
+        """Return the bank after all fixes, and the log likelihood that each of the N members gives them."""
+        N, total = len(self.group), np.zeros(len(self.group))
+        begins, ends = clusters.switching(self.dt_s)
+        for f, R in enumerate(self.cov_m2):
+            bank = self._predicted(bank, f)
+            modes, doubled = self.noise.modes(R), len(bank.log_weight) > N
+            if doubled or clusters.far(self._projection(bank, f, BOTH_AXES), modes.cov[0]):
+                bank = clusters.mixed(bank if doubled else clusters.both_hypotheses(bank), begins[f], ends[f])
+                modes, doubled = Noise(np.tile(modes.probabilities, 2), np.tile(modes.cov, 2), modes.per_scalar), True
+            for axes in modes.blocks():
+                bank, log_l, *_ = collapse(bank, self._projection(bank, f, axes), modes.block(axes))
+                if doubled:
+                    bank, log_l = clusters.reweighted(bank, log_l)
+                total += self.counted[f] * log_l
+            if doubled and clusters.negligible(bank):
+                bank = clusters.members(bank)
+        return clusters.members(bank) if len(bank.log_weight) > N else bank, total
+
+    def _projection(self, bank: GaussianBank, f: int, axes: slice) -> Projection:
+        """Return these axes of a fix as the N members, or their 2 N hypotheses, predict it."""
+        group = np.tile(self.group, len(bank.log_weight) // len(self.group))
+        h = self.measurement_matrix[f, axes][:, :, group]
+        cross = np.einsum("ijm,ajm->iam", bank.cov, h)
+        innovation = self.residual_m[f, axes][:, group] - np.einsum("aim,im->am", h, bank.mean)
+        return Projection(innovation, np.einsum("aim,ibm->abm", h, cross), cross)
+
+    def _predicted(self, bank: GaussianBank, f: int) -> GaussianBank:
+        """Return the bank of N members, or of their 2 N hypotheses, at fix f."""
+        fade, bias_m2, drift_m2 = np.tile(self.changes[:, f], len(bank.log_weight) // len(self.group))
+        mean, cov = bank.mean.copy(), bank.cov.copy()
+        mean[self.bias] *= fade
+        cov[self.bias] *= fade
+        cov[:, self.bias] *= fade
+        for rows, added in ((range(2), drift_m2), (range(self.bias.start, self.bias.stop), bias_m2)):
+            cov[rows, rows] += added
+        return bank._replace(mean=mean, cov=cov)
+
+
+def passed(fixes: FixPass, bank: GaussianBank) -> tuple[GaussianBank, Vector]:
+    """Return what FixPass.over returns, from the kernel if it runs and has room for so many noise modes and states."""
+    F, _, n, G = fixes.measurement_matrix.shape
+    noise, limits = fixes.noise, KERNEL.limits
+    if KERNEL.run_pass is None or len(noise.probabilities) > limits.modes or n > limits.states:
+        return fixes.over(bank)
+    sizes = (n, len(fixes.group), F, G, len(noise.probabilities), fixes.bias.start, noise.per_scalar)
+    coded = PASS.pack(clusters.FAR, clusters.OFFSET_SD_M**2, np.log(clusters.NEGLIGIBLE), *sizes, 0)
+    mean, cov, log_l = bank.mean.copy("C"), bank.cov.copy("C"), np.zeros(len(fixes.group))
+    switching = np.column_stack(clusters.switching(fixes.dt_s))
+    inputs = (fixes.residual_m, fixes.measurement_matrix, fixes.changes, fixes.group.astype(np.int64))
+    tables = (noise.probabilities, noise.gain, noise.offset, fixes.cov_m2, fixes.counted.astype(np.float64), switching)
+    arrays = (np.ascontiguousarray(array) for array in (*inputs, *tables))
+    KERNEL.run_pass(KERNEL.variant, coded, mean, cov, log_l, *arrays)
+    return bank._replace(mean=mean, cov=cov), log_l

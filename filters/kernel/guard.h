@@ -1,4 +1,4 @@
-/* Whether the fixes of a step call for hypotheses: what multi_hypothesis.py asks of hypothesis_likelihoods.py while it
+/* Whether the fixes of a step call for hypotheses: what multi_hypothesis.py asks of hypotheses.py while it
    holds the one hypothesis that all is well. If they may, Python takes the step, and decides. */
 #ifndef USBLDR_GUARD_H
 #define USBLDR_GUARD_H

@@ -1,4 +1,4 @@
-/* What became of a reading: the scalars of measurement_update (protocol.py) and normal_scores.py. */
+/* What became of a reading: the scalars of measurement_update (protocol.py) and normal_scores (noise.py). */
 #ifndef USBLDR_RECORDS_H
 #define USBLDR_RECORDS_H
 #include <math.h>

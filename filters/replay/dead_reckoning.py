@@ -12,7 +12,7 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.types import Array, Mask, Outage, Timeline, Trajectory, Vector
-from usbldr.filters.windows import columns_at
+from usbldr.filters.windows import columns_at, integrated
 
 COLUMNS: Mapping[str, tuple[str, str, str, str]] = {
     "dvl": ("dvl_mps", "dr_mps", "dvl_count", "dvl_sd_mps"),
@@ -39,7 +39,7 @@ def dr(timeline: Timeline, start_m: Vector, start_time_s: float = 0.0) -> Trajec
     States psi, u, v, x, y at all K epochs; no covariance.
     """
     moved = displacement_m(timeline)
-    position = moved - interpolate(timeline, moved, np.array([start_time_s])) + np.asarray(start_m, dtype=float)
+    position = moved - columns_at(np.array([start_time_s]), timeline.time_s, moved) + np.asarray(start_m, dtype=float)
     mean = np.column_stack([timeline.dr_yaw_rad, timeline.dr_mps, position])
     return Trajectory("dr", ("psi", "u", "v", "x", "y"), timeline.time_s, mean, cov=None)
 
@@ -54,7 +54,7 @@ def nudge(timeline: Timeline) -> Trajectory:
         raise LogError("the log has no USBL fix to nudge dead reckoning by")
     reckoned = dr(timeline, np.zeros(2))
     stamps, first = np.unique(timeline.fix_time_s, return_index=True)
-    offset: Array = (timeline.fix_m - interpolate(timeline, reckoned.position_m, timeline.fix_time_s))[first]
+    offset: Array = (timeline.fix_m - columns_at(timeline.fix_time_s, timeline.time_s, reckoned.position_m))[first]
     shift = columns_at(timeline.time_s, stamps, offset)
     mean = np.column_stack([reckoned.mean[:, :3], reckoned.position_m + shift])
     return Trajectory("nudge", reckoned.names, timeline.time_s, mean, cov=None)
@@ -75,7 +75,7 @@ def start_position(timeline: Timeline, time_s: Vector, fix_m: Array) -> tuple[Ve
     standard deviation one outlier would widen the start so far that a filter accepts the next one.
     """
     begin = _until_first_fixes(timeline, time_s)
-    carried = fix_m[:START_FIXES] - interpolate(begin, displacement_m(begin), time_s[:START_FIXES])
+    carried = fix_m[:START_FIXES] - columns_at(time_s[:START_FIXES], begin.time_s, displacement_m(begin))
     position = np.median(carried, axis=0)
     spread_m = TO_SD * np.median(np.abs(carried - position), axis=0).max()
     return position, float(max(LEAST_START_SD_M, spread_m))
@@ -89,11 +89,11 @@ def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], 
     ``of_usbl``: they tell the sum of position and error, x = z - c + latency V.
     """
     begin = _until_first_fixes(timeline, time_s)
-    drift = np.column_stack([integrate(begin, rate) for rate in drift_rates(begin, names)])  # (K, 2 n)
-    mean: Vector = interpolate(begin, drift, time_s[:START_FIXES]).mean(axis=0)
+    drift = np.column_stack([integrated(begin.time_s, rate) for rate in drift_rates(begin, names)])  # (K, 2 n)
+    mean: Vector = columns_at(time_s[:START_FIXES], begin.time_s, drift).mean(axis=0)
     derivative = -mean.reshape(len(names), 2).T
     if of_usbl:
-        V: Vector = interpolate(begin, velocity_mps(begin), time_s[:START_FIXES]).mean(axis=0)
+        V: Vector = columns_at(time_s[:START_FIXES], begin.time_s, velocity_mps(begin)).mean(axis=0)
         derivative += fix_sensitivity(V, names)
     return derivative
 
@@ -118,7 +118,7 @@ def fix_sensitivity(V_mps: Vector, names: Sequence[str]) -> Array:
 
 def displacement_m(timeline: Timeline) -> Array:
     """Return the displacement of dead reckoning east and north since the first epoch, m, (K, 2)."""
-    return integrate(timeline, velocity_mps(timeline))
+    return integrated(timeline.time_s, velocity_mps(timeline))
 
 
 def velocity_mps(timeline: Timeline) -> Array:
@@ -175,7 +175,7 @@ def _with_earlier_records(
     t, at_epochs = timeline.time_s, getattr(timeline, reckoned)
     if len(t) < 2:  # a single epoch has no earlier one
         return timeline
-    earlier = interpolate(timeline, at_epochs.reshape(len(t), -1), t + clock_s).reshape(at_epochs.shape)
+    earlier = columns_at(t + clock_s, timeline.time_s, at_epochs.reshape(len(t), -1)).reshape(at_epochs.shape)
     rows = np.arange(len(t)) + round(clock_s / float(t[1] - t[0]))
     inside, rows = (rows >= 0) & (rows < len(t)), np.clip(rows, 0, len(t) - 1)
     columns: dict[str, Any] = {
@@ -219,7 +219,7 @@ def _without_sensor(timeline: Timeline, lost: Mask, measured: str, reckoned: str
     """Return the timeline without a sensor's records in the lost epochs; dead reckoning goes on between their ends."""
     t, values, records = timeline.time_s, getattr(timeline, reckoned), getattr(timeline, measured).copy()
     kept = values.reshape(len(t), -1)[~lost]
-    between = interpolate(replace(timeline, time_s=t[~lost]), kept, t).reshape(values.shape)
+    between = columns_at(t, t[~lost], kept).reshape(values.shape)
     records[lost] = np.nan
     columns: dict[str, Any] = {measured: records, reckoned: between, count: np.where(lost, 0, getattr(timeline, count))}
     return replace(timeline, **columns)
@@ -252,14 +252,3 @@ def shift_covariance_m2(fix_time_s: Vector, changed: Sequence[SensorChange]) -> 
     shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])
     weight = np.bincount(since, minlength=len(shift_m)) ** MAJORITY
     return np.einsum("n,ni,nj->ij", weight / max(weight.sum(), 1.0), shift_m, shift_m)
-
-
-def integrate(timeline: Timeline, rate: Array) -> Array:
-    """Return the integral of each column since the first epoch by the trapezoidal rule, (K, k)."""
-    gained = (rate[1:] + rate[:-1]) / 2 * np.diff(timeline.time_s)[:, None]
-    return np.vstack([np.zeros((1, rate.shape[1])), np.cumsum(gained, axis=0)])
-
-
-def interpolate(timeline: Timeline, values: Array, time_s: Vector) -> Array:
-    """Return columns of the epochs, (K, k), interpolated at other times, (T, k)."""
-    return columns_at(time_s, timeline.time_s, values)

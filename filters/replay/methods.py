@@ -28,7 +28,7 @@ class FilterSettings:
     gate: float | None = None  # probability that a good measurement passes; None: no gate
     seed: int = 0
     smooth: bool = False  # estimate each epoch from the whole dive, not from what came before it
-    order: str = "validity"  # of late fixes, see late_fixes.FIX_ORDERS
+    order: str = "validity"  # of late fixes, see run.FIX_ORDERS
     guard: bool | None = None  # multiple hypotheses against clusters of false fixes; None: the method's default
 
 

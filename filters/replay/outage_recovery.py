@@ -18,6 +18,7 @@ from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import MOTION_STATES, POSITION, StateLayout
 from usbldr.filters.replay.position_fixes import usbl_fixes
 from usbldr.filters.types import Array, OutageRecovery, Timeline, Vector
+from usbldr.filters.windows import integrated
 
 MAX_RECOVERY_FIXES, MIN_RECOVERY_FIXES = 5, 3  # fixes: their median tolerates two outliers in five
 FALSE_ALARM_PROBABILITY = 0.001  # of a warning if the covariance is right
@@ -70,9 +71,7 @@ def outage_recoveries(
 
 def _displacement_m(x: Array, time_s: Vector) -> Array:
     """Return the displacement since the first epoch, (2, K), from the velocity of the states, (n, K)."""
-    V = rotated(x[0], x[1:3].T).T
-    steps = (V[:, 1:] + V[:, :-1]) / 2 * np.diff(time_s)
-    return np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1)
+    return integrated(time_s, rotated(x[0], x[1:3].T)).T
 
 
 def recovery_warning(one: OutageRecovery) -> str | None:

@@ -1,41 +1,41 @@
 """A run of a method over a Timeline: drive its filter, keep the estimates, tell what happened.
 
-The driver (late_fixes.py, steps.py) alone knows grids, fixes and their times of validity; a filter only sees Steps.
+The driver (with steps.py) alone knows grids, fixes and their times of validity; a filter only sees Steps.
 """
 
+import bisect
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.estimators.compiled import compiled
+from usbldr.filters.estimators.hypotheses import reacquisition_texts
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
-from usbldr.filters.estimators.protocol import Filter
-from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
+from usbldr.filters.estimators.protocol import Estimates, Filter, Prior, run_span
 from usbldr.filters.estimators.rts_smoother import smooth
+from usbldr.filters.evaluation.consistency import whiteness, whiteness_warning
 from usbldr.filters.evaluation.noise_change import noise_warnings
-from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.calibration import layout_for
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, shift_covariance_m2, without_changes
-from usbldr.filters.replay.late_fixes import FIX_ORDERS, Stretch, discarded_fixes, settled_before
 from usbldr.filters.replay.methods import FilterSettings, Method, method_named, methods_that
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
+from usbldr.filters.replay.position_fixes import RivalFixes, rival_fixes
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.rival_fixes import RivalFixes, rival_fixes
-from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S
+from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource, sensor_kinds, vehicle_motion
-from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Vector
+from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Vector
 from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
 MAX_OUTLIER_FRACTION = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
@@ -44,6 +44,15 @@ SINGULAR_TEXT = (
     "of one dive; check [start] and the sigmas of the configuration"
 )
 MIN_ESS_RATIO = 0.05  # of N: below it on average the particles no longer tell the posterior
+SPAN = 1000  # [epochs] that a filter is given at once: enough that the call itself costs nothing
+
+
+class Stretch(NamedTuple):
+    """The estimates of neighbouring epochs when they are reached, and updates that no late fix repeats any more."""
+
+    first: int  # epoch
+    estimates: Estimates
+    settled: Iterable[Update]
 
 
 def run(
@@ -237,3 +246,52 @@ def _warnings(
         advice = "use more particles or check the noise model"
         texts.append(f"{name}: on average {ratio:.1%} of the particles count: {advice}")
     return tuple(texts)
+
+
+def by_validity(estimator: Filter[Any], prior: Prior, source: StepSource, seed: int) -> Iterator[Stretch]:
+    """Yield the estimates of all epochs, each with all fixes up to it."""
+    belief, count = estimator.start(prior), len(source.time_s)
+    for first in range(0, count, SPAN):
+        steps = source.steps(first, min(first + SPAN, count))
+        belief, estimates = run_span(estimator, belief, steps, range(len(steps)), seed)
+        yield Stretch(first, estimates, estimates.updates)
+
+
+def by_arrival(
+    estimator: Filter[Any], prior: Prior, source: StepSource, seed: int, memory_s: float = MAX_FIX_DELAY_S
+) -> Iterator[Stretch]:
+    """Yield the estimate of every epoch with the fixes that had arrived by then, as on the vehicle.
+
+    For a late fix the filter returns to its belief before the time of validity, uses the fix, and runs forward again.
+    """
+    used, arrived = source.arrivals()
+    running = RunningFilter(estimator, prior, seed, memory_s)
+    updates: dict[int, Sequence[Update]] = {}  # of the last epochs, which a late fix may run again
+    times_s: list[float] = source.time_s.tolist()
+    for k, time_s in enumerate(times_s):
+        late = [j for j in used[arrived == k].tolist() if time_s - source.time_s[j] <= memory_s + 1e-9]
+        first = min([k, *late])
+        running.go_back(k - first)
+        again = [running.advance(source.every.step(i, time_s)) for i in range(first, k + 1)]
+        updates |= {first + i: estimate.updates for i, estimate in enumerate(again)}
+        last = k + 1 == len(times_s)
+        oldest = k + 1 if last else settled_before(times_s, time_s, memory_s)
+        settled = [update for i in range(min(updates), oldest) for update in updates.pop(i)]
+        yield Stretch(k, Estimates.of([again[-1]._replace(updates=())]), settled)
+
+
+def settled_before(times_s: Sequence[float] | Vector, time_s: float, memory_s: float = MAX_FIX_DELAY_S) -> int:
+    """Return the first epoch that a late fix may still run again at a time, of epochs at ``times_s``."""
+    return bisect.bisect_left(times_s, time_s - memory_s - 1e-6)
+
+
+def discarded_fixes(source: StepSource) -> int:
+    """Return how many fixes arrived too late for `by_arrival`, or after the end."""
+    used, arrived = source.arrivals()
+    t = source.time_s
+    inside = arrived < len(t)
+    age_s = t[arrived[inside]] - t[used[inside]]
+    return int(np.count_nonzero(~inside) + np.count_nonzero(age_s > MAX_FIX_DELAY_S + 1e-9))
+
+
+FIX_ORDERS: Mapping[str, Callable[..., Iterator[Stretch]]] = {"validity": by_validity, "arrival": by_arrival}

@@ -12,7 +12,7 @@ import numpy as np
 
 from usbldr.filters.models.noise import Gaussian, NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, ProcessNoise, Start
-from usbldr.filters.types import Array
+from usbldr.filters.types import Array, Vector
 
 Intervals: TypeAlias = tuple[tuple[float, float], ...]  # each [from, to) in seconds of the dive
 
@@ -228,3 +228,36 @@ class Scenario:
     drawn: RandomWalkMotion | None = None
     process: ProcessNoise = field(default_factory=ProcessNoise)  # assumed by a filter; part of the truth only if drawn
     start: Start | None = None  # assumed by a filter
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyScenario:
+    """What a simulated survey is made of; the course is that of the antenna, roll and pitch are sines."""
+
+    name: str
+    about: str
+    legs: tuple[Leg, ...]
+    yaw_rad: float
+    true_values: Vector  # (11,) by usbl_survey/geometry.py: NAMES
+    east_m: float
+    north_m: float
+    roll_deg: float  # amplitude
+    roll_period_s: float
+    pitch_deg: float
+    pitch_period_s: float
+    position_rate_hz: float  # of the records
+    position_sd_m: float
+    attitude_rate_hz: float
+    attitude_sd_deg: float
+    rate_hz: float  # of the fixes
+    range_sd_m: float
+    angle_sd_deg: float
+    dof: float  # of the Student-t errors of ranges and angles
+    outlier_share: float
+    outlier_deg: float  # 1-sigma of the direction of an outlier
+    current_mps: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the course."""
+        return sum(leg.duration_s for leg in self.legs)

@@ -1,35 +1,42 @@
-"""Simulate a dive: the exact motion of a vehicle and the records of its sensors.
+"""Simulate a dive, the exact motion of a vehicle and the records of its sensors, or a survey of a transponder.
 
-Frames, units and signs are the package's. scenario.py defines a dive, true_motion.py the motion,
-sensor_errors.py the random errors.
+Frames, units and signs are the package's. scenario.py defines a dive, true_motion.py the motion.
+Each kind of random error draws from a generator of its own, so that it does not change the draws of the others.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from usbldr.filters.frames import rotated, rotation
-from usbldr.filters.simulation.scenario import Compass, Dvl, Multipath, Scenario, Sensor, Usbl
-from usbldr.filters.simulation.sensor_errors import (
-    Flags,
-    correlated_error,
-    draw_noise,
-    in_intervals,
-    multipath_errors,
-    outlier_errors,
+from usbldr.filters.frames import heading_deg, rotated, rotation
+from usbldr.filters.models.noise import NoiseFamily, StudentT
+from usbldr.filters.simulation.scenario import (
+    Compass,
+    CorrelatedError,
+    Dvl,
+    Intervals,
+    Multipath,
+    Outliers,
+    Scenario,
+    Sensor,
+    SurveyScenario,
+    Usbl,
 )
 from usbldr.filters.simulation.true_motion import TrueMotion, TrueTrack, leg_motion, random_walk_track
 from usbldr.filters.types import Array, Vector
+from usbldr.filters.usbl_survey.geometry import LATENCIES, ShipMotion, UsblSurvey, seen_from_head, ship_motion
 
 RANDOM_STREAMS = ("dvl", "compass", "usbl", "gps", "dive")
 """Each has its own generator, spawned in this order: append new ones, so that the draws of the others do not change."""
 
 ERROR_STREAMS = ("jitter", "delay", "outliers", "dropouts", "correlated", "multipath")
 """The same for the errors of a sensor besides its noise."""
+Flags: TypeAlias = NDArray[np.bool_]  # (n,)
 
 
 class SensorRecords(NamedTuple):
@@ -174,3 +181,132 @@ def _at(truth: TrueMotion, lever_m: tuple[float, float, float]) -> Array:
 
 def _stamps(scenario: Scenario, rate_hz: float) -> Vector:
     return np.arange(math.floor(scenario.duration_s * rate_hz + 1e-9) + 1) / rate_hz
+
+
+def draw_noise(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
+    """Return noise of ``count`` records, (count, k), for the nominal covariance R: (k, k), or (count, k, k).
+
+    If the family is per scalar, each scalar draws its own mode, from the diagonal of R; else one for the record.
+    """
+    k = R.shape[-1]
+    if family.per_scalar:
+        axes = [slice(i, i + 1) for i in range(k)]
+        return np.column_stack([_draw_records(family, R[..., axis, axis], count, rng) for axis in axes])
+    return _draw_records(family, R, count, rng)
+
+
+def _draw_records(family: NoiseFamily, R: Array, count: int, rng: np.random.Generator) -> Array:
+    if isinstance(family, StudentT):  # the distribution itself; its modes are for filters
+        precision = rng.chisquare(family.dof, count) / family.dof
+        cov = R / precision[:, None, None]
+    elif R.ndim == 2:
+        noise = family.modes(R)
+        cov = noise.cov[rng.choice(len(noise.probabilities), size=count, p=noise.probabilities)]
+    else:
+        each = [family.modes(one) for one in R]
+        mode = rng.choice(len(each[0].probabilities), size=count, p=each[0].probabilities)
+        cov = np.stack([noise.cov[j] for noise, j in zip(each, mode, strict=True)])
+    # a symmetric root by eigenvalues, because a sensor without noise has no Cholesky root
+    value, vector = np.linalg.eigh(cov)
+    root = vector * np.sqrt(np.clip(value, 0, None))[:, None, :]
+    return np.einsum("nij,nj->ni", root, rng.standard_normal((count, R.shape[-1])))
+
+
+def correlated_error(error: CorrelatedError, time_s: Vector, axes: int, rng: np.random.Generator) -> Array:
+    """Return a stationary first-order Gauss-Markov process at the times, (n, axes), axes independent.
+
+    c_k+1 = phi c_k + sd sqrt(1 - phi^2) N(0, 1), phi = exp(-dt/T): exact for any intervals.
+    """
+    phi = np.exp(-np.diff(time_s, prepend=time_s[:1]) / error.time_constant_s)
+    drive = error.sd * rng.standard_normal((len(time_s), axes))
+    drive[1:] *= np.sqrt(1 - phi[1:, None] ** 2)
+    error_by_time, c = np.empty_like(drive), np.zeros(axes)
+    for k, step in enumerate(drive):
+        c = phi[k] * c + step
+        error_by_time[k] = c
+    return error_by_time
+
+
+def outlier_errors(outliers: Outliers, count: int, axes: int, rng: np.random.Generator) -> Array:
+    """Return what outliers add to the records, (count, axes): 0 for inliers, a random direction for outliers."""
+    affected = rng.random(count) < outliers.share
+    far = np.where(affected, rng.uniform(outliers.least, outliers.most, count), 0.0)
+    return far[:, None] * _directions(count, axes, rng)
+
+
+def multipath_errors(multipath: Multipath, time_s: Vector, duration_s: float, rng: np.random.Generator) -> Array:
+    """Return what multipath adds to the fixes, (n, 2): the same vector for all in a cluster, plus scatter.
+
+    Clusters are at the stated times and at random: a Poisson process with exponential durations.
+    """
+    clusters = list(multipath.clusters_s)
+    begin_s = rng.exponential(multipath.every_s) if multipath.every_s else np.inf
+    while begin_s < duration_s:
+        clusters.append((begin_s, begin_s + rng.exponential(multipath.lasts_s)))
+        begin_s += rng.exponential(multipath.every_s)
+    n = len(time_s)
+    affected, scatter = rng.random(n) < multipath.share, multipath.scatter_m * rng.standard_normal((n, 2))
+    far_m = rng.uniform(multipath.least_m, multipath.most_m, len(clusters))
+    direction = _directions(len(clusters), 2, rng)
+    error_m = np.zeros((n, 2))
+    for offset_m, cluster in zip(far_m[:, None] * direction, clusters, strict=True):
+        here = affected & in_intervals((cluster,), time_s)
+        error_m[here] = offset_m + scatter[here]
+    return error_m
+
+
+def in_intervals(intervals_s: Intervals, time_s: Vector) -> Flags:
+    """Return whether each time, (n,), is in one of the intervals [from, to)."""
+    inside = np.zeros(len(time_s), dtype=bool)
+    for start_s, end_s in intervals_s:
+        inside |= (time_s >= start_s) & (time_s < end_s)
+    return inside
+
+
+def _directions(count: int, axes: int, rng: np.random.Generator) -> Array:
+    """Return unit vectors, (count, 2), in any direction of the plane, or signs, (count, 1)."""
+    angle = rng.uniform(0, 2 * np.pi, count)
+    both = np.column_stack([np.cos(angle), np.sin(angle)])
+    return both if axes == 2 else np.where(angle < np.pi, 1.0, -1.0)[:, None]
+
+
+def simulate_survey(scenario: SurveyScenario, seed: int) -> UsblSurvey:
+    """Return the survey as its records hold it; time_s counts from the beginning of the course."""
+    rng = np.random.default_rng(seed)
+    late_s = scenario.true_values[LATENCIES]
+    spare_s = 2.0 + float(np.abs(late_s).max())
+    times_s = np.arange(spare_s, scenario.duration_s - spare_s, 1 / scenario.rate_hz)
+    nothing = np.zeros(len(times_s))
+    dense_s = np.arange(0.0, scenario.duration_s, 0.05)  # what is between is interpolated
+    exact = _motion(scenario, dense_s, dense_s, np.zeros(2))
+    true = UsblSurvey(times_s, nothing, np.zeros((len(times_s), 3)), nothing, exact)
+    values = scenario.true_values.copy()
+    values[LATENCIES] = 0.0
+    seen = seen_from_head(true, values)
+    range_m = np.linalg.norm(seen, axis=1)
+    line = seen / range_m[:, None]
+    range_m = range_m + scenario.range_sd_m * np.asarray(rng.standard_t(scenario.dof, len(line)))
+    outlier = rng.random(len(line)) < scenario.outlier_share
+    sd_deg = np.where(outlier, scenario.outlier_deg, scenario.angle_sd_deg)[:, None]
+    line = line + np.radians(sd_deg) * np.asarray(rng.standard_t(scenario.dof, (len(line), 3)))
+    line = line / np.linalg.norm(line, axis=1, keepdims=True)
+    position_s = np.arange(0.0, scenario.duration_s, 1 / scenario.position_rate_hz)
+    attitude_s = np.arange(0.0, scenario.duration_s, 1 / scenario.attitude_rate_hz)
+    ship = _motion(scenario, position_s, attitude_s, late_s)
+    recorded = ship_motion(
+        position_s,
+        ship.position_m + rng.normal(0, scenario.position_sd_m, ship.position_m.shape),
+        attitude_s,
+        ship.attitude_deg + rng.normal(0, scenario.attitude_sd_deg, ship.attitude_deg.shape),
+    )
+    return UsblSurvey(times_s, range_m, line, np.arctan2(line[:, 0], line[:, 1]), recorded)
+
+
+def _motion(scenario: SurveyScenario, position_s: Vector, attitude_s: Vector, late_s: Vector) -> ShipMotion:
+    """Return the ship's motion as exact records, (k,) and (m,), that attitude and position are late by, (2,)."""
+    valid_s = attitude_s - late_s[0]
+    pitch = scenario.pitch_deg * np.sin(2 * np.pi * valid_s / scenario.pitch_period_s)
+    roll = scenario.roll_deg * np.sin(2 * np.pi * valid_s / scenario.roll_period_s)
+    attitude = np.column_stack([heading_deg(leg_motion(scenario, valid_s).yaw_rad), pitch, roll])
+    positions = leg_motion(scenario, position_s - late_s[1]).position_m
+    return ship_motion(position_s, positions, attitude_s, attitude)

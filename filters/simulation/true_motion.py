@@ -6,12 +6,12 @@ water, its track and its velocity are over ground.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from usbldr.filters.frames import rotated
-from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion, Scenario
+from usbldr.filters.simulation.scenario import Leg, RandomWalkMotion, Scenario, SurveyScenario
 from usbldr.filters.types import Array, Vector
 
 
@@ -30,22 +30,7 @@ TrueTrack: TypeAlias = Callable[[Vector], TrueMotion]
 """From instants, (n,), to the truth there."""
 
 
-class Course(Protocol):
-    """A start and legs from there."""
-
-    @property
-    def legs(self) -> tuple[Leg, ...]: ...  # noqa: D102
-    @property
-    def yaw_rad(self) -> float: ...  # noqa: D102
-    @property
-    def east_m(self) -> float: ...  # noqa: D102
-    @property
-    def north_m(self) -> float: ...  # noqa: D102
-    @property
-    def current_mps(self) -> tuple[float, float]: ...  # noqa: D102
-
-
-def leg_motion(scenario: Course, time_s: Vector) -> TrueMotion:
+def leg_motion(scenario: Scenario | SurveyScenario, time_s: Vector) -> TrueMotion:
     """Return the truth at any instants, (n,), from the closed form of each leg, not by summing steps.
 
     Over t seconds at a constant turn rate r the chord is R(psi + r t/2) (u, v) t sinc(r t/2), with sinc(a) = sin a / a.

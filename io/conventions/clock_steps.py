@@ -1,7 +1,7 @@
 """Clocks that go back within a log, found in the order of the file, before anything is sorted. Integer nanoseconds.
 
 So is a lasting step forward by more than any log lasts (a clock that counted from its start until it was set), or
-of all sensors by more than this log lasts (clock_pauses.py). A lasting step back is that of a computer that started
+of all sensors by more than this log lasts (clock_parts.py). A lasting step back is that of a computer that started
 again, or whose clock was set; of a counter that is full and begins again it is put right. Single wrong times are
 counted.
 """

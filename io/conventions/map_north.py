@@ -10,7 +10,7 @@ import numpy as np
 
 from usbldr.filters.frames import convergence_rad, rotated
 from usbldr.filters.types import Array, Vector
-from usbldr.filters.windows import columns_at
+from usbldr.filters.windows import columns_at, integrated
 from usbldr.io.conventions.implausible import Records
 from usbldr.io.conventions.time_series import bracketing, unwrap
 from usbldr.io.log import Log
@@ -76,5 +76,4 @@ def _displacement_m(log: Log, headings: Records) -> tuple[Vector, Array]:
         return np.zeros(1), np.zeros((1, 2))
     clockwise = unwrap(np.radians(headings.values[:, 0]), 2 * np.pi)
     V = rotated(-np.interp(dvl.time_s, headings.time_s, clockwise), dvl.values)
-    moved = np.cumsum((V[1:] + V[:-1]) / 2 * np.diff(dvl.time_s)[:, None], axis=0)
-    return dvl.time_s[1:], moved
+    return dvl.time_s[1:], integrated(dvl.time_s, V)[1:]

@@ -11,6 +11,7 @@ import numpy as np
 from usbldr.filters.errors import SettingError
 from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Vector
+from usbldr.filters.windows import integrated
 from usbldr.io.conventions.attitude import along_level_axes
 from usbldr.io.conventions.compass import VERTICAL
 from usbldr.io.conventions.converted import ConvertedTable
@@ -83,7 +84,7 @@ def _log_odds(time_ns: Vector, ups_mps: Array, depth_m: Vector) -> float:
     t, ups, z = (time_ns[known][order] - time_ns[0]) / 1e9, ups_mps[known][order], depth_m[known][order]
     if len(t) < 2:
         return 0.0
-    risen = np.vstack([np.zeros((1, 2)), np.cumsum((ups[1:] + ups[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
+    risen = integrated(t, ups)
     broken = np.concatenate([[0], np.cumsum(np.diff(t) > LONGEST_GAP_S)])
     ends = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], STRETCH_S)))
     whole = np.diff(broken[ends]) == 0

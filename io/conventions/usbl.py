@@ -28,9 +28,8 @@ from usbldr.io.conventions.usbl_covariance import (
     stated_covariance,
     with_variance_floor,
 )
-from usbldr.io.conventions.usbl_head import UsblReference, rotated_clockwise, usbl_reference
+from usbldr.io.conventions.usbl_head import UsblReference, fix_times, moved_by_head_m, rotated_clockwise, usbl_reference
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_one, without_repeats
-from usbldr.io.conventions.usbl_travel import fix_times, moved_by_head_m
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
 from usbldr.io.messages.layouts import RawRecords

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from usbldr.filters.errors import SettingError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Mask, Vector
@@ -20,6 +21,7 @@ from usbldr.io.conventions.compass import compass as compass_records
 from usbldr.io.conventions.converted import ConvertedTable
 from usbldr.io.conventions.map_north import on_plane_north
 from usbldr.io.conventions.time_series import time_series
+from usbldr.io.conventions.timestamps import Times
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, to_plane
 from usbldr.io.messages.layouts import RawRecords
@@ -31,6 +33,7 @@ from usbldr.io.settings.sensor_sections import Beacon, CompassSection, GpsSectio
 SHIP, SHIP_HEADING = "ship", "ship's heading"  # roles of topics that the configuration names for the head
 SHIP_SD_M = 3.0  # of a ship's receiver that states none
 NO_ARM: LeverArm = (0.0, 0.0, 0.0)
+SOUND_SPEED_MPS = 1500.0  # fixed: of sea water at 13 °C; what USBL systems assume unless another is set
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,3 +217,49 @@ def _place(end: Head | Beacon, origin: Origin | None) -> tuple[float, float]:
     assert origin is not None, "a head or beacon with latitude and longitude gives the plane its origin"
     east, north = to_plane(origin, np.array([end.lat_deg], dtype=float), np.array([end.lon_deg], dtype=float))
     return float(east[0]), float(north[0])
+
+
+@dataclass(frozen=True, slots=True)
+class FixTimes:
+    """When the head and the vehicle were where n fixes say."""
+
+    times: Times  # its time_ns is when the vehicle was there
+    at_head_ns: Nanoseconds  # (n,) when the bearing was measured
+    asked_ns: Nanoseconds | None = None  # (n,) when the head sent; None: the fix is of one instant
+    slant_m: Vector | None = None  # (n,)
+    conventions: tuple[Convention, ...] = ()
+
+
+def fix_times(raw: RawRecords, kind: str, section: UsblSection, times: Times) -> FixTimes:
+    """Return the times of fixes by what their stamps are; raise SettingError if a reply has no range.
+
+    Of a fix whose stamp is the arrival of the reply at the head, the bearing is that of the arrival, and the range is
+    the mean of the ways out and back; the vehicle was there when it replied, range / sound speed before. See H. Medwin
+    and C. Clay, "Fundamentals of Acoustical Oceanography", 1998, section 1.2, for the speed.
+    """
+    if section.stamped_at != "reply":
+        return FixTimes(times, times.time_ns)
+    if kind == "latlon" or section.head is None or section.relative_to == "map":
+        raise SettingError('[usbl] stamped_at = "reply" needs fixes that count from a head; state head')
+    offset = [raw.number("slant_range_m")] if kind == "range_bearing" else [np.nan_to_num(raw.number(c)) for c in "xyz"]
+    slant_m = np.nan_to_num(np.sqrt(sum(part**2 for part in offset))) * section.sound_speed_scale
+    speed = section.sound_speed_mps or SOUND_SPEED_MPS
+    way_ns = np.rint(1e9 * slant_m / speed).astype(np.int64)
+    asked_ns = times.time_ns - 2 * way_ns - round(1e9 * section.turnaround_s)
+    chosen_by = "default" if section.sound_speed_mps is None else "configuration"
+    chosen = (
+        Convention("stamped_at", "reply", "configuration", note=f"one way {np.median(way_ns) / 1e9:.3f} s, median"),
+        Convention("sound_speed_mps", speed, chosen_by, "m/s"),
+        Convention("turnaround_s", section.turnaround_s, "configuration" if section.turnaround_s else "default", "s"),
+    )
+    return FixTimes(replace(times, time_ns=times.time_ns - way_ns), times.time_ns, asked_ns, slant_m, chosen)
+
+
+def moved_by_head_m(away_m: Array, slant_m: Vector, gone_m: Array) -> Array:
+    """Return by how much positions are too far, (n, 2): the head went ``gone_m`` (n, 2) between question and reply.
+
+    ``away_m`` (n, 2) points from the head, when it received the reply, to the position. The way out was longer by the
+    part of ``gone_m`` along the line of sight, and the range is the mean of both ways.
+    """
+    along = np.divide(away_m, slant_m[:, None], out=np.zeros_like(away_m), where=slant_m[:, None] > 0)
+    return along * np.nan_to_num(np.sum(along * gone_m, axis=1, keepdims=True)) / 2

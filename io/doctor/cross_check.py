@@ -17,20 +17,20 @@ from usbldr.filters.frames import rotated, wrapped
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.doctor.clock_steps import clock_step_findings
-from usbldr.io.doctor.fix_noise import fix_noise_findings
+from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
 from usbldr.io.doctor.gross_errors import (
     clock_offset_findings,
+    clock_step_findings,
     correct_clock_offset,
     correct_velocity_unit,
     heading_unit_findings,
+    single_error_findings,
+    single_errors,
     velocity_unit_findings,
 )
 from usbldr.io.doctor.interpretations import HandednessEvidence, InterpretationResult, compare_interpretations, flipped
 from usbldr.io.doctor.message_evidence import message_evidence
-from usbldr.io.doctor.motion import motion_findings
 from usbldr.io.doctor.sensor_errors import change_findings, false_fix_findings, log_odds_text, sensor_error_findings
-from usbldr.io.doctor.single_errors import single_error_findings, single_errors
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log

@@ -15,7 +15,7 @@ from usbldr.filters.types import Timeline, Vector
 from usbldr.io.conventions.dvl_depth import dvl
 from usbldr.io.conventions.sanity import underwater_findings
 from usbldr.io.doctor.cross_check import CrossCheck, cross_check, moves_alike
-from usbldr.io.doctor.fix_vertical import vertical_findings
+from usbldr.io.doctor.head_calibration import vertical_findings
 from usbldr.io.doctor.interpretations import HandednessEvidence, recorded_value
 from usbldr.io.doctor.message_evidence import RAW_FIELDS, message_evidence
 from usbldr.io.doctor.thresholds import THRESHOLDS

@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from usbldr.filters.identification.dr_usbl_fit import Points, as_points
+from usbldr.filters.identification.dr_usbl_fit import RAYLEIGH_MEDIAN, Points, as_points
 from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.draft import WHY_HEAD, Draft
@@ -33,7 +33,6 @@ from usbldr.io.tables.text_table import listed
 
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
 MAX_TOPICS = 20  # of those that no sensor uses
-RAYLEIGH_MEDIAN = 1.1774  # fixed: median of a Rayleigh distribution
 
 COLUMNS = {
     "dvl": 'x = "?", y = "?"',

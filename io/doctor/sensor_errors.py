@@ -13,8 +13,9 @@ import numpy as np
 
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
 from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
-from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
+from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
 from usbldr.filters.types import Array, Timeline
+from usbldr.filters.windows import columns_at
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -56,7 +57,7 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
 
 def _off_m(timeline: Timeline) -> Array:
     """Return the fixes minus dead reckoning, (F, 2)."""
-    return timeline.fix_m - interpolate(timeline, displacement_m(timeline), timeline.fix_time_s)
+    return timeline.fix_m - columns_at(timeline.fix_time_s, timeline.time_s, displacement_m(timeline))
 
 
 def false_fix_findings(log: Log, found: Identification) -> list[Finding]:

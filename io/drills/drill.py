@@ -1,6 +1,6 @@
 """A drill: a log with one or several faults put into its records."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,40 @@ from usbldr.io.drills.effects import EFFECTS, Damage
 from usbldr.io.drills.fault_text import Fault
 from usbldr.io.drills.kinds import KINDS
 from usbldr.io.log import Log, missing_sensor_text
+
+FALSE_FIXES = ("FALSE-FIXES", "USBL-OUTLIERS")
+WRONG_CLOCKS: Mapping[str, tuple[str, ...]] = {
+    "usbl": ("USBL-LATENCY", "CLOCK-OFFSET", "LEVER-OR-LATENCY"),
+    "compass": ("COMPASS-CLOCK", "CLOCK-OFFSET"),
+    "dvl": ("DVL-CLOCK", "CLOCK-OFFSET"),
+}
+FALSE_RECORDS: Mapping[str, tuple[str, ...]] = {
+    "usbl": FALSE_FIXES,
+    "compass": ("SPIKES", "HEADING-JUMP"),
+    "dvl": ("SPIKES", "DVL-JUMP"),
+}
+NAMED_BY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "sd": {"usbl": ("USBL-NOISE",), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
+    "scale": {"dvl": ("DVL-SCALE", "DVL-UNIT", "SENSOR-CHANGE")},
+    "bias": {
+        "compass": ("DVL-MOUNT", "HEADING-BIAS", "HEADING-JUMP", "SENSOR-CHANGE"),
+        "dvl": ("DVL-JUMP",),
+        "usbl": FALSE_FIXES,
+    },
+    "drift": {"compass": ("DVL-MOUNT", "HEADING-BIAS", "SENSOR-CHANGE"), "usbl": FALSE_FIXES},
+    "lever": {"dvl": ("DVL-LEVER", "LEVER-OR-LATENCY"), "usbl": ("DVL-LEVER", "LEVER-OR-LATENCY")},
+    "scatter": {"usbl": ("USBL-NOISE", *FALSE_FIXES), "compass": ("NOISE-LARGER",), "dvl": ("NOISE-LARGER",)},
+    "spike": FALSE_RECORDS,
+    "outlier": FALSE_RECORDS,
+    "cluster": {"usbl": FALSE_FIXES},
+    "stuck": {"usbl": ("USBL-REPEATED", *FALSE_FIXES), "compass": ("STUCK",), "dvl": ("STUCK",)},
+    "zero": {"dvl": ("DVL-ZERO",)},
+    "drop": {"dvl": ("OUTAGE", "LOST-LOCK"), "compass": ("OUTAGE",), "usbl": ("OUTAGE",)},
+    "latency": WRONG_CLOCKS,
+    "clock": WRONG_CLOCKS,
+}
+"""By kind and sensor; docs/findings.md explains each code."""
+UNNAMED = ("thin",)  # fewer records are no fault of a record
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,3 +124,17 @@ def _inside(time_s: Vector, spans: Sequence[TimeWindow]) -> tuple[Mask, Vector]:
         grown[mine] = (time_s[mine] - start_s) / max(last_s - start_s, 1e-9)
         inside |= mine
     return inside, grown
+
+
+def is_named(drill: Drill, codes: Collection[str], usual: Collection[str] = ()) -> bool | None:
+    """Return whether findings name every fault of a drill, given the codes with the faults and without them.
+
+    None if there is nothing to be named, or if a code that would name a fault is reported without the faults, too.
+    """
+    faults = [
+        set(NAMED_BY.get(fault.kind, {}).get(fault.sensor, ())) for fault in drill.faults if fault.kind not in UNNAMED
+    ]
+    unnamed = [mine for mine in faults if not mine & (set(codes) - set(usual))]
+    if not faults or any(mine & set(usual) for mine in unnamed):
+        return None
+    return not unnamed

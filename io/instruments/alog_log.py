@@ -17,7 +17,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
-from usbldr.io.decoding.decoder_set import LOG_FIELDS, DecoderSet
+from usbldr.io.decoding.decoders import LOG_FIELDS, DecoderSet
 from usbldr.io.file_access.open_file import cut_line, head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic

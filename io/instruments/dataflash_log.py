@@ -17,7 +17,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
-from usbldr.io.decoding.decoder_set import DecoderSet
+from usbldr.io.decoding.decoders import DecoderSet
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.file_access.optional_library import library
 from usbldr.io.findings import Finding

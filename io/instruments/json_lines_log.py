@@ -18,8 +18,7 @@ import numpy as np
 
 from usbldr.io.decoding.collected import CollectedRecords
 from usbldr.io.decoding.columns import counted
-from usbldr.io.decoding.decoder_set import DecoderSet
-from usbldr.io.decoding.decoders import Stream, decode_blocks, json_decoder
+from usbldr.io.decoding.decoders import DecoderSet, Stream, decode_blocks, json_decoder
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.file_access.open_file import head_lines, is_damaged, text_lines
 from usbldr.io.findings import Finding

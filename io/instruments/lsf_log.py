@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usbldr.io.decoding.columns import counted
-from usbldr.io.decoding.decoder_set import DecoderSet
+from usbldr.io.decoding.decoders import DecoderSet
 from usbldr.io.file_access.open_file import mapped
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.imc_definitions import Definition, definitions_beside

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from usbldr.io.decoding.columns import counted
-from usbldr.io.decoding.decoder_set import DecoderSet
+from usbldr.io.decoding.decoders import DecoderSet
 from usbldr.io.file_access.open_file import begin_of
 from usbldr.io.file_access.optional_library import library
 from usbldr.io.findings import Finding

@@ -20,7 +20,7 @@ from usbldr.io.log import Log
 from usbldr.io.messages.roles import find_topic, topic_named
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, open_configured
-from usbldr.io.reading.recorded_positions import only_positions, raw_positions
+from usbldr.io.reading.truth import only_positions, raw_positions
 from usbldr.io.settings.sensor_sections import TruthSection
 
 COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")

@@ -19,14 +19,12 @@ from usbldr.io.instruments.nmea_log import carried_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.messages.roles import ROLES
 from usbldr.io.reader import NamedColumns, Reader
-from usbldr.io.recordings.dated_log import with_dates
 from usbldr.io.recordings.joined import UNDATED, JoinedLog, LogPart
-from usbldr.io.recordings.parts_log import with_parts
+from usbldr.io.recordings.parts_log import with_dates, with_parts
 from usbldr.io.settings.auv_nav import auv_nav_content, is_auv_nav
-from usbldr.io.settings.configuration import find_configuration, parse_configuration
+from usbldr.io.settings.configuration import find_configuration, parse_configuration, with_set_keys
 from usbldr.io.settings.layout_files import LayoutFile, layout_files
 from usbldr.io.settings.sensor_sections import Configuration, FileSection
-from usbldr.io.settings.set_keys import with_set_keys
 from usbldr.io.settings.validation import read_document
 from usbldr.io.stages import say, stage
 from usbldr.io.tables.parquet_tables import is_parted

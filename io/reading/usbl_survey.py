@@ -18,9 +18,8 @@ from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.time_series import TimeSeries, time_series
 from usbldr.io.conventions.timestamps import align_clocks, times_of
 from usbldr.io.conventions.usbl import along_axes
-from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, gyro_section, ship_choices
+from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, fix_times, gyro_section, ship_choices
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_one, without_repeats
-from usbldr.io.conventions.usbl_travel import fix_times
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords

@@ -8,14 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.io.decoding.decoder_set import DecoderSet
-from usbldr.io.decoding.decoders import Stream, StreamMessage, TopicType, decode_blocks
+from usbldr.io.decoding.decoders import DecoderSet, Stream, StreamMessage, TopicType, decode_blocks
 from usbldr.io.file_access.decompression import unread_text
 from usbldr.io.file_access.open_file import opened
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Records, TopicInfo, name_of, utc
-from usbldr.io.recordings.bag_fields import Connection
-from usbldr.io.recordings.bag_records import BagScan
+from usbldr.io.recordings.bag_records import BagScan, Connection
 from usbldr.io.recordings.counts import count_findings, lost_messages
 
 

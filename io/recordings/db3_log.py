@@ -15,9 +15,9 @@ from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 from usbldr.filters.errors import LogError
-from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
+    DecoderSet,
     Stream,
     StreamMessage,
     TopicType,

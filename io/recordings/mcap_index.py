@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from usbldr.io.file_access.container_ends import CHECKSUM_BYTES, MCAP, MCAP_FOOTER, MCAP_HEAD, summary_ends_file
 from usbldr.io.file_access.file_view import FileView
-from usbldr.io.recordings.mcap_chunks import DAMAGE, ChunkReader, crc32
+from usbldr.io.recordings.mcap_records import DAMAGE, ChunkReader, crc32
 
 Entries: TypeAlias = NDArray[np.uint64]  # (n, 2): log time, place of the message's record in the decompressed chunk
 MESSAGE = np.dtype(

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
-from usbldr.io.decoding.decoder_set import DecoderSet
 from usbldr.io.decoding.decoders import (
     Decoder,
+    DecoderSet,
     Stream,
     TopicType,
     chosen_streams,

@@ -1,4 +1,4 @@
-"""Tables that follow each other as parts of one topic, as a logger leaves them that begins new files."""
+"""Tables that are parts of one dive: those that follow each other as one topic, and times without a date."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -7,14 +7,21 @@ from itertools import pairwise
 from usbldr.filters.errors import listed
 from usbldr.io.findings import Finding
 from usbldr.io.messages.topic_names import NO_SENSOR, names_ship, without_numbers
-from usbldr.io.reader import Reader, Records, TopicInfo
+from usbldr.io.reader import Reader, Records, TopicInfo, utc
+from usbldr.io.recordings.joined import UNDATED, JoinedLog, LogPart
 
 MOST_OVERLAP = 0.2  # [-] of the shorter part, by judgement: two loggers beside each other overlap by more
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
+DAY_NS = 86_400_000_000_000  # fixed
+MAX_NAMES = 20  # of topics in a sentence
+NEAR_NS = 3_600_000_000_000  # [ns] an hour, by judgement: sensors of one dive are not so long apart
 
 
 class PartsLog:
-    """A log, some of whose topics are read as one: the first, with the records of those that follow it."""
+    """A log, some of whose topics are read as one: the first, with the records of those that follow it.
+
+    A logger leaves such topics if it begins new files.
+    """
 
     def __init__(self, whole: Reader, followers: Mapping[str, Sequence[str]]) -> None:
         """Take the log, and by the first topic the others, in order of time."""
@@ -92,3 +99,39 @@ def _follow(*topics: TopicInfo) -> bool:
         -MOST_OVERLAP * min(one[1] - one[0], other[1] - other[0]) <= other[0] - one[1] <= LONGEST_PAUSE_S
         for one, other in pairwise(spans_s)
     )
+
+
+def with_dates(log: Reader, units_ns: Mapping[str, int]) -> Reader:
+    """Return the log with times without a date beside the others; as it is if these are far, or fit several days.
+
+    Times of day are moved by whole days to where the others are. These have dates, or all are without: then they begin
+    in the evening of 1970-01-01, before a midnight.
+    """
+    spans = {one.name: (one.first_ns, one.last_ns or 0) for one in log.topics() if one.first_ns is not None}
+    if not any(finding.code in UNDATED for finding in log.findings()):
+        return log
+    undated = {name: span for name, span in spans.items() if span[0] < 2 * DAY_NS}
+    dated = spans.keys() - undated.keys()
+    fixed = dated or {name for name, (first, _) in undated.items() if first >= DAY_NS // 2}
+    if not fixed:
+        return log
+    begin, end = min(spans[name][0] for name in fixed), max(spans[name][1] for name in fixed)
+    days = {name: _days(*span, begin, end) for name, span in undated.items() if name not in fixed}
+    if dated and None in days.values():
+        return log  # some would have no date
+    later_ns = {name: count * DAY_NS for name, count in days.items() if count}
+    if not later_ns:
+        return log
+    first = f"the first day is {utc(min(later_ns.values()))[:10]}, as of the others"
+    text = f"{listed(list(later_ns), MAX_NAMES)}: the times have no date; {first}"
+    findings = (Finding("DATE-OF-OTHERS", text),) if dated else ()
+    part = LogPart(log, dated=bool(dated), later_ns=later_ns)
+    return JoinedLog(log.path, (part,), findings, time_units_ns=units_ns, kind=log.format)
+
+
+def _days(first_ns: int, last_ns: int, begin_ns: int, end_ns: int) -> int | None:
+    """Return by how many days a span has to be moved to overlap another, or to be near it; None if that is unknown."""
+    first, last = (begin_ns - last_ns) // DAY_NS, (end_ns - first_ns) // DAY_NS + 1
+    apart = {k: max(begin_ns - last_ns - k * DAY_NS, first_ns + k * DAY_NS - end_ns) for k in range(first, last + 1)}
+    fitting = [k for k, ns in apart.items() if ns <= 0] or [k for k, ns in apart.items() if ns < NEAR_NS]
+    return fitting[0] if len(fitting) == 1 else None

@@ -20,8 +20,7 @@ from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
-from usbldr.io.reports.poses import column_at, pose_table
-from usbldr.io.reports.run import Run
+from usbldr.io.reports.run import Run, column_at, pose_table
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import made_by, provenance_content
 from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum

@@ -15,8 +15,7 @@ from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.estimate_text import in_unit, with_sigma
 from usbldr.io.reports.health_text import fix_text, health_lines
-from usbldr.io.reports.markdown_report import markdown
-from usbldr.io.reports.page import Code, Labelled, Page, Picture, Plot, Section, bullets, labelled
+from usbldr.io.reports.page import Code, Labelled, Page, Picture, Plot, Section, bullets, labelled, markdown
 from usbldr.io.reports.report_text import (
     INFLUENCE,
     LEAVE_ONE_OUT_NOTE,

@@ -8,8 +8,17 @@ from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta
 
-from usbldr.io.settings.limits import Lever, NotNegative, Positive
-from usbldr.io.settings.noise_sections import CompassNoise, DvlNoise, ProcessSection, Section, StartSection, UsblNoise
+from usbldr.io.settings.noise_sections import (
+    CompassNoise,
+    DvlNoise,
+    Lever,
+    NotNegative,
+    Positive,
+    ProcessSection,
+    Section,
+    StartSection,
+    UsblNoise,
+)
 
 Part: TypeAlias = Annotated[float, Meta(ge=0, lt=1)]
 Pair: TypeAlias = tuple[float, float]
@@ -21,12 +30,17 @@ SPANS = ("silences_s", "water_track_s", "clusters_s", "outlier_mps", "outlier_de
 MAX_RECORDS = 10_000_000  # records of a sensor in a dive: three weeks at 5 Hz
 
 
-class VehicleSection(Section, frozen=True, kw_only=True):
-    """The initial state of the dive."""
+class HeadPlaceSection(Section, frozen=True, kw_only=True):
+    """The fixed end of the acoustic line of sight."""
 
     east_m: float = 0.0
     north_m: float = 0.0
     depth_m: NotNegative = 0.0
+
+
+class VehicleSection(HeadPlaceSection, frozen=True, kw_only=True):
+    """The initial state of the dive."""
+
     heading_deg: float = 0.0
 
 
@@ -102,14 +116,6 @@ class CompassSensor(SensorSection, frozen=True, kw_only=True):
     outlier_deg: tuple[NotNegative, NotNegative] = (10.0, 90.0)
     assumed_sd_deg: Positive | None = None
     assumed_noise: CompassNoise | None = None
-
-
-class HeadPlaceSection(Section, frozen=True, kw_only=True):
-    """The fixed end of the acoustic line of sight."""
-
-    east_m: float = 0.0
-    north_m: float = 0.0
-    depth_m: NotNegative = 0.0
 
 
 class MultipathSection(Section, frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ from usbldr.io.log import COLUMNS, Log
 from usbldr.io.provenance import Convention, Provenance
 from usbldr.io.reader import Column
 from usbldr.io.settings.toml_text import noise_text, shortest_degrees, stated, toml_text
-from usbldr.io.writers.write_log import WRITTEN_BY
+from usbldr.io.writers.write_log import WRITTEN_BY, conventions_of, log_format_of, write_log_atomically, write_records
 
 Quantity = TypeVar("Quantity")
 START_NS = 1_767_225_600_000_000_000  # fixed: 2026-01-01T00:00:00Z, so that the same seed gives the same bytes
@@ -169,3 +169,21 @@ def _digest(tables: Mapping[str, pd.DataFrame]) -> str:
         for column in table:
             digest.update(table[column].to_numpy().tobytes())
     return digest.hexdigest()
+
+
+def write_scenario(
+    scenario: Scenario, seed: int, out: Path, force: bool = False, stated: str | None = None
+) -> tuple[Log, Path]:
+    """Write to ``out``, in the stated format or that of its name; return the log and the configuration's path.
+
+    Raises UsageError as write_log_atomically does.
+    """
+    form = log_format_of(out, stated)
+    log = simulated_log(scenario, seed)
+    remarks = {"scenario": scenario.name, "seed": str(seed)}
+    configuration = configuration_text(scenario, seed, conventions_of(log, form, exported=False))
+
+    def make(target: Path) -> None:
+        write_records(log, target, form, remarks, exported=False)
+
+    return log, write_log_atomically(out, form, configuration, make, force)

@@ -8,14 +8,14 @@ import pandas as pd
 from msgspec import Meta
 from msgspec.structs import asdict, astuple
 
-from usbldr.filters.simulation.usbl_survey import SurveyScenario, simulate_survey
+from usbldr.filters.simulation.scenario import SurveyScenario
+from usbldr.filters.simulation.simulate import simulate_survey
 from usbldr.filters.usbl_survey.geometry import UsblSurvey
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.scenarios.sections import LegSection, Part
 from usbldr.io.scenarios.shipped import file_of, legs_of, made, names_in, yaw_rad
 from usbldr.io.scenarios.simulated_log import ORIGIN, START_NS
-from usbldr.io.settings.limits import NotNegative, Positive
-from usbldr.io.settings.noise_sections import Section
+from usbldr.io.settings.noise_sections import NotNegative, Positive, Section
 from usbldr.io.settings.toml_text import toml_text
 from usbldr.io.settings.validation import checked, read_document
 from usbldr.io.writers.write_log import WRITTEN_BY, write_log_atomically

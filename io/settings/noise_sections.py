@@ -8,19 +8,24 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypeVar, Union, cast
 
-from msgspec import Struct, defstruct
+from msgspec import Meta, Struct, defstruct
 
 from usbldr.filters.models.calibration import AUTO, STATES
 from usbldr.filters.models.noise import FAMILIES, NoiseFamily
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors, Start
-from usbldr.filters.models.quantities import SENSOR_UNITS, quantities
-from usbldr.io.settings.limits import meta
+from usbldr.filters.models.quantities import METRES, SD, SECONDS, SENSOR_UNITS, SPREAD, Limits, quantities
 
 Model = TypeVar("Model")
 
 
 class Section(Struct, frozen=True):
     """A table of the file. Unlisted keys are refused."""
+
+
+def meta(limits: Limits) -> Meta:
+    """Return declared limits as msgspec's constraint."""
+    least, most, above = limits
+    return Meta(gt=least, le=most) if above else Meta(ge=least, le=most)
 
 
 def section_of(owner: type, sensor: str = "", kind: str | None = None, **others: tuple[Any, Any]) -> type[Section]:
@@ -78,3 +83,24 @@ else:
     ProcessSection = section_of(ProcessNoise)
     CalibrateSection = section_of(SensorErrors, states=(Literal["auto"] | tuple[Literal[tuple(STATES)], ...], "auto"))
     StartSection = section_of(Start)
+
+
+Positive: TypeAlias = Annotated[float, Meta(gt=0)]
+NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
+Factor: TypeAlias = Annotated[float, Meta(ge=1e-3, le=1e3)]
+Degrees: TypeAlias = Annotated[float, Meta(ge=-360, le=360)]
+Latitude: TypeAlias = Annotated[float, Meta(ge=-90, le=90)]
+Longitude: TypeAlias = Annotated[float, Meta(ge=-180, le=360)]
+Deviation: TypeAlias = Annotated[float, Meta(ge=-30, le=30)]  # degrees; beyond, the heading is ambiguous
+ClockStep: TypeAlias = Annotated[float, Meta(ge=0, le=86400)]  # seconds; a clock that went back has parts
+Latency: TypeAlias = Annotated[float, Meta(ge=-86400, le=86400)]  # seconds
+Gap: TypeAlias = Annotated[float, meta(SECONDS)]  # seconds
+Metres: TypeAlias = Annotated[float, meta(METRES)]  # on the local plane, which is much smaller
+Depth: TypeAlias = Annotated[float, Meta(ge=-12000, le=12000)]  # metres, down
+Arm: TypeAlias = Annotated[float, Meta(ge=-1000, le=1000)]  # metres
+Lever: TypeAlias = tuple[Arm, Arm, Arm]  # starboard, forward, up
+SdMetres: TypeAlias = Annotated[float, meta(SD["m"])]
+SdDegrees: TypeAlias = Annotated[float, meta(SD["deg"])]
+SdSpeed: TypeAlias = Annotated[float, meta(SD["mps"])]  # m/s
+SpreadMetres: TypeAlias = Annotated[float, meta(SPREAD["m"])]  # of values that may have none
+SpreadDegrees: TypeAlias = Annotated[float, meta(SPREAD["deg"])]

@@ -20,7 +20,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.filters.evaluation.metrics import Direction
 from usbldr.filters.evaluation.seed_statistics import DIVERGED_SHARE
-from usbldr.io.settings.limits import NotNegative
+from usbldr.io.settings.noise_sections import NotNegative
 from usbldr.io.settings.validation import checked, read_document, read_text
 
 Option: TypeAlias = str | int | float | list[str]

@@ -10,11 +10,14 @@ from typing import Annotated, Literal, TypeAlias
 from msgspec import Meta
 
 from usbldr.io.axes import axis_signs
-from usbldr.io.settings.limits import (
+from usbldr.io.settings.noise_sections import (
+    CalibrateSection,
     ClockStep,
+    CompassNoise,
     Degrees,
     Depth,
     Deviation,
+    DvlNoise,
     Factor,
     Gap,
     Latency,
@@ -22,18 +25,13 @@ from usbldr.io.settings.limits import (
     Lever,
     Longitude,
     Metres,
+    ProcessSection,
     SdDegrees,
     SdMetres,
     SdSpeed,
+    Section,
     SpreadDegrees,
     SpreadMetres,
-)
-from usbldr.io.settings.noise_sections import (
-    CalibrateSection,
-    CompassNoise,
-    DvlNoise,
-    ProcessSection,
-    Section,
     StartSection,
     UsblNoise,
 )

@@ -14,8 +14,8 @@ from commands import output_of, report_of
 from recordings import saved
 from usbldr.io.reports.locate import read_smoothed_run
 from usbldr.io.reports.run import ScoredTrack
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import write_scenario
 
 
 def numbers(metrics: Mapping[str, float | None]) -> dict[str, float]:

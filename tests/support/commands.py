@@ -16,8 +16,8 @@ from click import ClickException, Command, Context
 from click.testing import CliRunner, Result
 
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import write_scenario
 from usbldr_cli.main import cli, one_line
 
 USBLDR = [sys.executable, "-c", "from usbldr_cli.main import main; main()"]

@@ -13,7 +13,7 @@ import pytest
 
 from commands import output_of, run
 from usbldr.filters.errors import UsbldrError
-from usbldr.io.doctor import motion
+from usbldr.io.doctor import fix_noise
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.doctor.interpretations import compare_interpretations
 from usbldr.io.reading.epochs import timeline
@@ -292,9 +292,9 @@ def test_a_truth_is_not_judged_by_fixes_that_mostly_contradict_dead_reckoning(ed
     log = read_log(edited("", usbl=in_degrees, gps=circling))
     of_fixes: Any = compare_interpretations(log, timeline(log))
     shares = iter([0.4, median, 0.9])  # of a quarter and of half of the fixes, and of the truth
-    monkeypatch.setattr(motion, "unexplained_share", lambda *_: next(shares))
+    monkeypatch.setattr(fix_noise, "unexplained_share", lambda *_: next(shares))
 
-    assert [one.code for one in motion.motion_findings(log, timeline(log), of_fixes)] == ["TRUTH-MOTION"] * judged
+    assert [one.code for one in fix_noise.motion_findings(log, timeline(log), of_fixes)] == ["TRUTH-MOTION"] * judged
 
 
 def circling(table: pd.DataFrame) -> pd.DataFrame:

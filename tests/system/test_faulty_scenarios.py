@@ -14,9 +14,8 @@ from usbldr.filters.simulation.scenario import Accuracy, Compass, Dvl, Gps, Timi
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.reading.read import read_log
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log
+from usbldr.io.scenarios.simulated_log import START_NS, configuration_text, simulated_log, write_scenario
 
 PAPER = find_scenario("paper")
 TIMINGS = {"compass": SCENARIO.dvl.timing, "usbl": SCENARIO.dvl.timing, "gps": Timing(clock_offset_s=0.25)}

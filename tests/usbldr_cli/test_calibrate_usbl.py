@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from checkout import SAMPLES
 from commands import findings, output_of, report_of, run
-from usbldr.filters.simulation.usbl_survey import simulate_survey
+from usbldr.filters.simulation.simulate import simulate_survey
 from usbldr.filters.usbl_survey.calibration import calibrated, known_of
 from usbldr.filters.usbl_survey.geometry import NAMES
 from usbldr.io.reading.opening import Request

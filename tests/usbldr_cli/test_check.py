@@ -19,7 +19,7 @@ from commands import findings, finished, report_of, spoil, write_short
 from usbldr.filters.estimators import compiled
 from usbldr.filters.kernel import Kernel
 from usbldr.filters.models.motion import PositionIncrement
-from usbldr.io.reports.markdown_report import markdown
+from usbldr.io.reports.page import markdown
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline
 from usbldr_cli.runs.baseline_rows import stated_options
 from usbldr_cli.tables.check_verdicts import CheckedRow, MetricChange, compare_metric, page, summary, table

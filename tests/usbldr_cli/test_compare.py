@@ -23,8 +23,7 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs.executors import LocalProcesses
-from usbldr_cli.runs.jobs import relevant_choices
-from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.jobs import relevant_choices, run_jobs
 from usbldr_cli.runs.workers import Job
 
 CHOICES = RunChoices(10, None, 0, None, None, "none", "start", 5.0, 1.0)

@@ -9,22 +9,11 @@ from matplotlib.collections import LineCollection
 from usbldr.filters.evaluation.consistency import DOF, nees
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.io.reports.run import Run
+from usbldr_cli.figures import style
 from usbldr_cli.figures.health import BINS, bin_means, draw_bounds, mean_bounds
 from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.plane import Plane, frame_plane, plane_of, sigma_ellipses, usual_box
-from usbldr_cli.figures.style import (
-    TRUTH_COLOUR,
-    Axes,
-    Figure,
-    broken_at_gaps,
-    colour,
-    legend_below,
-    logarithmic,
-    longest_step_s,
-    run_figure,
-    shade_outages,
-    time_axis,
-)
+from usbldr_cli.figures.style import Axes, Figure
 
 ELLIPSES = 25  # along the track: more would cover each other
 VISIBLE = 0.02  # of the track's extent: smaller ellipses are drawn larger, and the title says how much
@@ -38,11 +27,11 @@ def consistency_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None or report.cov_m2 is None or report.nees is None:
         return None
-    figure = run_figure(run, "Errors and their covariance", 13, 5.6)
+    figure = style.run_figure(run, "Errors and their covariance", 13, 5.6)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
     _draw_coloured(figure, left, report)
     _draw_nees(right, run, report)
-    legend_below(figure, (right,), 8)
+    style.legend_below(figure, (right,), 8)
     return figure
 
 
@@ -52,7 +41,9 @@ def _draw_coloured(figure: Figure, axes: Axes, report: ErrorReport) -> None:
     error_m = report.horizontal_m
     place_m = np.column_stack([plane.points(report.estimate_m), error_m])
     every = math.ceil(len(error_m) / SEGMENTS)
-    _, line = broken_at_gaps(report.time_s[::every], place_m[::every], every * longest_step_s(report))
+    _, line = style.broken_at_gaps(
+        report.time_s[::every], place_m[::every], every * style.longest_step_s(report.time_s)
+    )
     segments = np.stack([line[:-1, :2], line[1:, :2]], axis=1)
     whole = np.isfinite(segments).all(axis=(1, 2))
     drawn: Any = LineCollection(list(segments[whole]), linewidths=2.5, zorder=3, cmap="viridis_r")
@@ -82,7 +73,7 @@ def _draw_ellipses(axes: Axes, report: ErrorReport, plane: Plane) -> int:
     scale = next((one for one in SCALES if one * usual_m >= least_m), SCALES[-1])
     outlines = sigma_ellipses(report.estimate_m[rows], cov_m2, 2.0 * scale)
     lines = [plane.points(outline) for outline in outlines]
-    axes.add_collection(LineCollection(lines, colors=colour(report.method), linewidths=0.8, alpha=0.8, zorder=2))
+    axes.add_collection(LineCollection(lines, colors=style.colour(report.method), linewidths=0.8, alpha=0.8, zorder=2))
     return scale
 
 
@@ -90,8 +81,8 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     """Draw NEES faintly, its mean over a sixtieth of the run, and the bounds of that mean."""
     assert report.cov_m2 is not None
     assert report.nees is not None
-    shade_outages(axes, run)
-    t, mine = report.time_s, colour(report.method)
+    style.shade_outages(axes, run)
+    t, mine = report.time_s, style.colour(report.method)
     values = nees(report.error_m, report.cov_m2 + report.truth_cov_m2)
     edges = np.linspace(float(t[0]), float(t[-1]), min(BINS, max(1, len(t) // 10)) + 1)
     bins = bin_means(t, values, edges)
@@ -99,15 +90,15 @@ def _draw_nees(axes: Axes, run: Run, report: ErrorReport) -> None:
     low, high = mean_bounds(independent, DOF)
     mean_s = edges[1] - edges[0]
     bottom, top = 0.01 * DOF, max(20.0 * DOF, 1.5 * float(np.nanmax(bins[:, 1])))
-    style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "alpha": 0.3, "label": "NEES of an epoch"}
-    plot_inside(axes, t, values, (bottom, top), color=mine, **style)
+    look: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "alpha": 0.3, "label": "NEES of an epoch"}
+    plot_inside(axes, t, values, (bottom, top), color=mine, **look)
     draw_bounds(axes, edges, (low, high), f"95 % bounds of {mean_s:.0f} s means if the covariance is right")
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3, label=f"mean of {mean_s:.0f} s")
-    axes.axhline(DOF, color=TRUTH_COLOUR, lw=0.8)
-    logarithmic(axes)
+    axes.axhline(DOF, color=style.TRUTH_COLOUR, lw=0.8)
+    style.logarithmic(axes)
     axes.set_ylim(bottom, top)
     axes.set_ylabel("NEES, position")
-    time_axis(axes, t)
+    style.time_axis(axes, t)
     found = report.nees
     bounds = f"95 % bounds of the whole run {found.low:.2f} to {found.high:.2f}"
     axes.set_title(f"NEES: mean {found.mean:.2f} (expected {DOF}; {bounds})")

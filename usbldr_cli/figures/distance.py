@@ -4,25 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from usbldr.filters.evaluation.relative_error import distance_m
+from usbldr.filters.evaluation.metrics import distance_m
 from usbldr.filters.types import Vector
 from usbldr.io.reports.run import Run
+from usbldr_cli.figures import style
 from usbldr_cli.figures.page_data import plot_inside
-from usbldr_cli.figures.style import (
-    EDGE,
-    TRUTH_COLOUR,
-    Axes,
-    Figure,
-    broken_at_gaps,
-    colour,
-    legend_below,
-    logarithmic,
-    longest_step_s,
-    other_tracks,
-    raw_fixes,
-    run_figure,
-    usual_most,
-)
+from usbldr_cli.figures.style import Axes, Figure
 
 WHISKERS = (5.0, 95.0)  # [%] of the errors between the ends of a box plot
 CROWDED = 20.0  # largest over smallest median from which box plots have a logarithmic axis
@@ -34,29 +21,29 @@ def distance_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None:
         return None
-    figure = run_figure(run, "Errors against distance", 12, 4.9)
+    figure = style.run_figure(run, "Errors against distance", 12, 4.9)
     left, right = figure.subplots(1, 2, width_ratios=(2.6, 1))
-    reports = [*(other.report for other in other_tracks(run) if other.report is not None), report]
+    reports = [*(other.report for other in style.other_tracks(run) if other.report is not None), report]
     way_m = distance_m(report.truth_m)
-    top = 1.12 * usual_most(report.horizontal_m) or 1.0
+    top = 1.12 * style.usual_most(report.horizontal_m) or 1.0
     for other in reports:
         at_m = np.interp(other.time_s, report.time_s, way_m)
-        more = " (at the edge: larger)" if np.any(other.horizontal_m > EDGE * top) else ""
-        style: dict[str, Any] = {"color": colour(other.method), "label": f"{other.label}{more}"}
-        if raw_fixes(other.method):
+        more = " (at the edge: larger)" if np.any(other.horizontal_m > style.EDGE * top) else ""
+        look: dict[str, Any] = {"color": style.colour(other.method), "label": f"{other.label}{more}"}
+        if style.raw_fixes(other.method):
             error_m = other.horizontal_m
-            style |= {"ls": "", "marker": ".", "ms": 3.5, "mew": 0, "alpha": 0.55}
+            look |= {"ls": "", "marker": ".", "ms": 3.5, "mew": 0, "alpha": 0.55}
         else:
             columns = np.column_stack([at_m, other.horizontal_m])
-            at_m, error_m = broken_at_gaps(other.time_s, columns, longest_step_s(other))[1].T
-            style["lw"] = 1.5 if other is report else 1.0
-        plot_inside(left, at_m, error_m, (0.0, EDGE * top), **style)
+            at_m, error_m = style.broken_at_gaps(other.time_s, columns)[1].T
+            look["lw"] = 1.5 if other is report else 1.0
+        plot_inside(left, at_m, error_m, (0.0, style.EDGE * top), **look)
     left.set_xlim(0, way_m[-1] or 1.0)
     left.set_ylim(0, top)
     left.set_xlabel("distance travelled by the truth [m]")
     left.set_ylabel("horizontal error [m]")
-    _draw_boxes(right, {other.label: (colour(other.method), other.horizontal_m) for other in reversed(reports)})
-    legend_below(figure, (left,))
+    _draw_boxes(right, {other.label: (style.colour(other.method), other.horizontal_m) for other in reversed(reports)})
+    style.legend_below(figure, (left,))
     return figure
 
 
@@ -65,7 +52,7 @@ def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
     for place, (face, error_m) in enumerate(errors.values()):
         box_plot(axes, place, np.maximum(error_m, LEAST_M), face)
     if max(medians) > CROWDED * max(min(medians), LEAST_M):
-        logarithmic(axes, "y", (1, 2, 5))
+        style.logarithmic(axes, "y", (1, 2, 5))
     else:
         axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(errors)), list(errors))
@@ -78,6 +65,6 @@ def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
 def box_plot(axes: Axes, place: int, values: Vector, face: str) -> None:
     """Draw median, quartiles and the ends of WHISKERS of values at a place of the horizontal axis."""
     parts = {name: {"color": face, "lw": 1.5} for name in ("boxprops", "whiskerprops", "capprops")}
-    median = {"color": TRUTH_COLOUR, "lw": 1.5}
+    median = {"color": style.TRUTH_COLOUR, "lw": 1.5}
     given = {"whis": WHISKERS, "showfliers": False, "manage_ticks": False}
     axes.boxplot([values], positions=[place], widths=0.5, medianprops=median, **given, **parts)

@@ -6,17 +6,9 @@ import numpy as np
 
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.run import Run, fix_outcomes
+from usbldr_cli.figures import style
 from usbldr_cli.figures.page_data import plot_inside
-from usbldr_cli.figures.style import (
-    EDGE,
-    REJECTED_COLOUR,
-    Axes,
-    Figure,
-    colour,
-    legend_below,
-    titled_figure,
-    usual_most,
-)
+from usbldr_cli.figures.style import Axes, Figure
 
 SECTORS = 12  # of a turn, and of the ranges: the mean of each is a mark
 LEAST_MARKED = 5  # [fixes] of a mean
@@ -35,19 +27,21 @@ def fix_figure(run: Run) -> Figure | None:
     shown, against = _axes(run, residual_m)
     detail = "a fix less the smoothed track without it" if track.smoothed else "a fix less the track from earlier ones"
     detail += "; marks are means: a slope or a wave is an error of the head's heading, of the scale or of a lever arm"
-    figure = titled_figure(f"Fixes: {run.label} on {run.log.path.name}", detail, 12, 5.6)
+    figure = style.titled_figure(f"Fixes: {run.label} on {run.log.path.name}", detail, 12, 5.6)
     panels = figure.subplots(len(shown), len(against), sharex="col", sharey="row", squeeze=False)
     for row, (label, values) in enumerate(shown.items()):
         usual = np.abs(values[good & np.isfinite(values)])
-        half = 1.12 * usual_most(usual) if len(usual) and usual.max() > 0 else 1.0
+        half = 1.12 * style.usual_most(usual) if len(usual) and usual.max() > 0 else 1.0
         for column, (name, where) in enumerate(against.items()):
             axes: Axes = panels[row, column]
-            for chosen, face, kind in ((good, colour("usbl"), "used"), (~good, REJECTED_COLOUR, NOT_USED)):
+            for chosen, face, kind in ((good, style.colour("usbl"), "used"), (~good, style.REJECTED_COLOUR, NOT_USED)):
                 kept = chosen & np.isfinite(values) & np.isfinite(where)
                 if kept.any():
                     once = f"{'' if row == column == 0 else '_'}{kind}"
-                    style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 5, "mew": 0, "alpha": 0.6, "label": once}
-                    plot_inside(axes, where[kept], values[kept], (-EDGE * half, EDGE * half), color=face, **style)
+                    look: dict[str, Any] = {"ls": "", "marker": ".", "ms": 5, "mew": 0, "alpha": 0.6, "label": once}
+                    plot_inside(
+                        axes, where[kept], values[kept], (-style.EDGE * half, style.EDGE * half), color=face, **look
+                    )
             _draw_means(axes, where, values, good, first=row == column == 0)
             axes.axhline(0, color="#444444", lw=0.8, zorder=1)
             axes.set_ylim(-half, half)
@@ -58,7 +52,7 @@ def fix_figure(run: Run) -> Figure | None:
             if name in ANGLES:
                 axes.set_xlim(0, 360)
                 axes.set_xticks(range(0, 361, 90))
-    legend_below(figure, (panels[0, 0],))
+    style.legend_below(figure, (panels[0, 0],))
     return figure
 
 

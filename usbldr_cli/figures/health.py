@@ -1,4 +1,4 @@
-"""Figures of a filter's health: innovations and NIS of each sensor, effective number of particles."""
+"""Figures of a filter's health: innovations and NIS of each sensor, sensor errors, particles."""
 
 import math
 from typing import Any, NamedTuple
@@ -6,30 +6,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from usbldr.filters.models.calibration import EstimatedError, assumed_sd, estimated_errors
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Vector
 from usbldr.filters.updates import Parts, UpdateTable
+from usbldr.io.reports.estimate_text import error_text, in_unit
 from usbldr.io.reports.run import Run
+from usbldr_cli.figures import style
 from usbldr_cli.figures.page_data import plot_inside
-from usbldr_cli.figures.style import (
-    EDGE,
-    REJECTED_COLOUR,
-    TRUTH_COLOUR,
-    Axes,
-    Figure,
-    broken_at_gaps,
-    colour,
-    legend_below,
-    logarithmic,
-    run_figure,
-    shade_outages,
-    time_axis,
-)
+from usbldr_cli.figures.style import Axes, Figure
 
 DENSE = 3000  # [points] from which they are drawn smaller
 DOWN_WEIGHTED_COLOUR = "#333333"
 BINS = 60  # of the running mean of NIS over the whole run
 RESAMPLED_BELOW = 0.5  # fixed: ESS / N at which the particle filters resample
+SETTLING = 0.05  # share of the run, at its start, whose band does not set the scale
+PRIOR_COLOUR = "#bbbbbb"
 
 
 class Channel(NamedTuple):
@@ -69,7 +61,7 @@ def innovation_figure(run: Run) -> Figure | None:
         return None
     sensors = list(dict.fromkeys(channel.sensor for channel, _ in drawn))
     what = "Innovations and NIS of the forward pass" if run.scored.trajectory.smoothed else "Innovations and NIS"
-    figure = run_figure(run, what, 13, 1.0 + 1.75 * len(drawn))
+    figure = style.run_figure(run, what, 13, 1.0 + 1.75 * len(drawn))
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
     rows: Any = left.subplots(len(drawn), 1, sharex=True, squeeze=False)
     for axes, (channel, series) in zip(rows[:, 0], drawn, strict=True):
@@ -80,8 +72,8 @@ def innovation_figure(run: Run) -> Figure | None:
     for axes, sensor in zip(tall[:, 0], sensors, strict=True):
         _draw_nis(axes, run, updates.of_sensor(sensor).parts, sensor)
     for axes in (rows[-1, 0], tall[-1, 0]):
-        time_axis(axes, run.timeline.time_s)
-    legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
+        style.time_axis(axes, run.timeline.time_s)
+    style.legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
     return figure
 
 
@@ -95,17 +87,17 @@ def _series(updates: UpdateTable, channel: Channel) -> Series:
 
 
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
-    shade_outages(axes, run)
-    mine = colour(run.method)
+    style.shade_outages(axes, run)
+    mine = style.colour(run.method)
     outcomes = series.outcome
     half = _half_height(series)
     point = 3.0 if len(outcomes) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(outcomes) > 1 else np.inf
-    t, bands = broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
+    t, bands = style.broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
     axes.fill_between(t, -bands[:, 0], bands[:, 0], color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
     if not np.allclose(series.sd, series.nominal_sd):
-        style = {"color": mine, "alpha": 0.4, "lw": 0, "label": "2 sigma without outliers"}
-        axes.fill_between(t, -bands[:, 1], bands[:, 1], **style)
+        look = {"color": mine, "alpha": 0.4, "lw": 0, "label": "2 sigma without outliers"}
+        axes.fill_between(t, -bands[:, 1], bands[:, 1], **look)
     styles: dict[str, dict[str, Any]] = {
         "used": {"marker": "o", "ms": point, "mew": 0, "color": mine, "alpha": 0.6},
         "down-weighted": {
@@ -116,14 +108,14 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
             "mew": 0.6,
             "alpha": 0.8,
         },
-        "rejected": {"marker": "x", "ms": point + 1, "color": REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
+        "rejected": {"marker": "x", "ms": point + 1, "color": style.REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
     }
-    for outcome, style in styles.items():
+    for outcome, look in styles.items():
         at = outcomes == outcome
         if at.any():
-            limits = -EDGE * half, EDGE * half
-            plot_inside(axes, series.time_s[at], series.innovation[at], limits, ls="", label=outcome, **style)
-    axes.axhline(0, color=TRUTH_COLOUR, lw=0.8)
+            limits = -style.EDGE * half, style.EDGE * half
+            plot_inside(axes, series.time_s[at], series.innovation[at], limits, ls="", label=outcome, **look)
+    axes.axhline(0, color=style.TRUTH_COLOUR, lw=0.8)
     axes.set_ylim(-half, half)
     axes.set_ylabel(channel.label)
 
@@ -139,22 +131,22 @@ def _half_height(series: Series) -> float:
 
 def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
     """Draw each NIS faintly and its mean over a sixtieth of the run with its chi-square bounds."""
-    shade_outages(axes, run)
+    style.shade_outages(axes, run)
     taken = updates[np.isfinite(updates.nis)]
     t, nis = taken.time_s, taken.nis
     if not len(t):
         return
     dof = float(taken.dof.mean())
-    mine = colour(run.method)
+    mine = style.colour(run.method)
     ends = float(run.timeline.time_s[0]), float(run.timeline.time_s[-1])
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
     bins = bin_means(t, nis, edges)
     low, high = 0.01 * dof, max(20 * dof, 1.5 * float(np.nanmax(bins[:, 1])))
     plot_inside(axes, t, nis, (low, high), ls="", marker=".", ms=1.5, color=mine, alpha=0.25)
-    axes.axhline(dof, color=TRUTH_COLOUR, lw=0.8)
+    axes.axhline(dof, color=style.TRUTH_COLOUR, lw=0.8)
     draw_bounds(axes, edges, mean_bounds(bins[:, 2], dof), "95 % bounds of the mean NIS")
     axes.plot(bins[:, 0], bins[:, 1], color=mine, marker="o", ms=3)
-    logarithmic(axes)  # shows outliers of hundreds, values near 0, and the means
+    style.logarithmic(axes)  # shows outliers of hundreds, values near 0, and the means
     axes.set_ylim(low, high)
     axes.set_ylabel(f"NIS, {sensor}")
     axes.set_title(
@@ -193,14 +185,14 @@ def particle_figure(run: Run) -> Figure | None:
     if trajectory.ess is None or trajectory.particles < 2:
         return None
     moved = trajectory.acceptance is not None and bool(np.isfinite(trajectory.acceptance).any())
-    figure = run_figure(run, "Particles", 11, 5.6 if moved else 3.8)
+    figure = style.run_figure(run, "Particles", 11, 5.6 if moved else 3.8)
     panels: Any = figure.subplots(2 if moved else 1, 1, sharex=True, squeeze=False)
-    mine, t = colour(run.method), trajectory.time_s
+    mine, t = style.colour(run.method), trajectory.time_s
     top: Axes = panels[0, 0]
-    shade_outages(top, run)
+    style.shade_outages(top, run)
     share = trajectory.ess / trajectory.particles
     top.plot(t, share, color=mine, lw=0.7, label="ESS / N")
-    top.axhline(RESAMPLED_BELOW, color=TRUTH_COLOUR, lw=0.8, ls="--", label="resampling below")
+    top.axhline(RESAMPLED_BELOW, color=style.TRUTH_COLOUR, lw=0.8, ls="--", label="resampling below")
     top.set_ylim(0, 1.02)
     top.set_ylabel("ESS / N")
     lowest = float(np.nanmin(share))
@@ -209,11 +201,46 @@ def particle_figure(run: Run) -> Figure | None:
     )
     if moved and trajectory.acceptance is not None:
         low: Axes = panels[1, 0]
-        shade_outages(low, run)
+        style.shade_outages(low, run)
         low.plot(t, trajectory.acceptance, ls="", marker=".", ms=3, color=mine, alpha=0.6)
         low.set_ylim(0, 1.02)
         low.set_ylabel("accepted share")
         low.set_title(f"accepted moves of resampled particles: mean {np.nanmean(trajectory.acceptance):.2f}")
-    time_axis(panels[-1, 0], t)
-    legend_below(figure, (top,))
+    style.time_axis(panels[-1, 0], t)
+    style.legend_below(figure, (top,))
     return figure
+
+
+def calibration_figure(run: Run) -> Figure | None:
+    """Draw each error with its band; None if none was estimated."""
+    errors = estimated_errors(run.scored.trajectory, run.identification.undecided)
+    if not errors:
+        return None
+    figure = style.run_figure(run, "Sensor errors", 11, 1.3 + 1.75 * len(errors))
+    panels: Any = figure.subplots(len(errors), 1, sharex=True, squeeze=False)
+    assumed = assumed_sd(run.identification.parameters.errors)
+    for axes, error in zip(panels[:, 0], errors, strict=True):
+        _draw(axes, run, error, assumed[error.name])
+    style.time_axis(panels[-1, 0], run.timeline.time_s)
+    style.legend_below(figure, panels[:, 0])
+    return figure
+
+
+def _draw(axes: Axes, run: Run, error: EstimatedError, before_sd: float) -> None:
+    style.shade_outages(axes, run)
+    factor, unit = in_unit(error.unit)
+    t, mine = run.scored.trajectory.time_s, style.colour(run.method)
+    value, two_sd, prior = factor * error.value, 2 * factor * error.sd, 2 * factor * before_sd
+    after = slice(int(SETTLING * len(t)), None)
+    course = np.concatenate([[0.0], value, (value - two_sd)[after], (value + two_sd)[after]])
+    bottom, top = float(course.min()), float(course.max())
+    margin = 0.08 * (top - bottom) or 1.0
+    axes.set_ylim(bottom - margin, top + margin)
+    shown = "2 sigma of the prior" if bottom - margin < -prior or prior < top + margin else None
+    axes.axhline(-prior, color=PRIOR_COLOUR, lw=1.2, ls="--", label=shown, zorder=1.5)
+    axes.axhline(prior, color=PRIOR_COLOUR, lw=1.2, ls="--", zorder=1.5)
+    axes.axhline(0, color=style.TRUTH_COLOUR, lw=0.8, zorder=1.5)
+    axes.fill_between(t, value - two_sd, value + two_sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
+    axes.plot(t, value, color=mine, lw=1.3, label=run.label, zorder=3)
+    axes.set_ylabel(f"[{unit}]")
+    axes.set_title(f"{error_text(error)} at the end (prior 0 ± {factor * before_sd:.3g} {unit})")

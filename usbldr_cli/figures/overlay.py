@@ -8,22 +8,9 @@ import numpy as np
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Vector
+from usbldr_cli.figures import style
 from usbldr_cli.figures.plane import EAST_NORTH, frame_plane, plane_of
-from usbldr_cli.figures.style import (
-    AXES,
-    EVER,
-    TRUTH_COLOUR,
-    Axes,
-    Figure,
-    broken_at_gaps,
-    colour,
-    legend_below,
-    raw_fixes,
-    time_axis,
-    titled_figure,
-    truth_text,
-    within,
-)
+from usbldr_cli.figures.style import Axes, Figure
 from usbldr_cli.runs.job_store import Trace, read_trace
 from usbldr_cli.runs.seed_table import ComparisonRow
 
@@ -31,7 +18,6 @@ CLOSE_ERRORS = 8.0  # times the largest error: path length of the close-up to ei
 WIDTH = 1.4  # [points] of every filter's line: none looks more certain than another
 COINCIDE = 0.02  # of the largest error of the two: a line is about as wide in the picture
 COINCIDE_PERCENT = 95.0  # [%] of the epochs that have to
-GAP_STEPS = 3.0  # times the usual step: a longer gap breaks the line
 
 Drawn: TypeAlias = tuple[ComparisonRow, Trace]
 
@@ -43,21 +29,21 @@ def error_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
         return None
     figure = overlay_canvas(rows, "Errors over time", f"{seed_text(rows)}{coincident_text(drawn)}", 11, 7)
     panels: Any = figure.subplots(2, 1, sharex=True)
-    for k, axis in enumerate(AXES):
+    for k, axis in enumerate(style.AXES):
         axes: Axes = panels[k]
         sizes = [(row, np.abs(trace.error_m[:, k])) for row, trace in drawn]
         for row, trace in drawn:
             _draw_over_time(axes, rows, row, trace.time_s, trace.error_m[:, k : k + 1])
         half = 1.12 * max(float(np.max(np.abs(trace.error_m[:, k]))) for _, trace in scaling(drawn))
         axes.set_ylim(-half, half)
-        axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
+        axes.axhline(0, color=style.TRUTH_COLOUR, lw=0.8, zorder=2)
         beyond = [row.label for row, size in sizes if float(np.max(size)) > half]
         means = ", ".join(f"{row.label} {float(np.mean(size)):.2f}" for row, size in sizes)
         leaving = f"   ({', '.join(beyond)} partly outside the axes)" if beyond else ""
         axes.set_title(f"{axis}: mean |error| {means} m{leaving}")
         axes.set_ylabel(f"{axis} error [m]")
-    time_axis(panels[1], *(trace.time_s for _, trace in drawn))
-    legend_below(figure, (panels[0],), 8)
+    style.time_axis(panels[1], *(trace.time_s for _, trace in drawn))
+    style.legend_below(figure, (panels[0],), 8)
     return figure
 
 
@@ -72,23 +58,23 @@ def track_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
     leader, best = min(scaling(drawn), key=lambda one: float(np.mean(one[1].horizontal_m)))
     worst = int(np.argmax(best.horizontal_m))
     worst_m = best.horizontal_m[worst]
-    for axes, span_s in ((whole, EVER), (close, _close_up_span(best, worst, CLOSE_ERRORS * worst_m))):
-        mark, truth_mark = ("", "") if span_s == EVER else (".", "o")
-        plane = plane_of(best.truth_m) if span_s == EVER else EAST_NORTH
+    for axes, span_s in ((whole, style.EVER), (close, _close_up_span(best, worst, CLOSE_ERRORS * worst_m))):
+        mark, truth_mark = ("", "") if span_s == style.EVER else (".", "o")
+        plane = plane_of(best.truth_m) if span_s == style.EVER else EAST_NORTH
         for row, trace in drawn:
-            now = within(trace.time_s, span_s)
+            now = style.within(trace.time_s, span_s)
             _draw_track(axes, rows, row, trace.time_s[now], plane.points(trace.estimate_m[now]), mark)
-        now = within(best.time_s, span_s)
-        _, truth_m = _broken(best.time_s[now], best.truth_m[now])
-        style = {"color": TRUTH_COLOUR, "lw": 1.6, "marker": truth_mark, "ms": 5, "mfc": "white", "zorder": 2.5}
-        axes.plot(*plane.points(truth_m).T, label="truth", **style)
-        points = [trace.estimate_m[within(trace.time_s, span_s)] for _, trace in scaling(drawn)]
+        now = style.within(best.time_s, span_s)
+        _, truth_m = style.broken_at_gaps(best.time_s[now], best.truth_m[now])
+        look = {"color": style.TRUTH_COLOUR, "lw": 1.6, "marker": truth_mark, "ms": 5, "mfc": "white", "zorder": 2.5}
+        axes.plot(*plane.points(truth_m).T, label="truth", **look)
+        points = [trace.estimate_m[style.within(trace.time_s, span_s)] for _, trace in scaling(drawn)]
         frame_plane(axes, plane, np.vstack([*points, best.truth_m[now]]), 0.08)
-        if span_s == EVER:
+        if span_s == style.EVER:
             axes.set_title("; ".join(filter(None, ("whole track", plane.text))))
     at_s = best.time_s[worst]
     close.set_title(f"around the largest error of {leader.label}: {worst_m:.2f} m at {at_s:.0f} s")
-    legend_below(figure, (whole,), 8)
+    style.legend_below(figure, (whole,), 8)
     return figure
 
 
@@ -97,9 +83,9 @@ def overlay_canvas(rows: Sequence[ComparisonRow], what: str, detail: str, width_
     judged = rows[0].scored_against
     parts = [detail]
     if judged is not None:
-        parts.append(truth_text(judged.truth_kind, judged.truth_source))
+        parts.append(style.truth_text(judged.truth_kind, judged.truth_source))
         parts.append(f"alignment: {ALIGNMENTS[judged.align]}")
-    return titled_figure(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
+    return style.titled_figure(f"{what}: {rows[0].log}", "; ".join(parts), width_in, height_in)
 
 
 def first_traces(rows: Sequence[ComparisonRow]) -> list[Drawn]:
@@ -137,10 +123,10 @@ def line_style(rows: Sequence[ComparisonRow], row: ComparisonRow) -> dict[str, A
     hide each other.
     """
     same = [other.label for other in rows if other.method == row.method]
-    style = {"color": colour(row.method), "ls": ("-", "--", ":", "-.")[same.index(row.label) % 4]}
+    look = {"color": style.colour(row.method), "ls": ("-", "--", ":", "-.")[same.index(row.label) % 4]}
     if not filtered(row):
-        return {**style, "lw": 1.0, "zorder": 2}
-    return {**style, "lw": WIDTH, "zorder": 3}
+        return {**look, "lw": 1.0, "zorder": 2}
+    return {**look, "lw": WIDTH, "zorder": 3}
 
 
 def coincident_text(drawn: Sequence[Drawn]) -> str:
@@ -163,11 +149,11 @@ def _coincide(one: Trace, other: Trace) -> bool:
 def _draw_over_time(
     axes: Axes, rows: Sequence[ComparisonRow], row: ComparisonRow, time_s: Vector, values: Array
 ) -> None:
-    if raw_fixes(row.method):
-        style = {"ls": "", "marker": ".", "ms": 3.5, "alpha": 0.3, "zorder": 1.5}
-        axes.plot(time_s, values[:, 0], color=colour(row.method), label=row.label, **style)
+    if style.raw_fixes(row.method):
+        look = {"ls": "", "marker": ".", "ms": 3.5, "alpha": 0.3, "zorder": 1.5}
+        axes.plot(time_s, values[:, 0], color=style.colour(row.method), label=row.label, **look)
         return
-    t, e = _broken(time_s, values)
+    t, e = style.broken_at_gaps(time_s, values)
     axes.plot(t, e[:, 0], label=row.label, **line_style(rows, row))
 
 
@@ -175,11 +161,11 @@ def _draw_track(
     axes: Axes, rows: Sequence[ComparisonRow], row: ComparisonRow, time_s: Vector, position_m: Array, marker: str
 ) -> None:
     """Draw one track; with a marker at each epoch, errors along the track are visible, too."""
-    if raw_fixes(row.method):
-        style = {"ls": "", "marker": ".", "ms": 4, "alpha": 0.5, "zorder": 1.5}
-        axes.plot(*position_m.T, color=colour(row.method), label=row.label, **style)
+    if style.raw_fixes(row.method):
+        look = {"ls": "", "marker": ".", "ms": 4, "alpha": 0.5, "zorder": 1.5}
+        axes.plot(*position_m.T, color=style.colour(row.method), label=row.label, **look)
         return
-    _, line_m = _broken(time_s, position_m)
+    _, line_m = style.broken_at_gaps(time_s, position_m)
     axes.plot(*line_m.T, label=row.label, marker=marker, ms=5, **line_style(rows, row))
 
 
@@ -189,11 +175,6 @@ def _close_up_span(trace: Trace, middle: int, reach_m: float) -> tuple[float, fl
     near = np.flatnonzero(np.abs(travelled_m - travelled_m[middle]) <= reach_m)
     first, last = max(min(near[0], middle - 1), 0), min(max(near[-1], middle + 1), len(travelled_m) - 1)
     return float(trace.time_s[first]), float(trace.time_s[last])
-
-
-def _broken(time_s: Vector, values: Array) -> tuple[Vector, Array]:
-    longest_s = GAP_STEPS * float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
-    return broken_at_gaps(time_s, values, longest_s)
 
 
 def _common(seeds: Sequence[set[int]]) -> set[int]:

@@ -11,32 +11,14 @@ import numpy as np
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Vector
 from usbldr.io.reports.run import Run
-from usbldr_cli.figures.calibration import calibration_figure
+from usbldr_cli.figures import style
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.fixes import fix_figure
-from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.health import calibration_figure, innovation_figure, particle_figure
 from usbldr_cli.figures.page_data import detail, plot_inside
-from usbldr_cli.figures.style import (
-    AXES,
-    EDGE,
-    LETTERS_AN_INCH,
-    TRUTH_COLOUR,
-    Axes,
-    Figure,
-    Span,
-    broken_at_gaps,
-    colour,
-    legend_below,
-    longest_step_s,
-    other_tracks,
-    raw_fixes,
-    run_figure,
-    shade_outages,
-    time_axis,
-    usual_most,
-)
+from usbldr_cli.figures.style import Axes, Figure, Span
 from usbldr_cli.figures.track import track_figure
 
 WIDTH_IN, LEAST_LETTERS = 11, 40  # of the errors over time; of a title over a narrow panel
@@ -68,16 +50,16 @@ def error_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None:
         return None
-    figure = run_figure(run, "Errors", WIDTH_IN, 6.6)
+    figure = style.run_figure(run, "Errors", WIDTH_IN, 6.6)
     spans = stretches(report)
     shares = [max(end - start, LEAST_SHARE * (spans[-1][1] - spans[0][0])) for start, end in spans]
     grid: Any = figure.subplots(2, len(spans), sharex="col", sharey=True, squeeze=False, width_ratios=shares)
-    raw = next((other.report for other in other_tracks(run) if raw_fixes(other.trajectory.method)), None)
-    dr = next((other.report for other in other_tracks(run) if other.trajectory.method == "dr"), None)
+    raw = next((other.report for other in style.other_tracks(run) if style.raw_fixes(other.trajectory.method)), None)
+    dr = next((other.report for other in style.other_tracks(run) if other.trajectory.method == "dr"), None)
     half = half_height(report)
     for k, column in itertools.product(range(2), range(len(spans))):
         axes: Axes = grid[k, column]
-        shade_outages(axes, run)
+        style.shade_outages(axes, run)
         if raw is not None:
             _draw_raw(axes, raw, k, half)
         if dr is not None:
@@ -87,18 +69,18 @@ def error_figure(run: Run) -> Figure | None:
             smoothed = run.scored.trajectory.smoothed
             bound_sd_m = run.bound.smoother_sd_m if smoothed else run.bound.filter_sd_m
             two_sd_m = 2 * bound_sd_m[:, [k, k]] * [-1, 1]
-            lines = axes.plot(run.bound.time_s, two_sd_m, color=TRUTH_COLOUR, lw=0.9, ls="--", zorder=4)
+            lines = axes.plot(run.bound.time_s, two_sd_m, color=style.TRUTH_COLOUR, lw=0.9, ls="--", zorder=4)
             lines[0].set_label("2-sigma Cramér-Rao bound for the filter's model")
-        axes.axhline(0, color=TRUTH_COLOUR, lw=0.8, zorder=2)
+        axes.axhline(0, color=style.TRUTH_COLOUR, lw=0.8, zorder=2)
         axes.set_ylim(-half, half)
-        time_axis(axes, np.array(spans[column]))
+        style.time_axis(axes, np.array(spans[column]))
         axes.set_xlabel("time since the log's start [s]" if k else "")
         if not column:
-            axes.set_ylabel(f"{AXES[k]} error [m]")
-        letters = max(LEAST_LETTERS, int(WIDTH_IN * LETTERS_AN_INCH * shares[0] / sum(shares)))
+            axes.set_ylabel(f"{style.AXES[k]} error [m]")
+        letters = max(LEAST_LETTERS, int(WIDTH_IN * style.LETTERS_AN_INCH * shares[0] / sum(shares)))
         title = textwrap.wrap(_error_title(report, k), letters) if not column else ["\N{NO-BREAK SPACE}"]
         axes.set_title("\n".join(title))
-    legend_below(figure, (grid[0, 0],))
+    style.legend_below(figure, (grid[0, 0],))
     return figure
 
 
@@ -106,45 +88,52 @@ def stretches(report: ErrorReport) -> list[Span]:
     """Return the stretches of time that have truth: between them, the axis is broken."""
     t = report.time_s
     margin_s = MARGIN * float(t[-1] - t[0])
-    cuts = np.flatnonzero(np.diff(t) > max(BREAK * float(t[-1] - t[0]), longest_step_s(report)))
+    cuts = np.flatnonzero(np.diff(t) > max(BREAK * float(t[-1] - t[0]), style.longest_step_s(t)))
     first, last = t[np.append(0, cuts + 1)], t[np.append(cuts, len(t) - 1)]
     return [(float(a) - margin_s, float(b) + margin_s) for a, b in zip(first, last, strict=True)]
 
 
 def _draw_raw(axes: Axes, raw: ErrorReport, k: int, half: float) -> None:
     """Draw the errors of all raw fixes, those outside the axes at the edge, as in innovations.png."""
-    edge = EDGE * half
+    edge = style.EDGE * half
     outside = int(np.count_nonzero((np.abs(raw.error_m) > edge).any(axis=1)))
     more = f" ({outside} of {len(raw.error_m)} drawn at the edge)" if outside else ""
-    style: dict[str, Any] = {"ls": "", "color": colour("usbl"), "marker": ".", "mew": 0, "alpha": 0.55, "zorder": 1.5}
+    look: dict[str, Any] = {
+        "ls": "",
+        "color": style.colour("usbl"),
+        "marker": ".",
+        "mew": 0,
+        "alpha": 0.55,
+        "zorder": 1.5,
+    }
     size = 4.5 if len(raw.error_m) < DENSE else 3.0
     label = f"raw USBL fix{more}"
-    plot_inside(axes, raw.time_s, raw.error_m[:, k], (-edge, edge), ms=size, label=label, **style)
+    plot_inside(axes, raw.time_s, raw.error_m[:, k], (-edge, edge), ms=size, label=label, **look)
 
 
 def _draw_dr(axes: Axes, dr: ErrorReport, k: int, half: float) -> None:
     """Draw the error of dead reckoning, along the edge where it is larger than the axes."""
-    t, e = broken_at_gaps(dr.time_s, dr.error_m[:, k], longest_step_s(dr))
-    more = " (at the edge: larger)" if np.abs(dr.error_m).max() > EDGE * half else ""
-    style: dict[str, Any] = {"color": colour("dr"), "lw": 1.0, "alpha": 0.8, "zorder": 1.6}
-    plot_inside(axes, t, e, (-EDGE * half, EDGE * half), label=f"dr{more}", **style)
+    t, e = style.broken_at_gaps(dr.time_s, dr.error_m[:, k])
+    more = " (at the edge: larger)" if np.abs(dr.error_m).max() > style.EDGE * half else ""
+    look: dict[str, Any] = {"color": style.colour("dr"), "lw": 1.0, "alpha": 0.8, "zorder": 1.6}
+    plot_inside(axes, t, e, (-style.EDGE * half, style.EDGE * half), label=f"dr{more}", **look)
 
 
 def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
-    mine, longest_s = colour(report.method), longest_step_s(report)
-    t, e = broken_at_gaps(report.time_s, report.error_m[:, k], longest_s)
+    mine = style.colour(report.method)
+    t, e = style.broken_at_gaps(report.time_s, report.error_m[:, k])
     beyond = np.abs(report.error_m[:, k]) > half
     for sign, marker in ((1, "^"), (-1, "v")):
         at = beyond & (sign * report.error_m[:, k] > 0)
-        style: dict[str, Any] = {"ls": "", "marker": marker, "ms": 6, "label": f"_{report.label}", "zorder": 5}
-        plot_inside(axes, report.time_s[at], report.error_m[at, k], (-0.96 * half, 0.96 * half), color=mine, **style)
-    if raw_fixes(report.method):
+        look: dict[str, Any] = {"ls": "", "marker": marker, "ms": 6, "label": f"_{report.label}", "zorder": 5}
+        plot_inside(axes, report.time_s[at], report.error_m[at, k], (-0.96 * half, 0.96 * half), color=mine, **look)
+    if style.raw_fixes(report.method):
         axes.plot(t, e, ls="", marker=".", ms=4, color=mine, label=report.label, zorder=3)
         return
-    _, horizontal_m = broken_at_gaps(report.time_s, report.horizontal_m, longest_s)
+    _, horizontal_m = style.broken_at_gaps(report.time_s, report.horizontal_m)
     rows = {"horizontal error [m]": horizontal_m}
     if report.sd_m is not None:
-        tb, sd = broken_at_gaps(report.time_s, report.sd_m[:, k], longest_s)
+        tb, sd = style.broken_at_gaps(report.time_s, report.sd_m[:, k])
         rows["2 sigma [m]"] = 2 * sd
         axes.fill_between(tb, -2 * sd, 2 * sd, color=mine, alpha=0.2, lw=0, label="2 sigma", zorder=1.8)
         edges = np.column_stack([-2 * sd, 2 * sd])
@@ -155,7 +144,7 @@ def _draw_error(axes: Axes, report: ErrorReport, k: int, half: float) -> None:
 
 def half_height(report: ErrorReport) -> float:
     """Return the height, the same for both axes, which gross errors do not set: they are marked at the edge."""
-    half = usual_most(np.abs(report.error_m))
+    half = style.usual_most(np.abs(report.error_m))
     if report.sd_m is not None:
         half = max(half, min(2 * float(np.nanpercentile(report.sd_m, 99)), 2 * half))
     return 1.12 * half if half > 0 else 1.0
@@ -164,7 +153,7 @@ def half_height(report: ErrorReport) -> float:
 def _error_title(report: ErrorReport, k: int) -> str:
     errors = (report.east, report.north)[k]
     text = (
-        f"{AXES[k]}: mean |error| {errors.mean_abs_m:.2f} m, rmse {errors.rmse_m:.2f} m, "
+        f"{style.AXES[k]}: mean |error| {errors.mean_abs_m:.2f} m, rmse {errors.rmse_m:.2f} m, "
         f"bias {errors.bias_m:+z.2f} m, 95 % below {errors.p95_abs_m:.2f} m, all below {errors.max_abs_m:.2f} m"
     )
     if report.sd_m is not None:
@@ -178,27 +167,27 @@ def cdf_figure(run: Run) -> Figure | None:
     report = run.scored.report
     if report is None:
         return None
-    figure = run_figure(run, "Distribution of errors", 11, 4.9)
+    figure = style.run_figure(run, "Distribution of errors", 11, 4.9)
     panels: Any = figure.subplots(1, 3, sharey=True)
-    references = [other.report for other in other_tracks(run) if other.report is not None]
+    references = [other.report for other in style.other_tracks(run) if other.report is not None]
     widest_m = max(_widest(report, references, k) for k in range(3))
     for k, (axes, name) in enumerate(zip(panels, ("|east|", "|north|", "horizontal"), strict=True)):
         for other in (*references, report):
             width = 2.2 if other is report else 1.3
             length, share = _cdf(_lengths(other, k))
-            style = {"color": colour(other.method), "lw": width, "label": other.label}
+            look = {"color": style.colour(other.method), "lw": width, "label": other.label}
             if len(length) <= LEAST_ERRORS:
-                style |= {"ls": "", "marker": "o", "ms": 4, "label": f"{other.label} ({len(length) - 1} errors only)"}
-                axes.plot(length[1:], 100 * share[1:], **style)
+                look |= {"ls": "", "marker": "o", "ms": 4, "label": f"{other.label} ({len(length) - 1} errors only)"}
+                axes.plot(length[1:], 100 * share[1:], **look)
             else:
-                axes.step(length, 100 * share, where="post", **style)
+                axes.step(length, 100 * share, where="post", **look)
         axes.set_title(_mark_quantiles(axes, _lengths(report, k), report))
         axes.set_xlim(0, widest_m)
         axes.set_ylim(0, 101)
         largest_m = float(_lengths(report, k).max())
         axes.set_xlabel(f"{name} error [m]" + (f" (largest: {largest_m:.2f})" if largest_m > widest_m else ""))
     panels[0].set_ylabel("cumulative share of errors [%]")
-    legend_below(figure, (panels[0],))
+    style.legend_below(figure, (panels[0],))
     return figure
 
 
@@ -215,13 +204,13 @@ def _mark_quantiles(axes: Axes, lengths: Vector, report: ErrorReport) -> str:
     texts: list[str] = []
     for percent in (50, 95):
         x = float(np.percentile(lengths, percent))
-        axes.plot([0, x, x], [percent, percent, 0], color=colour(report.method), lw=0.8, ls=":", zorder=1)
+        axes.plot([0, x, x], [percent, percent, 0], color=style.colour(report.method), lw=0.8, ls=":", zorder=1)
         texts.append(f"{percent} % below {x:.2f} m")
     return f"{report.label}: {', '.join(texts)}"
 
 
 def _widest(report: ErrorReport, references: list[ErrorReport], k: int) -> float:
     """Return the width that shows the method up to a few far larger errors, and of the others what fits."""
-    own = usual_most(_lengths(report, k))
+    own = style.usual_most(_lengths(report, k))
     theirs = [float(np.percentile(_lengths(other, k), 90)) for other in references]
     return max(1.15 * own, min(max(theirs, default=0.0), 4 * own)) or 1.0

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
-from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
@@ -64,6 +63,7 @@ STYLE: Mapping[str, Any] = {
 DPI = 130  # [dots per inch] sharp on a page, and small as a file
 COMPRESSION = 3  # [of 9] of PNG: two thirds of the time of 6, the usual one, for files 4 % larger
 UNDATED: Mapping[str, str] = {".svg": "Date", ".pdf": "CreationDate"}  # key of the date in a file's metadata
+GAP_STEPS = 3.0  # times the usual step: a longer gap breaks the line
 EDGE = 0.97  # of the height of the axes: where larger errors are drawn
 MANY_POINTS = 5000  # [points] of one colour, from which those at the same dot are drawn once
 PANEL = (1000, 1000)  # [dots] width and height of a panel, in which a mark is three dots wide
@@ -175,15 +175,15 @@ def logarithmic(axes: Axes, which: str = "y", ticks: Sequence[int] = (1,)) -> No
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
-def broken_at_gaps(time_s: Vector, values: Array, longest_s: float) -> tuple[Vector, Array]:
-    """Return a line with NaN in gaps longer than ``longest_s``."""
-    cuts = np.flatnonzero(np.diff(time_s) > longest_s) + 1
+def broken_at_gaps(time_s: Vector, values: Array, longest_s: float | None = None) -> tuple[Vector, Array]:
+    """Return a line with NaN in gaps longer than ``longest_s``, else than its own longest step."""
+    cuts = np.flatnonzero(np.diff(time_s) > (longest_step_s(time_s) if longest_s is None else longest_s)) + 1
     return np.insert(time_s, cuts, np.nan), np.insert(values, cuts, np.nan, axis=0)
 
 
-def longest_step_s(report: ErrorReport) -> float:
-    """Return the step beyond which the line is broken, because epochs were left out."""
-    return 3 * float(np.median(np.diff(report.time_s))) if len(report.time_s) > 1 else np.inf
+def longest_step_s(time_s: Vector) -> float:
+    """Return the step beyond which a line is broken, because epochs were left out."""
+    return GAP_STEPS * float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
 
 
 def one_a_dot(x: Vector, y: Vector, panel: tuple[int, int] = PANEL) -> NDArray[np.intp]:

@@ -8,6 +8,7 @@ from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.reports.report_json import fixes_table
 from usbldr.io.reports.run import Run, ScoredTrack, fix_outcomes
+from usbldr_cli.figures import style
 from usbldr_cli.figures.page_data import detail
 from usbldr_cli.figures.plane import (
     EAST_NORTH,
@@ -19,22 +20,7 @@ from usbldr_cli.figures.plane import (
     sigma_ellipses,
     usual_box,
 )
-from usbldr_cli.figures.style import (
-    AXES,
-    EVER,
-    REJECTED_COLOUR,
-    TRUTH_COLOUR,
-    Axes,
-    Figure,
-    Span,
-    broken_at_gaps,
-    colour,
-    legend_below,
-    other_tracks,
-    raw_fixes,
-    run_figure,
-    within,
-)
+from usbldr_cli.figures.style import Axes, Figure, Span
 
 CLOSE_S = 60.0  # shown at most before and after the largest error, because a survey passes the same place often
 CLOSE_ERRORS = 4.0  # times the largest error: from it to the edge of the close-up
@@ -49,15 +35,15 @@ DENSE_SCALE = 0.6  # times the usual size of a mark
 def track_figure(run: Run) -> Figure:
     """Draw the whole track, and beside it a close-up of the largest error."""
     report = run.scored.report
-    closer = report is not None and not raw_fixes(run.method)  # the largest error of raw fixes is an outlier
-    figure = run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
+    closer = report is not None and not style.raw_fixes(run.method)  # the largest error of raw fixes is an outlier
+    figure = style.run_figure(run, "Track", 12.5 if closer else 8.0, 7.3 if closer else 8.6)
     panels: Any = figure.subplots(1, 2 if closer else 1, squeeze=False)
     whole: Axes = panels[0, 0]
     extent_m = _extent(run)
-    plane = EAST_NORTH if raw_fixes(run.method) else plane_of(_track(run))
+    plane = EAST_NORTH if style.raw_fixes(run.method) else plane_of(_track(run))
     frame_plane(whole, plane, extent_m, 0.06)
-    _draw_context(whole, run, EVER, DENSE_SCALE if len(run.timeline.fix_m) > DENSE else 1.0, plane)
-    _draw_track(whole, run, EVER, plane)
+    _draw_context(whole, run, style.EVER, DENSE_SCALE if len(run.timeline.fix_m) > DENSE else 1.0, plane)
+    _draw_track(whole, run, style.EVER, plane)
     moved = report is not None and report.alignment.name != "none"
     title = "whole track, aligned; fixes moved with it" if moved else "whole track"
     whole.set_title("\n".join(filter(None, (title, plane.text))))
@@ -66,12 +52,12 @@ def track_figure(run: Run) -> Figure:
         worst = _worst(whole, plane, run, report)
         span, corners_m = _frame_worst(close, report, worst, np.ptp(extent_m, axis=0).max() / 2)
         _draw_surroundings(close, run)
-        whole.plot(*plane.points(corners_m).T, color=REJECTED_COLOUR, lw=1.0, zorder=7)
+        whole.plot(*plane.points(corners_m).T, color=style.REJECTED_COLOUR, lw=1.0, zorder=7)
         _draw_context(close, run, span, 1.8)
         _draw_track(close, run, span)
         _draw_worst(close, report, worst, span)
     long = any("outside" in label for label in whole.get_legend_handles_labels()[1])
-    legend_below(figure, (whole,), 8 if closer and not long else 5)
+    style.legend_below(figure, (whole,), 8 if closer and not long else 5)
     return figure
 
 
@@ -89,9 +75,9 @@ def scored_truth(run: Run) -> tuple[Vector, Array]:
     if run.truth is None:
         return np.empty(0), np.empty((0, 2))
     t = run.truth.time_s
-    rows = within(t, (0.0, float(run.timeline.time_s[-1])))
+    rows = style.within(t, (0.0, float(run.timeline.time_s[-1])))
     if run.scored.report is not None:
-        rows &= within(t, run.scored.report.window)
+        rows &= style.within(t, run.scored.report.window)
     return t[rows], run.truth.position_m[rows]
 
 
@@ -104,22 +90,22 @@ def _track(run: Run) -> Array:
 def _draw_surroundings(axes: Axes, run: Run) -> None:
     """Draw the whole track and truth faintly: what passes here at other times."""
     if run.truth is not None:
-        _, line_m = broken_at_gaps(*scored_truth(run), run.truth.max_gap_s)
-        axes.plot(*line_m.T, color=TRUTH_COLOUR, lw=0.8, alpha=0.25, zorder=1)
-    axes.plot(*_track(run).T, color=colour(run.method), lw=0.8, alpha=0.3, zorder=1)
+        _, line_m = style.broken_at_gaps(*scored_truth(run), run.truth.max_gap_s)
+        axes.plot(*line_m.T, color=style.TRUTH_COLOUR, lw=0.8, alpha=0.25, zorder=1)
+    axes.plot(*_track(run).T, color=style.colour(run.method), lw=0.8, alpha=0.3, zorder=1)
 
 
 def _draw_context(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Plane = EAST_NORTH) -> None:
-    for other in other_tracks(run):
+    for other in style.other_tracks(run):
         if other.trajectory.method == "dr":
             path = aligned(other, other.trajectory.time_s, other.trajectory.position_m)[
-                within(other.trajectory.time_s, span)
+                style.within(other.trajectory.time_s, span)
             ]
             path = plane.points(path)
             label = "dr (partly outside the axes)" if _outside(axes, path) else "dr"
-            (line,) = axes.plot(*path.T, color=colour("dr"), lw=1, alpha=0.7, label=label, zorder=1)
+            (line,) = axes.plot(*path.T, color=style.colour("dr"), lw=1, alpha=0.7, label=label, zorder=1)
             time_s = other.trajectory.time_s
-            detail(line, {"time [s]": time_s[within(time_s, span)]}, key="dr")
+            detail(line, {"time [s]": time_s[style.within(time_s, span)]}, key="dr")
     _draw_fixes(axes, run, span, marker_scale, plane)
 
 
@@ -135,22 +121,22 @@ def _draw_track(axes: Axes, run: Run, span: Span, plane: Plane = EAST_NORTH) -> 
     position_m = plane.points(aligned(run.scored, trajectory.time_s, trajectory.position_m))
     if run.truth is not None:
         time_s, truth_m = scored_truth(run)
-        during = within(time_s, span)
-        line_s, line_m = broken_at_gaps(time_s[during], plane.points(truth_m[during]), run.truth.max_gap_s)
-        style: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
+        during = style.within(time_s, span)
+        line_s, line_m = style.broken_at_gaps(time_s[during], plane.points(truth_m[during]), run.truth.max_gap_s)
+        look: dict[str, Any] = {"lw": 2.2, "marker": ".", "ms": 2.2, "mew": 0, "zorder": 3}
         outside = f", {far} outside the axes" if (far := _outside(axes, line_m)) else ""
-        (line,) = axes.plot(*line_m.T, color=TRUTH_COLOUR, label=f"truth ({run.truth.kind}{outside})", **style)
+        (line,) = axes.plot(*line_m.T, color=style.TRUTH_COLOUR, label=f"truth ({run.truth.kind}{outside})", **look)
         detail(line, {"time [s]": line_s}, key="truth")
-    if not raw_fixes(run.method):
-        during = within(trajectory.time_s, span)
-        (line,) = axes.plot(*position_m[during].T, color=colour(run.method), lw=1.3, label=run.label, zorder=4)
+    if not style.raw_fixes(run.method):
+        during = style.within(trajectory.time_s, span)
+        (line,) = axes.plot(*position_m[during].T, color=style.colour(run.method), lw=1.3, label=run.label, zorder=4)
         rows = {"time [s]": trajectory.time_s, "horizontal error [m]": _errors_m(run)}
         detail(line, {name: values[during] for name, values in rows.items()})
     defined = np.flatnonzero(np.isfinite(position_m).all(axis=1))
     for label, marker, row in (("start", "o", defined[:1]), ("end", "s", defined[-1:])):
         if len(row) and span[0] <= trajectory.time_s[row[0]] <= span[1]:
-            style = {"ls": "", "ms": 7, "mfc": "white", "mew": 1.6, "zorder": 6}
-            axes.plot(*position_m[row[0]], marker=marker, label=label, color=colour(run.method), **style)
+            look = {"ls": "", "ms": 7, "mfc": "white", "mew": 1.6, "zorder": 6}
+            axes.plot(*position_m[row[0]], marker=marker, label=label, color=style.colour(run.method), **look)
 
 
 def _errors_m(run: Run) -> Vector:
@@ -166,25 +152,32 @@ def _errors_m(run: Run) -> Vector:
 
 def _draw_fixes(axes: Axes, run: Run, span: Span, marker_scale: float, plane: Plane) -> None:
     styles: dict[str, dict[str, Any]] = {
-        "used": {"marker": ".", "ms": 5, "color": colour("usbl"), "alpha": 0.75, "zorder": 2},
-        "down-weighted": {"marker": "o", "ms": 4.5, "mfc": "none", "mec": colour("usbl"), "alpha": 0.9, "zorder": 2},
-        "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
+        "used": {"marker": ".", "ms": 5, "color": style.colour("usbl"), "alpha": 0.75, "zorder": 2},
+        "down-weighted": {
+            "marker": "o",
+            "ms": 4.5,
+            "mfc": "none",
+            "mec": style.colour("usbl"),
+            "alpha": 0.9,
+            "zorder": 2,
+        },
+        "rejected": {"marker": "x", "ms": 4, "mew": 0.9, "color": style.REJECTED_COLOUR, "alpha": 0.8, "zorder": 2.5},
     }
-    during = within(run.timeline.fix_time_s, span)
+    during = style.within(run.timeline.fix_time_s, span)
     fix_m = plane.points(aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)[during])
     outcomes = fix_outcomes(run.timeline, run.scored.trajectory)[during]
-    shown_m = fix_m if span != EVER else _inside(axes, fix_m)
+    shown_m = fix_m if span != style.EVER else _inside(axes, fix_m)
     rows = {name: values[during] for name, values in _fix_rows(run).items()}
-    for outcome, style in styles.items():
+    for outcome, look in styles.items():
         at = outcomes == outcome
         if outcome == "used":
             at |= ~np.isin(outcomes, list(styles))
         if at.any():
-            style["ms"] *= marker_scale
+            look["ms"] *= marker_scale
             edge = f", {far} outside the axes, at the edge" if (far := _outside(axes, fix_m[at])) else ""
-            label = f"USBL fix {outcome} ({np.count_nonzero(at)}{edge if span == EVER else ''})"
-            (marks,) = axes.plot(*shown_m[at].T, ls="", label=label, clip_on=span != EVER, **style)
-            true = {"x": fix_m[at, 0], "y": fix_m[at, 1]} if span == EVER else {}
+            label = f"USBL fix {outcome} ({np.count_nonzero(at)}{edge if span == style.EVER else ''})"
+            (marks,) = axes.plot(*shown_m[at].T, ls="", label=label, clip_on=span != style.EVER, **look)
+            true = {"x": fix_m[at, 0], "y": fix_m[at, 1]} if span == style.EVER else {}
             detail(marks, {name: values[at] for name, values in rows.items()}, key=f"USBL fix {outcome}", **true)
 
 
@@ -192,7 +185,7 @@ def _fix_rows(run: Run) -> dict[str, Vector]:
     """Return what the page tells of each fix: number, time, innovation, and how far it moved the track."""
     table = fixes_table(run.timeline, run.scored.trajectory)
     sizes = {
-        f"{name} [m]": np.hypot(*(table[f"{name}_{axis}_m"].to_numpy(float) for axis in AXES))
+        f"{name} [m]": np.hypot(*(table[f"{name}_{axis}_m"].to_numpy(float) for axis in style.AXES))
         for name in ("innovation", "shift")
     }
     number = {"fix": np.arange(len(table), dtype=float), **sizes} if len(table) <= MANY_FIXES else {}
@@ -249,11 +242,11 @@ def _frame_worst(axes: Axes, report: ErrorReport, worst: int, most_m: float) -> 
 def _draw_worst(axes: Axes, report: ErrorReport, worst: int, span: Span) -> None:
     """Join truth and estimate at the largest error, and draw the filter's 2-sigma ellipse there."""
     ends = np.stack([report.truth_m[worst], report.estimate_m[worst]])
-    axes.plot(*ends.T, color=REJECTED_COLOUR, lw=1.5, marker="o", ms=4, zorder=7)
+    axes.plot(*ends.T, color=style.REJECTED_COLOUR, lw=1.5, marker="o", ms=4, zorder=7)
     ellipse = ""
     if report.cov_m2 is not None and np.isfinite(report.cov_m2[worst]).all():
         outline = sigma_ellipses(ends[1:], report.cov_m2[worst][None], 2.0)[0]
-        axes.fill(*outline.T, fc=colour(report.method), alpha=0.2, lw=0, zorder=3.5)
+        axes.fill(*outline.T, fc=style.colour(report.method), alpha=0.2, lw=0, zorder=3.5)
         ellipse = ", 2-sigma ellipse"
     larger = int(np.count_nonzero(report.horizontal_m > report.horizontal_m[worst]))
     outside = f"\n{larger} larger, up to {report.horizontal_m.max():.2f} m: their truth jumps or is outside the axes"
@@ -267,8 +260,10 @@ def _extent(run: Run) -> Array:
     """Return the points that the figure must show: track and truth, and fixes and dr that are not far from them."""
     track_m = aligned(run.scored, run.scored.trajectory.time_s, run.scored.trajectory.position_m)
     fix_m = aligned(run.scored, run.timeline.fix_time_s, run.timeline.fix_m)
-    drifting = [aligned(other, other.trajectory.time_s, other.trajectory.position_m) for other in other_tracks(run)]
-    core = np.vstack([usual_box(fix_m) if raw_fixes(run.method) else track_m, usual_box(scored_truth(run)[1])])
+    drifting = [
+        aligned(other, other.trajectory.time_s, other.trajectory.position_m) for other in style.other_tracks(run)
+    ]
+    core = np.vstack([usual_box(fix_m) if style.raw_fixes(run.method) else track_m, usual_box(scored_truth(run)[1])])
     core = core[np.isfinite(core).all(axis=1)]
     middle, half = (core.min(axis=0) + core.max(axis=0)) / 2, float(np.max(np.ptp(core, axis=0))) / 2
     others = np.vstack([fix_m, *drifting])

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.completion import FILE, LOG, TRUTH, Suggested, topics, words
-from usbldr_cli.options.option import log_option, with_options
+from usbldr_cli.options.option import given_command, log_option, with_options
 
 if TYPE_CHECKING:
     from usbldr.io.reading.inputs import InputFile

@@ -62,6 +62,12 @@ def plot_format_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return option("--plot-format", type=forms, default="png", help=text, rare=True)(command)
 
 
+def html_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Accept --html, which has no effect: the page is always written."""
+    text = "Without effect: the page is always written with the figures."
+    return option("--html", is_flag=True, expose_value=False, help=text, rare=True)(command)
+
+
 def write_json(target: str, content: object) -> None:
     """Write the content to the file of --json, or to stdout for "-"."""
     if target == "-":

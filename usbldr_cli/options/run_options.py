@@ -1,7 +1,8 @@
 """The options that replay, compare and check share."""
 
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -9,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from usbldr.filters.errors import UsageError
-from usbldr_cli.options.completion import Suggested, places, sensor_errors
+from usbldr_cli.options.completion import FILTERS, Suggested, places, sensor_errors
 from usbldr_cli.options.option import filter_option, packed_options, scoring_option
-from usbldr_cli.options.plugin_option import plugin_option
 
 if TYPE_CHECKING:
     from usbldr.io.log import Log
@@ -46,8 +46,7 @@ class RunChoices:
         """
         from usbldr.filters.evaluation.error_report import Window
         from usbldr.io.session import RunSettings
-        from usbldr_cli.options.noise_option import noise_family
-        from usbldr_cli.options.window_options import aid_windows
+        from usbldr_cli.options.option_texts import aid_windows, noise_family
 
         return RunSettings(
             particles=self.particles,
@@ -66,7 +65,7 @@ class RunChoices:
 
     def edited(self, log: "Log") -> "Log":
         """Return the log without the records that --exclude names; raise UsageError for invalid text."""
-        from usbldr_cli.options.window_options import excluded_windows
+        from usbldr_cli.options.option_texts import excluded_windows
 
         for sensor, windows in excluded_windows(self.exclude).items():
             log = log.without_windows(sensor, windows)
@@ -78,6 +77,23 @@ class RunChoices:
         if not start < end:
             raise UsageError(f"--start {self.start} is not before --end {self.end}")
         return start, end
+
+
+def _add_plugins(_ctx: click.Context, _option: click.Parameter, given: tuple[str, ...]) -> None:
+    """Let this process and those that it starts know the filters of --plugin."""
+    if not given:
+        return
+    from usbldr.filters.plugins import VARIABLE, asked_for
+    from usbldr.filters.replay.methods import add_named
+
+    for text in map(_with_whole_path, given):
+        add_named(text)
+        os.environ[VARIABLE] = "\n".join(dict.fromkeys([*asked_for(), text]))
+
+
+def _with_whole_path(text: str) -> str:
+    place, colon, name = text.rpartition(":")
+    return f"{os.path.abspath(place)}{colon}{name}" if place.endswith(".py") else text
 
 
 def align_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -95,7 +111,16 @@ run_options = packed_options(
     RunChoices,
     "choices",
     (
-        plugin_option,
+        filter_option(
+            "--plugin",
+            multiple=True,
+            is_eager=True,  # before every option that names filters
+            expose_value=False,
+            callback=_add_plugins,
+            metavar="MODULE:NAME",
+            help="Filter of your own, a usbldr.Method: my_package:MINE or my_filters.py:MINE; see docs/extend.md.",
+            rare=True,
+        ),
         filter_option(
             "--particles",
             "-N",
@@ -221,3 +246,39 @@ def seconds_of_log(option: str, text: str, start_ns: int) -> float:
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     whole_s = int(moment.timestamp() // 1)
     return (whole_s - start_ns // 10**9) + (moment.microsecond * 1000 - start_ns % 10**9) / 1e9
+
+
+def filters_option(what: str, default: str | None = None) -> Callable[[Any], Any]:
+    """Add --filters; ``what`` they are."""
+    return filter_option("--filters", "-f", type=FILTERS, metavar="LIST", default=default, help=what)
+
+
+def seeds_option(default: int) -> Callable[[Any], Any]:
+    """Add --seeds."""
+    several = click.IntRange(min=1)
+    text = "Runs of each method."
+    return filter_option("--seeds", type=several, default=default, metavar="N", help=text, used_by="draws")
+
+
+def filter_list(filters: str, choices: RunChoices) -> list[str]:
+    """Return the names in a list of filters; refuse options that none of them takes."""
+    from usbldr.filters.replay.methods import METHODS, method_named, methods_that
+
+    choices.settings()  # refuses wrong values
+    names = [name.strip() for name in filters.split(",") if name.strip()]
+    if not names:
+        raise UsageError(f"--filters names no filter (filters: {', '.join(METHODS)})")
+    methods = [method_named(name) for name in names]
+    refuse_repeats("--filters", names)
+    if choices.gate is not None and not any(method.takes_gate for method in methods):
+        raise UsageError(f"--gate is for {methods_that(lambda m: m.takes_gate)}, none of which is compared")
+    if choices.aid is not None and not any(method.is_filter for method in methods):
+        raise UsageError("--aid is for filters, none of which is compared")
+    return names
+
+
+def refuse_repeats(what: str, names: Sequence[str]) -> None:
+    """Raise UsageError if an option or argument names something twice."""
+    repeated = [name for k, name in enumerate(names) if name in names[:k]]
+    if repeated:
+        raise UsageError(f"{what} names {repeated[0]} twice")

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from usbldr.filters.errors import LogError, UsageError
-from usbldr_cli.options.command_line import given_command
 from usbldr_cli.options.log_options import configured_request, labelled_inputs
+from usbldr_cli.options.option import given_command
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.verbosity import progress
 

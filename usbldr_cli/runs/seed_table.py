@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from usbldr.filters.errors import UsageError
-from usbldr.filters.evaluation.block_bootstrap import mean_difference, significant_among
 from usbldr.filters.evaluation.consistency import Nees, consistency_text
 from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.filters.evaluation.metrics import by_name, declared
@@ -23,8 +22,10 @@ from usbldr.filters.evaluation.seed_statistics import (
     PairedDifference,
     average,
     diverged_share,
+    mean_difference,
     paired_difference,
     pooled_nees,
+    significant_among,
 )
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.windows import windows_text

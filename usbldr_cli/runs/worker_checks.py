@@ -1,4 +1,7 @@
-"""What a worker elsewhere must have before it runs anything: the same code, and the same bytes of the log."""
+"""What a worker elsewhere must have before it runs anything: the same code, and the same bytes of the log.
+
+Results that are stored have the digest of the code that made them: those of other code are not used again.
+"""
 
 import functools
 import hashlib
@@ -10,13 +13,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import usbldr.filters
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.kernel import KERNEL
 from usbldr.filters.plugins import VARIABLE as PLUGINS
-from usbldr.filters.plugins import asked_for
+from usbldr.filters.plugins import asked_for, sources
 from usbldr.io.limits import VARIABLE as LIMITS
 from usbldr.io.reading.remote import local_log
 from usbldr_cli.options.log_options import inputs, read_request
-from usbldr_cli.runs.code_digest import code_digest
 from usbldr_cli.runs.workers import Job
 
 SHOWN = 8  # [characters] of a digest in a sentence
@@ -137,3 +141,25 @@ def _digest(path: Path, selection: Mapping[str, Any]) -> str:
         return digest_paths(inputs(str(path), read_request(**selection)))
     except OSError:
         return ""
+
+
+def code_digest() -> str:
+    """Return the digest of the installed filters, of plugins, of NumPy's version, and of the kernel if it runs."""
+    return _own() + "".join(f" {source}" for source in sources())
+
+
+@functools.cache
+def _own() -> str:
+    return digest_of(Path(usbldr.filters.__file__).parent, compiled=KERNEL.advance is not None)
+
+
+def digest_of(filters: Path, *, compiled: bool) -> str:
+    """Return the digest for the package at a path; its compiled kernel counts only if it is used.
+
+    All variants of the kernel give the same numbers, so they do not count.
+    """
+    digest = hashlib.sha256(f"{version('usbldr')} {version('numpy')}".encode())
+    kernel = filters.glob("kernel/_kernel*[!i]") if compiled else ()
+    for file in sorted([*filters.rglob("*.py"), *kernel]):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

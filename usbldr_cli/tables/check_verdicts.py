@@ -1,18 +1,24 @@
-"""Each metric of a baseline: old, new, change, limit, verdict; as text, Markdown and JSON."""
+"""Each metric of a baseline run again: old, new, change, limit, verdict; as text, Markdown, JSON and JUnit XML."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
-from usbldr.filters.errors import listed
+from usbldr.filters.errors import CheckError, LogError, listed, printable
 from usbldr.filters.evaluation.metrics import Direction
+from usbldr.filters.replay.methods import METHODS
 from usbldr.io.reports.page import Page, Plot, Section, labelled
 from usbldr.io.reports.report_text import Table
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance, provenance_content
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline, usual_direction
-from usbldr_cli.options.command_line import given_command
+from usbldr_cli.options.option import given_command
+from usbldr_cli.runs import seed_table
+from usbldr_cli.runs.job_store import JobResult
+from usbldr_cli.runs.jobs import run_jobs
+from usbldr_cli.runs.workers import Executor, Job
 
 OK, REGRESSION, STALE, MISSING, UNKNOWN = "ok", "REGRESSION", "better: stale", "MISSING", "NO VALUE"
 ANOTHER_LOG = "another log"  # of which the stored values are
@@ -189,3 +195,68 @@ def page(baseline: RegressionBaseline, checked: Sequence[CheckedRow], figures: S
 def _flat(changes: Sequence[tuple[str, MetricChange]]) -> Table:
     """Return metrics with the names of their rows."""
     return Table("metric", ("row", *HEADS), tuple((c.metric, name, *_cells(c)) for name, c in changes))
+
+
+def checked_rows(baseline: RegressionBaseline, jobs: Mapping[str, Sequence[Job]], where: Executor) -> list[CheckedRow]:
+    """Run every row, ``jobs`` by row name, and compare its metrics with the stored ones."""
+    outcomes = iter(run_jobs([job for cell in jobs.values() for job in cell], where))
+    by_row = {name: [next(outcomes) for _ in cell] for name, cell in jobs.items()}
+    return [_compared(baseline.file, row, jobs[row.name], by_row[row.name]) for row in baseline.rows]
+
+
+def _compared(file: Path, row: BaselineRow, jobs: Sequence[Job], outcomes: Sequence[JobResult]) -> CheckedRow:
+    if not jobs:
+        return CheckedRow(row, (), f"{file.parent / row.log}: no such log or scenario", CheckError.exit_code)
+    bad = [outcome for outcome in outcomes if outcome.fault is not None]
+    if bad:
+        return CheckedRow(row, (), bad[0].fault, max(outcome.exit_code for outcome in bad))
+    seeds = tuple(job.choices.seed for job in jobs)
+    dives = jobs[0].simulated
+    run = seed_table.ComparisonRow(
+        row.log, row.filter, row.filter, seeds, tuple(outcomes), METHODS[row.filter].draws, dives
+    )
+    found = seed_table.row_metrics(run)
+    judged = outcomes[0].scored_against
+    digest, lost = ("", ()) if judged is None else (judged.log_sha256, judged.lost)
+    digest = "" if dives else digest  # the last bits of a simulated log depend on the machine
+    other = bool(row.log_sha256 and digest) and row.log_sha256 != digest
+    changes = tuple(compare_metric(name, metric, found.get(name), other) for name, metric in row.metrics.items())
+    worst = max(range(len(seeds)), key=lambda k: outcomes[k].metrics.get("mean_horizontal_m", 0.0))
+    return CheckedRow(row, changes, None, LogError.exit_code if lost else 0, lost, digest, worst_seed=seeds[worst])
+
+
+def junit(baseline: str, checked: Sequence[CheckedRow]) -> str:
+    """Return the JUnit XML, a suite for each row; a row that could not be run, or not on its whole log, is an error.
+
+    There is no standard; these are the elements of Ant's JUnit task that GitLab, Jenkins and others read: testsuites,
+    testsuite, testcase, failure, error, system-out.
+    """
+    root = ElementTree.Element("testsuites", name=f"usbldr check {printable(baseline)}")
+    for one in checked:
+        suite = ElementTree.SubElement(root, "testsuite", name=printable(one.row.name))
+        name = f"{baseline}: {one.row.name}"
+        for change in one.changes:
+            _case(suite, name, change)
+        broken = [one.fault] if one.fault is not None else list(one.lost)
+        if broken:
+            case = ElementTree.SubElement(suite, "testcase", classname=printable(name), name="run")
+            ElementTree.SubElement(case, "error", message=printable(broken[0])).text = printable("; ".join(broken))
+        failures = sum(change.verdict in FAILURES for change in one.changes)
+        suite.set("tests", str(len(suite)))
+        suite.set("failures", str(failures))
+        suite.set("errors", str(len(broken[:1])))
+        said = [printable(text) for _, text in notes([one])]
+        if said:
+            ElementTree.SubElement(suite, "system-out").text = "\n".join(said)
+    for count in ("tests", "failures", "errors"):
+        root.set(count, str(sum(int(suite.get(count, "0")) for suite in root)))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _case(suite: ElementTree.Element, row: str, change: MetricChange) -> None:
+    case = ElementTree.SubElement(suite, "testcase", classname=printable(row), name=printable(change.metric))
+    if change.verdict in FAILURES:
+        old, new = ("none" if value is None else f"{value:.6g}" for value in (change.old, change.new))
+        text = f"{change.verdict}: {old} before, {new} now, limit {change.limit:.3g}"
+        ElementTree.SubElement(case, "failure", message=text).text = text

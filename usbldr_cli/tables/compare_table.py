@@ -1,9 +1,10 @@
-"""The tables of a comparison: for the terminal within 100 columns, as Markdown, as CSV rows. Metres and seconds."""
+"""The tables of a comparison: for the terminal within 100 columns, as Markdown, LaTeX, CSV rows. Metres and seconds."""
 
 import re
 import textwrap
 from collections.abc import Sequence
 
+from usbldr.filters.errors import printable
 from usbldr.filters.evaluation.error_report import Window
 from usbldr.io.reports.page import Block, Page, Picture, Plot, Section, labelled
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
@@ -29,6 +30,16 @@ LEGEND = (
     "(Student's t, 95 %, at least 3 seeds); of single runs in --output they are over the epochs (moving-block "
     "bootstrap, Holm's correction for several filters); diverged: share of seeds with a mean horizontal "
     "error above 5 m."
+)
+SPECIAL = str.maketrans(
+    {
+        **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "|": "$|$",
+        "±": r"$\pm$",
+    }
 )
 
 
@@ -224,3 +235,23 @@ def filled(text: str) -> str:
     """Wrap a sentence without separating numbers from units."""
     tied = re.sub(r"(?<=\d) (?=%|m\b)", "\xa0", text)
     return textwrap.fill(tied, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+
+
+def latex(rows: Sequence[ComparisonRow]) -> str:
+    """Return the errors of each log as a tabular; its lines need no more than \\usepackage{booktabs}."""
+    logs = {log: [row for row in group if row.good] for log, group in grouped(rows).items()}
+    return (
+        "\n\n".join(f"% {printable(log)}\n{tabular(error_table(group))}" for log, group in logs.items() if group) + "\n"
+    )
+
+
+def tabular(table: Table) -> str:
+    """Return a table as a LaTeX tabular: labels to the left, numbers to the right."""
+    head, *body = ([_escaped(cell) for cell in line] for line in ((table.title, *table.heads), *table.rows))
+    lines = [f"\\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\toprule", f"{' & '.join(head)} \\\\", r"\midrule"]
+    lines += [f"{' & '.join(cells)} \\\\" for cells in body]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+
+
+def _escaped(cell: str) -> str:
+    return re.sub(r"^-(?=\d)", "$-$", cell.translate(SPECIAL))

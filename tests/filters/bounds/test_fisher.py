@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
 
-from usbldr.filters.bounds.fisher import fisher_information
+from usbldr.filters.bounds.pcrlb import fisher_information
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, Noise, StudentT
 

@@ -24,7 +24,7 @@ from usbldr.filters.estimators import compiled
 from usbldr.filters.estimators.compiled import CompiledFilter, Doubt
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
 from usbldr.filters.estimators.encoding import seed_words
-from usbldr.filters.estimators.hypothesis_likelihoods import hypothesis_likelihoods, usbl_measurements
+from usbldr.filters.estimators.hypotheses import hypothesis_likelihoods, usbl_measurements
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter

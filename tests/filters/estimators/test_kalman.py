@@ -12,9 +12,9 @@ from textbook import PRIOR, Drift, estimates, grid_posterior, position_steps
 from uncalibrated import dive_without_calibration
 from usbldr.filters.bounds.pcrlb import bounds
 from usbldr.filters.errors import UsageError
-from usbldr.filters.estimators.gate_recovery import Recovery
 from usbldr.filters.estimators.gaussian_bank import Projection, inverse_and_logdet, predict, project, replicate, update
 from usbldr.filters.estimators.kalman import KalmanFilter as OurKalmanFilter
+from usbldr.filters.estimators.kalman import Recovery
 from usbldr.filters.estimators.mode_updates import Gate, collapse, mode_likelihoods, moment_matched
 from usbldr.filters.estimators.protocol import Estimate, Prior, Step
 from usbldr.filters.estimators.rts_smoother import smooth

@@ -11,22 +11,20 @@ import pytest
 from timelines import five_hz
 from uncalibrated import dive_without_calibration
 from usbldr.filters.estimators.cpf import CubatureParticleFilter
-from usbldr.filters.estimators.hypotheses import Ambiguity, Hypothesis, MultiHypothesisBelief
+from usbldr.filters.estimators.hypotheses import Ambiguity, Hypothesis, MultiHypothesisBelief, reacquisition_texts
 from usbldr.filters.estimators.kalman import KalmanFilter
 from usbldr.filters.estimators.mode_updates import moment_matched
 from usbldr.filters.estimators.multi_hypothesis import MultiHypothesisFilter
 from usbldr.filters.estimators.protocol import Estimate, Estimates
-from usbldr.filters.estimators.reacquisition_text import reacquisition_texts
 from usbldr.filters.evaluation.consistency import nees
 from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Parameters, ProcessNoise
 from usbldr.filters.models.sigma_points import cubature, linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.late_fixes import by_validity
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import prior
-from usbldr.filters.replay.run import run
+from usbldr.filters.replay.run import by_validity, run
 from usbldr.filters.replay.steps import StepSource, steps
 from usbldr.filters.types import Outage, Reacquisition, Timeline
 from usbldr.io.reading.epochs import timeline

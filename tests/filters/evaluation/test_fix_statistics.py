@@ -10,7 +10,7 @@ from usbldr.filters.evaluation.fix_statistics import fix_statistics
 from usbldr.filters.evaluation.influence import without_fix
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.simulation.scenario import CorrelatedError
-from usbldr.filters.simulation.sensor_errors import correlated_error
+from usbldr.filters.simulation.simulate import correlated_error
 from usbldr.filters.types import Trajectory
 from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.shipped import find_scenario

@@ -15,8 +15,8 @@ from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, Start
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import write_scenario
 from weaving import Faults, weaving_dive
 
 ASSUMED = Parameters(usbl=Gaussian(), start=Start(2.0, 0.0, 3.0))

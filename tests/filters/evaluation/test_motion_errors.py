@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from usbldr.filters.evaluation.evaluation import evaluate
-from usbldr.filters.evaluation.relative_error import distance_m, relative_errors
+from usbldr.filters.evaluation.metrics import distance_m, relative_errors
 from usbldr.filters.types import Array, Trajectory, Truth, Vector
 
 SECONDS = np.arange(100.0)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uncalibrated import dive_without_calibration
+from usbldr.filters.evaluation.consistency import whiteness, whiteness_warning
 from usbldr.filters.evaluation.fault_response import fault_response
 from usbldr.filters.evaluation.noise_change import noise_change, noise_warnings
-from usbldr.filters.evaluation.whiteness import whiteness, whiteness_warning
 from usbldr.filters.models.noise import Gaussian
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Trajectory, Update

@@ -5,13 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from usbldr.filters.evaluation.block_bootstrap import mean_difference, significant_among, two_sided
 from usbldr.filters.evaluation.seed_statistics import (
     average,
     diverged_share,
+    mean_difference,
     paired_difference,
     pooled_nees,
+    significant_among,
     student_quantile,
+    two_sided,
 )
 
 

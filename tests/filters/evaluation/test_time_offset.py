@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.evaluation.constant_shift import constant_shift
+from usbldr.filters.evaluation.alignment import constant_shift
 from usbldr.filters.evaluation.error_report import ErrorReport
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.evaluation.summary_sentence import summary_sentence

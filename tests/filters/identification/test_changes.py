@@ -21,17 +21,16 @@ from usbldr.filters.identification.changes import (
     _with,
     changes,
 )
-from usbldr.filters.identification.changing_noise import change_of_noise
-from usbldr.filters.identification.drift import drift_variances_m2
-from usbldr.filters.identification.evidence import identify
-from usbldr.filters.identification.linearisation import NO_ERROR
+from usbldr.filters.identification.evidence import change_of_noise, identify
+from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
 from usbldr.filters.identification.lost_reckoning import lost_spans
 from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
-from usbldr.filters.replay.dead_reckoning import displacement_m, interpolate, without_changes
+from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Outage, Timeline
+from usbldr.filters.windows import columns_at
 from weaving import Faults, apart_m, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
@@ -295,7 +294,7 @@ def test_fixes_that_scatter_more_from_a_time_on_count_less_there(from_s: float, 
 
 
 def test_fixes_without_noise_and_a_few_outliers_do_not_scatter_more() -> None:
-    exact = replace(DIVE, fix_m=interpolate(DIVE, displacement_m(DIVE), DIVE.fix_time_s))
+    exact = replace(DIVE, fix_m=columns_at(DIVE.fix_time_s, DIVE.time_s, displacement_m(DIVE)))
     jumping = replace(DIVE, fix_m=DIVE.fix_m + 30.0 * (np.arange(len(DIVE.fix_m)) % 20 == 0)[:, None])
 
     assert [identify(line, ASSUMED).change_texts for line in (DIVE, jumping)] == [{}, {}]

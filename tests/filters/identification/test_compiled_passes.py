@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from needed_kernel import require_kernel
-from usbldr.filters.identification import compiled_fixes, compiled_histories, false_runs
+from usbldr.filters.identification import false_runs, histories, usbl_likelihood
 from usbldr.filters.identification.histories import Followed, HistorySearch
 from usbldr.filters.identification.linearisation import DVL_CLOCK, LEVER, NO_ERROR, near
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
@@ -42,7 +42,7 @@ def test_every_member_has_the_same_likelihood_and_errors(monkeypatch, family: No
     members = [member(i, family) for i in range(11)]
 
     got = fix_likelihoods(line, members)
-    monkeypatch.setattr(compiled_fixes, "KERNEL", NUMPY)
+    monkeypatch.setattr(usbl_likelihood, "KERNEL", NUMPY)
     want = fix_likelihoods(line, members)
 
     np.testing.assert_allclose(got.log_likelihood, want.log_likelihood, rtol=1e-9)
@@ -73,7 +73,7 @@ def assert_equal(got: list[Followed], want: list[Followed]) -> None:
 @pytest.mark.parametrize("family", [Gaussian(), Contamination(), StudentT()], ids=repr)
 def test_histories_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch, family: NoiseFamily, fault: str) -> None:
     def both(search: HistorySearch) -> list[Followed]:
-        got = compiled_histories.followed(search)
+        got = histories.followed(search)
         assert_equal(got, search.followed())
         return got
 
@@ -89,7 +89,7 @@ def test_histories_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch, family: N
 
 def test_numpy_follows_what_the_kernel_has_no_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     searches: list[HistorySearch] = []
-    followed = compiled_histories.followed
+    followed = histories.followed
     monkeypatch.setattr(false_runs, "followed", lambda search: (searches.append(search), followed(search))[1])
     false_runs.false_runs(LINE, Member(Parameters(), frozenset()))
     (search,) = searches
@@ -100,15 +100,15 @@ def test_numpy_follows_what_the_kernel_has_no_room_for(monkeypatch: pytest.Monke
 
     for limit in ("states", "modes", "histories"):
         small = KERNEL._replace(limits=KERNEL.limits._replace(**{limit: 1}), run_histories=refused)
-        monkeypatch.setattr(compiled_histories, "KERNEL", small)
+        monkeypatch.setattr(histories, "KERNEL", small)
         assert_equal(followed(search), want)
-    monkeypatch.setattr(compiled_histories, "KERNEL", NUMPY)
+    monkeypatch.setattr(histories, "KERNEL", NUMPY)
     assert_equal(followed(search), want)
 
 
 def test_arrays_that_do_not_fit_together_are_refused() -> None:
     assert KERNEL.run_histories is not None
-    settings = compiled_histories.SEARCH.pack(*[1.0] * 5, 10, 3, 1, 1, 2, 10, 10, 1)
+    settings = histories.SEARCH.pack(*[1.0] * 5, 10, 3, 1, 1, 2, 10, 10, 1)
     arrays = [np.zeros(size) for size in (6, 60, 9, 1, 12, 10, 100, 3, *[3 * KERNEL.limits.histories] * 5, 3)]
     KERNEL.run_histories(settings, *arrays)
     for short in range(len(arrays)):

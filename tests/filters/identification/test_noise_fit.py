@@ -13,9 +13,13 @@ import pytest
 from textbook import log_density
 from usbldr.filters.estimators.gaussian_bank import GaussianBank
 from usbldr.filters.identification import clusters
-from usbldr.filters.identification.dvl_likelihood import dvl_likelihoods
 from usbldr.filters.identification.newton import maximise
-from usbldr.filters.identification.noise_fit import estimate_compass_noise, estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.noise_fit import (
+    dvl_likelihoods,
+    estimate_compass_noise,
+    estimate_dvl_noise,
+    estimate_usbl_noise,
+)
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start

@@ -13,10 +13,10 @@ from usbldr.filters.models.noise import (
     NoiseFamily,
     StudentT,
     chi_square_quantile,
+    normal_scores,
     robust_sd,
     shown_sd,
 )
-from usbldr.filters.models.normal_scores import normal_scores
 
 R = np.array([[2.0, 0.5], [0.5, 1.0]])
 

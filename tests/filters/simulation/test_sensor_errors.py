@@ -8,14 +8,15 @@ import pytest
 
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, CorrelatedError, Leg, Multipath, Outliers, Timing
-from usbldr.filters.simulation.sensor_errors import (
+from usbldr.filters.simulation.simulate import (
+    SimulatedDive,
     correlated_error,
     draw_noise,
     in_intervals,
     multipath_errors,
     outlier_errors,
+    simulate,
 )
-from usbldr.filters.simulation.simulate import SimulatedDive, simulate
 from usbldr.io.scenarios.shipped import find_scenario
 
 PAPER = find_scenario("paper")

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.simulation.usbl_survey import simulate_survey
+from usbldr.filters.simulation.simulate import simulate_survey
 from usbldr.filters.usbl_survey.calibration import assumed, calibrated, halves, known_of
 from usbldr.filters.usbl_survey.geometry import (
     LATENCIES,

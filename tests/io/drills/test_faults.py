@@ -11,10 +11,9 @@ from logs import refusal, with_table
 from recordings import saved
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.simulation.scenario import Leg
-from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged
+from usbldr.io.drills.drill import NAMED_BY, UNDAMAGED, Drill, damaged, is_named
 from usbldr.io.drills.effects import EFFECTS
 from usbldr.io.drills.fault_text import Fault, Span, fault_of
-from usbldr.io.drills.finding_codes import NAMED_BY, is_named
 from usbldr.io.drills.kinds import KINDS, SENSORS
 from usbldr.io.drills.suite import STANDARD, read_suite
 from usbldr.io.log import Log

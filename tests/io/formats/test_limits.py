@@ -163,7 +163,7 @@ def test_too_many_topics_or_definitions_are_refused(tmp_path: Path, monkeypatch:
     with pytest.raises(LogError, match="has more than 20 topics"):
         open_log(topics).topics()
     monkeypatch.setenv(VARIABLE, "0.0001")
-    monkeypatch.setattr("usbldr.io.decoding.decoder_set.TOPICS", 1 << 20)
+    monkeypatch.setattr("usbldr.io.decoding.decoders.TOPICS", 1 << 20)
     assert "more than 0 kB" in open_log(definitions).topics()[0].problem
 
 

@@ -12,7 +12,7 @@ from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.reading.remote import is_url, local_log
 from usbldr.io.session import is_simulated
 from usbldr_cli.options.run_options import RunChoices
-from usbldr_cli.runs.drill_runs import DrillPlan
+from usbldr_cli.runs.drill_rows import DrillPlan
 from usbldr_cli.runs.jobs import run_job
 from usbldr_cli.runs.workers import Job
 

@@ -6,7 +6,7 @@ import pytest
 
 from logs import refusal
 from usbldr.filters.errors import LogError
-from usbldr.filters.simulation.usbl_survey import simulate_survey
+from usbldr.filters.simulation.simulate import simulate_survey
 from usbldr.filters.usbl_survey.geometry import NAMES, placed
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log

@@ -108,7 +108,7 @@ def _same(value: object, cell: str) -> bool:
 
 
 def test_without_pyarrow_the_option_names_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    finder = "usbldr_cli.options.run_outputs.find_spec"
+    finder = "usbldr_cli.run_output.find_spec"
     monkeypatch.setattr(finder, lambda name: None if name == "pyarrow" else find_spec(name))
     said = refusal(UsageError, output_of, "replay", LOG, "-f", "ekf", "--parquet", "-o", tmp_path / "run")
     assert "pip install 'usbldr[parquet]'" in said

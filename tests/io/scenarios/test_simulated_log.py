@@ -19,9 +19,8 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.simulation.scenario import Timing
 from usbldr.filters.simulation.simulate import simulate
 from usbldr.io.log import COLUMNS
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import START_NS, simulated_log
+from usbldr.io.scenarios.simulated_log import START_NS, simulated_log, write_scenario
 from usbldr.io.writers.write_log import log_format_of
 
 PAPER = find_scenario("paper")

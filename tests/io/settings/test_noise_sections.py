@@ -13,8 +13,8 @@ from usbldr.filters.models.calibration import REPORTED_QUANTITIES
 from usbldr.filters.models.noise import FAMILIES, Gaussian
 from usbldr.filters.models.parameters import ProcessNoise, SensorErrors, Start
 from usbldr.filters.models.quantities import SENSOR_UNITS, quantities
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.simulated_log import write_scenario
 from usbldr.io.settings.noise_sections import NOISES, noise_family_of, section_of, stated_model
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import noise_text, stated
@@ -46,7 +46,7 @@ from pathlib import Path
 from usbldr.io.reading.read import read_log
 from usbldr.io.settings.toml_text import noise_text
 from usbldr_cli.main import cli
-from usbldr_cli.options.noise_option import noise_family
+from usbldr_cli.options.option_texts import noise_family
 
 log, out = sys.argv[1:]
 assert noise_family("compass=wide:9:2:scalar")[1].factor == 9.0

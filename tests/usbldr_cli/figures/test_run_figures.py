@@ -27,11 +27,10 @@ from usbldr.io.reading.epochs import timeline
 from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.reports.tracks import track_table
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr_cli.figures.calibration import calibration_figure
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import draw as draw_all
-from usbldr_cli.figures.health import innovation_figure, particle_figure
+from usbldr_cli.figures.health import calibration_figure, innovation_figure, particle_figure
 from usbldr_cli.figures.overlay import coincident_text
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures

@@ -23,9 +23,8 @@ from usbldr_cli.drill import drill
 from usbldr_cli.evaluate import evaluate
 from usbldr_cli.main import COMMANDS, cli
 from usbldr_cli.options.log_options import log_options, read_request
-from usbldr_cli.options.noise_option import noise_family
 from usbldr_cli.options.option import Option
-from usbldr_cli.options.window_options import aid_windows
+from usbldr_cli.options.option_texts import aid_windows, noise_family
 from usbldr_cli.replay import replay
 
 

@@ -12,7 +12,7 @@ import pytest
 import logs
 import usbldr_cli.compare
 import usbldr_cli.runs.one_run
-import usbldr_cli.tables.checked_rows
+import usbldr_cli.tables.check_verdicts
 from checkout import SAMPLES
 from commands import output_of, run
 from usbldr.filters.errors import StorageError, UsageError
@@ -46,7 +46,7 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(usbldr_cli.runs.one_run, "finish_run", never)
     monkeypatch.setattr(usbldr_cli.compare, "_run", never)
-    monkeypatch.setattr(usbldr_cli.tables.checked_rows, "run_jobs", never)
+    monkeypatch.setattr(usbldr_cli.tables.check_verdicts, "run_jobs", never)
 
 
 refusal = partial(logs.refusal, UsageError, output_of)

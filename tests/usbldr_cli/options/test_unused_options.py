@@ -17,14 +17,12 @@ from usbldr.filters.models.noise import StudentT
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
-from usbldr.io.scenarios.files import write_scenario
 from usbldr.io.scenarios.shipped import find_scenario
-from usbldr.io.scenarios.simulated_log import simulated_log
+from usbldr.io.scenarios.simulated_log import simulated_log, write_scenario
 from usbldr.io.session import RunSettings, replay
 from usbldr_cli.compare import compare
 from usbldr_cli.main import COMMANDS
-from usbldr_cli.options.option import Option
-from usbldr_cli.options.unused_options import unused_options
+from usbldr_cli.options.option import Option, unused_options
 
 SHORT = dataclasses.replace(find_scenario("paper"), duration_s=20.0)
 OTHER: dict[str, Any] = {  # by option: another value than the default

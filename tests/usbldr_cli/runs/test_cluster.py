@@ -19,7 +19,7 @@ from commands import free_port, run, spoil, write_short
 from usbldr.filters.errors import UsageError
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.worker_options import WorkerChoices
-from usbldr_cli.runs import cluster, run_jobs, worker_checks
+from usbldr_cli.runs import cluster, jobs, worker_checks
 from usbldr_cli.runs.executors import LocalProcesses, executor
 from usbldr_cli.runs.job_store import JobResult, read_trace
 from usbldr_cli.runs.worker_checks import UnfitWorkerError, expected, installed
@@ -123,11 +123,11 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(address, workers, log, 
         killing: Any = SimpleNamespace(
             elsewhere=True, workers=2, finished=lambda *given: kill_after_the_first(where.finished(*given))
         )
-        there = run_jobs.run_jobs(units, killing, stores[0])
+        there = jobs.run_jobs(units, killing, stores[0])
 
     assert workers[0].poll() == -signal.SIGKILL
     assert sorted(written) == list(range(9))
-    assert reported(there) == reported(run_jobs.run_jobs(units, LocalProcesses(1), stores[1]))
+    assert reported(there) == reported(jobs.run_jobs(units, LocalProcesses(1), stores[1]))
     assert "nothing: no such file, folder or scenario" in str(there[-1].fault)
     assert len(list(stores[0].glob("*.json"))) == 8
 
@@ -151,13 +151,13 @@ def test_a_worker_of_another_version_refuses_and_names_both(address, log, monkey
     monkeypatch.setattr(worker_checks, "installed", lambda: here)
 
     with cluster.connected(address) as where, pytest.raises(UnfitWorkerError) as refused:
-        run_jobs.run_jobs([Job(str(log), "ekf", CHOICES)], where)
+        jobs.run_jobs([Job(str(log), "ekf", CHOICES)], where)
 
     assert re.search(rf"runs usbldr {version('usbldr')} \(.*this command usbldr 9.9.9 \(", str(refused.value))
 
 
-def ordered(unit: Job) -> run_jobs.Order:
-    return run_jobs.Order((unit,), expected(unit))
+def ordered(unit: Job) -> jobs.Order:
+    return jobs.Order((unit,), expected(unit))
 
 
 @pytest.fixture
@@ -171,17 +171,17 @@ def test_a_worker_whose_log_differs_or_is_not_there_refuses(unit: Job) -> None:
     spoil(Path(unit.log) / "usbldr.toml", "sd_m = 1.0", "sd_m = 3.0")
 
     with pytest.raises(UnfitWorkerError, match=r"dive or a file that belongs to it differs on"):
-        run_jobs.run_order(order, frozenset())
+        jobs.run_order(order, frozenset())
     shutil.rmtree(unit.log)
     with pytest.raises(UnfitWorkerError, match=r"does not have .*dive: keep logs where all workers reach them"):
-        run_jobs.run_order(order, frozenset())
+        jobs.run_order(order, frozenset())
 
 
 def test_a_log_that_changed_since_the_last_order_is_read_again(unit: Job) -> None:
-    (before,) = run_jobs.run_order(ordered(unit), frozenset())
+    (before,) = jobs.run_order(ordered(unit), frozenset())
     spoil(Path(unit.log) / "usbldr.toml", "sd_m = 1.0", "sd_m = 3.0")
 
-    (after,) = run_jobs.run_order(ordered(unit), frozenset())
+    (after,) = jobs.run_order(ordered(unit), frozenset())
 
     assert before.key != after.key
 
@@ -199,6 +199,6 @@ def test_a_worker_takes_over_the_limits_of_the_command(log: Path, monkeypatch: p
     order = ordered(Job(str(log), "usbl", CHOICES))
     monkeypatch.setenv("USBLDR_LIMITS", "3")
 
-    run_jobs.run_order(order, frozenset())
+    jobs.run_order(order, frozenset())
 
     assert os.environ["USBLDR_LIMITS"] == "7"

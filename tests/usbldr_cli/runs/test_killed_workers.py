@@ -25,10 +25,10 @@ from usbldr.io.reading.opening import DEFAULT_REQUEST
 from usbldr.io.session import open_log
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import executors
-from usbldr_cli.runs.code_digest import code_digest, digest_of
 from usbldr_cli.runs.executors import LocalProcesses
+from usbldr_cli.runs.jobs import run_jobs
 from usbldr_cli.runs.one_run import RunPlan, on_epochs, prepare_run
-from usbldr_cli.runs.run_jobs import run_jobs
+from usbldr_cli.runs.worker_checks import code_digest, digest_of
 from usbldr_cli.runs.workers import Job
 
 CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")

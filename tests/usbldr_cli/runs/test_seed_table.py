@@ -7,7 +7,7 @@ import pytest
 
 from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.io.reports.markdown_report import markdown
+from usbldr.io.reports.page import markdown
 from usbldr.io.reports.report_text import window_text
 from usbldr.io.reports.run_provenance import RunProvenance
 from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
@@ -20,8 +20,7 @@ from usbldr_cli.runs.seed_table import (
     row_content,
     row_metrics,
 )
-from usbldr_cli.tables.compare_table import notes, page, render
-from usbldr_cli.tables.latex_table import latex
+from usbldr_cli.tables.compare_table import latex, notes, page, render
 from usbldr_cli.tables.run_table import WIDTH
 
 JUDGED = ScoringContext("dive.mcap", "MCAP", "0" * 64, "", "gps", "/gps", None, None, "none")
