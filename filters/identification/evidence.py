@@ -229,7 +229,7 @@ def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> Cho
     for _ in range(LINEARISATIONS - 1):
         members = _relinearised(members, fix_likelihoods(timeline, members))
     found = fix_likelihoods(timeline, members)
-    score = found.log_likelihood + LOG_PRIOR_ODDS * np.array([len(subset) + len(subset & far) for subset in subsets])
+    score = _score(found, subsets, far)
     score[~_plausible(members, found)] = -np.inf
     present, named = _present(score, subsets)
     row, sd = subsets.index(present), prior_sds(member.parameters)
@@ -237,6 +237,19 @@ def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> Cho
         (state,) = (name for key in pair & {HEAD, RANGE} for name in KEYS[key])
         named |= pair if named & pair and pair <= present and found.sd[state][row] > OPEN * sd[state] else named
     return Choice(_relinearised(members, found)[row], row, named, subsets, score, found, far)
+
+
+def _score(found: FixLikelihoods, subsets: Sequence[frozenset[str]], far: frozenset[str]) -> Vector:
+    """Return the log likelihood of each subset with the prior odds of its errors, (N,).
+
+    Fixes or headings that are early pay them again: drivers and filters delay. At a constant speed early fixes, a late
+    compass and a DVL astern are one another.
+    """
+    early = (found.mean["usbl_latency"] < 0) | (found.mean["compass_clock"] < 0)
+    score: Vector = found.log_likelihood + LOG_PRIOR_ODDS * (
+        np.array([len(subset) + len(subset & far) for subset in subsets]) + early
+    )
+    return score
 
 
 def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
@@ -249,16 +262,13 @@ def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
 def _present(score: Vector, subsets: Sequence[frozenset[str]]) -> tuple[frozenset[str], frozenset[str]]:
     """Return the errors of the best subset with those that are open beside it, and those of them that have evidence.
 
-    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose. So is a
-    compass that is early by tau, which is less usual: it must be clearly better than the best subset without it.
+    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose.
     No head is mounted without error, so that those of a head are always present; the sigma of a ship's is soon small.
     Turned or scaled fixes of a head that rests are a turned compass or a scaled DVL: these are present, too, unless the
     evidence against them is strong, also where the two hide each other: the track depends on their shares.
     """
     scores = dict(zip(subsets, score.tolist(), strict=True))
     best = max(subsets, key=scores.__getitem__)
-    usual = max((subset for subset in subsets if COMPASS_CLOCK not in subset), key=scores.__getitem__)
-    best = usual if scores[best] - scores[usual] < -LOG_PRIOR_ODDS else best
     present = named = best
     if len(best & LEVER_OR_LATENCY) == 1:
         other = scores.get(best ^ LEVER_OR_LATENCY, -math.inf)

@@ -9,7 +9,7 @@ import pytest
 
 from timelines import HZ
 from usbldr.filters.identification.conclusions import Choice, explanations
-from usbldr.filters.identification.evidence import _likeliest, _present, identify, subsets_of
+from usbldr.filters.identification.evidence import _likeliest, _present, _score, identify, subsets_of
 from usbldr.filters.identification.identification import (
     ErrorEstimate,
     Explanation,
@@ -214,15 +214,28 @@ def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -
     assert off_m < 2 / 3 * as_state_m
 
 
-@pytest.mark.parametrize(("key", "with_rival"), [(COMPASS_CLOCK, {"latency"}), (LEVER, {LEVER, "latency"})])
-def test_a_rival_latency_goes_before_a_late_compass_and_beside_a_lever_arm_unless_it_is_clearly_worse(key, with_rival):
+def test_a_rival_latency_goes_beside_a_lever_arm_unless_it_is_clearly_worse() -> None:
     score = np.full(len(SUBSETS), -50.0)
-    one, other = (SUBSETS.index(frozenset([key])) for key in (key, "latency"))
+    one, other = (SUBSETS.index(frozenset([key])) for key in (LEVER, "latency"))
     score[one], score[other] = 0.0, -2.9
 
-    assert _present(score, SUBSETS)[0] == with_rival
+    assert _present(score, SUBSETS)[0] == {LEVER, "latency"}
     score[other] = -3.1  # log 20 is 2.996
-    assert _present(score, SUBSETS)[0] == {key}
+    assert _present(score, SUBSETS)[0] == {LEVER}
+
+
+@pytest.mark.parametrize(("key", "state"), [("latency", "usbl_latency"), (COMPASS_CLOCK, "compass_clock")])
+def test_an_early_clock_is_twenty_times_rarer_than_a_late_one(key: str, state: str) -> None:
+    def score(value_s: float) -> float:
+        mean = {"usbl_latency": np.zeros(1), "compass_clock": np.zeros(1), state: np.array([value_s])}
+        (found,) = _score(FixLikelihoods(np.array([7.0]), mean, mean), [frozenset([key])], frozenset())
+        return float(found)
+
+    assert score(1.0) == pytest.approx(7.0 - np.log(20))
+    assert score(-1.0) == pytest.approx(7.0 - 2 * np.log(20))
+
+
+def test_two_of_three_clocks_say_all() -> None:
     assert not any(subset >= {COMPASS_CLOCK, usual} for subset in SUBSETS for usual in (DVL_CLOCK, "latency"))
 
 
