@@ -127,10 +127,12 @@ def _without_held(records: Records, tables: Tables) -> Judged:
 
 
 def _fixes(tables: Tables, role: str, records: Records) -> Fixes | None:
-    """Return the fixes beside velocities, with these records of a sensor; None if a sensor is missing."""
+    """Return the fixes beside velocities, with these records of a sensor; None if a sensor has less than two."""
     if not {"dvl", "compass", "usbl"} <= tables.keys():
         return None
     of = {name: Records.of("", tables[name], CHECKS[name][0]) for name in ("dvl", "compass", "usbl")} | {role: records}
+    if min(len(one.time_s) for one in of.values()) < 2:
+        return None
     dvl, usbl, headings_rad = of["dvl"], of["usbl"], np.unwrap(np.radians(of["compass"].values[:, 0]))
     yaw_rad = np.interp(dvl.time_s, of["compass"].time_s, headings_rad)
     stated_m2 = float(np.median(tables["usbl"][["cov_ee_m2", "cov_nn_m2"]].to_numpy(dtype=float)))
