@@ -93,7 +93,7 @@ class _Change(NamedTuple):
     parts: int  # of those of the kind
 
 
-class _Blocks(NamedTuple):
+class Blocks(NamedTuple):
     """B blocks of fixes minus dead reckoning."""
 
     time_s: Vector  # (F,) of every fix
@@ -103,6 +103,7 @@ class _Blocks(NamedTuple):
     measurement_matrix: Array  # (F, 2, P) H of every fix: how PASS_STATES move it
     mean_matrix: Array  # (B, 2, P)
     about: Point  # at which they are linear
+    share: float  # of the stated correlated error of the fixes
     kind: Kind
 
     @property
@@ -118,10 +119,10 @@ class FoundChanges(NamedTuple):
     cost: float = 0.0  # log odds
 
 
-def changes(timeline: Timeline, given: Parameters) -> tuple[FoundChanges, ...]:
-    """Return the changes of each of KINDS for which there is strong evidence; none if they do not describe the log."""
+def blocks_of(timeline: Timeline, given: Parameters) -> tuple[Timeline, Sequence[Blocks]]:
+    """Return the timeline without outliers, and its blocks about each likely point; none of too few fixes."""
     if len(timeline.fix_time_s) < BLOCK * LEAST_BLOCKS:
-        return ()
+        return timeline, ()
     timeline = timeline.with_fixes(_among_neighbours(timeline, given))
     group = segment_numbers(timeline, timeline.fix_time_s)
     points = {NO_ERROR}
@@ -129,11 +130,16 @@ def changes(timeline: Timeline, given: Parameters) -> tuple[FoundChanges, ...]:
         fit = fit_rotation(timeline, group, WIDE_LATENCIES_S)
         mounted = {"heading_bias": -fit.rotation_rad}
         points = {near(mounted | {"usbl_latency": late_s}) for late_s in (0.0, fit.latency_s)}  # not linear in turns
-    blocks = _blocks_about(timeline, given, points)
-    return tuple(_described(timeline, given, [one._replace(kind=kind) for one in blocks]) for kind in KINDS)
+    return timeline, _blocks_about(timeline, given, points)
 
 
-def _described(timeline: Timeline, given: Parameters, blocks: Sequence[_Blocks]) -> FoundChanges:
+def changes(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> tuple[FoundChanges, ...]:
+    """Return the changes of each of KINDS for which there is strong evidence; none if they do not describe the log."""
+    of_kinds = ([one._replace(kind=kind) for one in blocks] for kind in KINDS if blocks)
+    return tuple(_described(timeline, given, some) for some in of_kinds)
+
+
+def _described(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
     kind, best = blocks[0].kind, _best(blocks)
     if best.changes and kind.accumulates:  # about the heading before the first one: another mixes heading and scale
         about = dict(zip(STEPS, best.blocks.about, strict=True))
@@ -162,7 +168,7 @@ def off_neighbours_m(timeline: Timeline, given: Parameters) -> Array:
 class _Found(NamedTuple):
     """Changes found under one noise of the fixes."""
 
-    blocks: _Blocks
+    blocks: Blocks
     changes: list[_Change]  # ascending
     explained: Vector  # (2 B,) residuals by their covariance
     nis: float  # per number
@@ -180,15 +186,15 @@ class _Found(NamedTuple):
         return errors
 
 
-def _best(blocks: Sequence[_Blocks]) -> _Found:
+def _best(blocks: Sequence[Blocks]) -> _Found:
     return max(map(_found, blocks), key=lambda one: one.log_evidence)
 
 
-def _blocks_about(timeline: Timeline, given: Parameters, points: set[Point]) -> list[_Blocks]:
-    return [_blocks(timeline, given, point, share) for point in sorted(points) for share in SHARES]
+def _blocks_about(timeline: Timeline, given: Parameters, points: set[Point]) -> list[Blocks]:
+    return [blocks_about(timeline, given, point, share) for point in sorted(points) for share in SHARES]
 
 
-def _found(blocks: _Blocks) -> _Found:
+def _found(blocks: Blocks) -> _Found:
     found: list[_Change] = []
     for _ in range(2 * blocks.kind.most):  # one that is added may make an earlier one needless
         added = _likeliest(blocks, found, blocks.first[1:])
@@ -196,15 +202,20 @@ def _found(blocks: _Blocks) -> _Found:
             break
         found = _refined(blocks, [*found, added])
     cov, z = _with(blocks, found), blocks.residual_m
-    explained: Vector = np.linalg.solve(cov, z).astype(np.float64)
-    evidence = -0.5 * float(z @ explained + np.linalg.slogdet(cov)[1])
-    left_m = z - (cov - blocks.cov_m2) @ explained  # without the changes of their posterior means
-    likelihood = -0.5 * float(left_m @ np.linalg.solve(blocks.cov_m2, left_m) + np.linalg.slogdet(blocks.cov_m2)[1])
+    explained, evidence = weighed(z, cov)
+    _, likelihood = weighed(z - (cov - blocks.cov_m2) @ explained, blocks.cov_m2)  # without their posterior means
     odds, nis = float(sum(blocks.log_odds[one.parts] for one in found)), float(z @ explained) / len(z)
     return _Found(blocks, sorted(found), explained, nis, evidence - odds, likelihood - evidence + odds)
 
 
-def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -> _Blocks:
+def weighed(residual_m: Vector, cov_m2: Array) -> tuple[Vector, float]:
+    """Return residuals (n,) by their covariance (n, n), and their log likelihood, but for a constant."""
+    explained: Vector = np.linalg.solve(cov_m2, residual_m).astype(np.float64)
+    return explained, -0.5 * float(residual_m @ explained + np.linalg.slogdet(cov_m2)[1])
+
+
+def blocks_about(timeline: Timeline, given: Parameters, about: Point, share: float) -> Blocks:
+    """Return the blocks of a timeline, linear about a point, with a share of the stated correlated error."""
     time_s, count = timeline.fix_time_s, len(timeline.fix_time_s)
     log = linearised(timeline, given.usbl_from_dvl_m, count, about)
     size = max(BLOCK, math.ceil(count / MAX_BLOCKS))
@@ -231,13 +242,13 @@ def _blocks(timeline: Timeline, given: Parameters, about: Point, share: float) -
     sd |= {PASS_STATES[row]: FREE_SD for row in OF_DEAD_RECKONING.states}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]
 
-    found = _Blocks(time_s, first, residual_m.ravel(), cov, log.measurement_matrix, H, about, OF_DEAD_RECKONING)
-    heading = _columns(found, first[1:])[:, :, 0]
+    found = Blocks(time_s, first, residual_m.ravel(), cov, log.measurement_matrix, H, about, share, OF_DEAD_RECKONING)
+    heading = moved_by_changes(found, first[1:])[:, :, 0]
     columns = np.column_stack([columns, heading * np.sqrt(np.diff(t)) * errors.heading_walk_rad])
     return found._replace(cov_m2=cov + columns @ columns.T)
 
 
-def _columns(blocks: _Blocks, fixes: Indices) -> Array:
+def moved_by_changes(blocks: Blocks, fixes: Indices) -> Array:
     """Return how a change before each of N fixes moves the blocks, per number of the kind, (2 B, N, n)."""
     size, kind = int(blocks.first[1]), blocks.kind
     moved_m, mean_moved_m = blocks.measurement_matrix[:, :, kind.states], blocks.mean_matrix[:, :, kind.states]
@@ -251,19 +262,19 @@ def _columns(blocks: _Blocks, fixes: Indices) -> Array:
     return since.transpose(0, 2, 1, 3).reshape(2 * count, len(fixes), len(kind.sds))
 
 
-def _changing(blocks: _Blocks, found: Sequence[_Change]) -> Array:
+def _changing(blocks: Blocks, found: Sequence[_Change]) -> Array:
     """Return how changes move the blocks, per number of the kind that each has, (2 B, N, n)."""
     fixes = np.array([one.fix for one in found], np.intp)
-    return _columns(blocks, fixes) * blocks.kind.parts[[one.parts for one in found]]
+    return moved_by_changes(blocks, fixes) * blocks.kind.parts[[one.parts for one in found]]
 
 
-def _with(blocks: _Blocks, found: Sequence[_Change]) -> Array:
+def _with(blocks: Blocks, found: Sequence[_Change]) -> Array:
     """Return the covariance of the blocks with changes."""
     columns = (_changing(blocks, found) * blocks.kind.sds).reshape(len(blocks.residual_m), -1)
     return blocks.cov_m2 + columns @ columns.T
 
 
-def _refined(blocks: _Blocks, found: list[_Change]) -> list[_Change]:
+def _refined(blocks: Blocks, found: list[_Change]) -> list[_Change]:
     """Return the changes at the likeliest times near them, but for those that the others make needless."""
     size = int(blocks.first[1])
     for _ in range(REFINEMENTS):
@@ -278,7 +289,7 @@ def _refined(blocks: _Blocks, found: list[_Change]) -> list[_Change]:
     return found
 
 
-def _likeliest(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> _Change | None:
+def _likeliest(blocks: Blocks, found: Sequence[_Change], fixes: Indices) -> _Change | None:
     """Return one more change, the likeliest before one of the fixes; None if the evidence for none is strong."""
     apart_s = np.abs(blocks.time_s[fixes, None] - blocks.time_s[[one.fix for one in found]])
     fixes = fixes[np.all(apart_s >= LASTING_S, axis=1)]
@@ -289,10 +300,10 @@ def _likeliest(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> _Ch
     return _Change(int(fixes[row]), int(parts)) if gain[row, parts] >= 0 else None
 
 
-def _gains(blocks: _Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
+def _gains(blocks: Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
     """Return the gain in log evidence by one more change before each of N fixes, of each of k parts, (N, k)."""
     cov, parts, count = _with(blocks, found), blocks.kind.parts, len(blocks.kind.sds)
-    columns = (_columns(blocks, fixes) * blocks.kind.sds).reshape(len(cov), -1)
+    columns = (moved_by_changes(blocks, fixes) * blocks.kind.sds).reshape(len(cov), -1)
     both = np.column_stack([blocks.residual_m, columns])
     white: Array = np.linalg.solve(np.linalg.cholesky(cov), both).astype(np.float64)
     z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), count)

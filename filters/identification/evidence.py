@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.changes import FoundChanges, changes, off_neighbours_m
+from usbldr.filters.identification.changes import FoundChanges, blocks_of, changes, off_neighbours_m
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
@@ -34,6 +34,7 @@ from usbldr.filters.identification.conclusions import (
 )
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
 from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member
+from usbldr.filters.identification.heading_errors import heading_errors
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     LEVER_OR_LATENCY,
@@ -102,7 +103,8 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     else:
         noise = FoundChanges()
     timeline = unchanged.timeline
-    changed = [one for one in changes(timeline.with_fixes(~outliers), stated) if one.changes]
+    usual, blocks = blocks_of(timeline.with_fixes(~outliers), stated)
+    changed = [one for one in (*changes(usual, stated, blocks), heading_errors(usual, stated, blocks)) if one.changes]
     possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
     shifted = [one for one in possible if any(any(change.fix_shift_m) for change in one.changes)]
     shifts_s = [change.start_s for one in shifted for change in one.changes]

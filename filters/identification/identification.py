@@ -1,7 +1,7 @@
 """What a log itself says of a run: the parameters to run with, and the reasons for them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -201,6 +201,8 @@ class Identification:
     def change_texts(self) -> Mapping[float, str]:
         """Return when sensors changed -> what the change is, and what to check."""
         before, texts = SensorChange(0.0, 0.0, 0.0), dict[float, str]()
+        if gradual := [one for one in self.parameters.changes if one.gradual]:
+            texts[gradual[0].start_s] = _heading_errors_text(gradual)
         for one in self.parameters.changes:
             if before.lost:
                 texts[before.start_s] = (
@@ -213,6 +215,8 @@ class Identification:
                 continue
             if of_fixes := _change_of_fixes_text(last, one):
                 texts[one.start_s] = of_fixes
+                continue
+            if one.gradual:
                 continue
             turned_deg = math.degrees(math.remainder(last.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
             scale = (1 + one.dvl_scale) / (1 + last.dvl_scale) - 1
@@ -251,6 +255,20 @@ class Identification:
             f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
             "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"
         )
+
+
+def _heading_errors_text(changes: Sequence[SensorChange]) -> str:
+    """Return how headings drift, or differ twice per turn."""
+    turned = {one.start_s: -math.degrees(one.heading_bias_rad) for one in changes}
+    shown_s = dict.fromkeys((max(turned, key=lambda time_s: abs(turned[time_s])), changes[-1].start_s))
+    read = " and ".join(f"{turned[time_s]:+.1f}° at {time_s:.0f} s" for time_s in shown_s)
+    texts = [f"headings drift: compared with the first ones they read {read}"] if any(turned.values()) else []
+    if any(changes[0].twice_per_turn_rad):
+        sine_deg, cosine_deg = np.degrees(changes[0].twice_per_turn_rad).tolist()  # psi is 90° - H
+        texts.append(
+            f"the compass has a deviation of ({-sine_deg:.1f}) sin 2H + ({cosine_deg:.1f}) cos 2H deg at heading H"
+        )
+    return f"{'; '.join(texts)} (check the compass: iron or currents near it, warm-up of a gyro)"
 
 
 def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:

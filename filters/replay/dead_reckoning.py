@@ -1,5 +1,6 @@
 """Tracks without a filter: dead reckoning, raw USBL fixes, and dead reckoning shifted to the fixes."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -195,7 +196,7 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
         if lost.any() and not lost.all():
             timeline = _without_sensor(timeline, lost, *COLUMNS[sensor][:3])
     gaps = [Outage(name, one.start_s, end.start_s) for one, end in pairwise(changed) for name in one.lost]
-    turned = np.array([0.0, *(one.heading_bias_rad for one in changed)])[since]
+    turned = _turned_rad(timeline, changed)
     scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
     since = np.searchsorted([one.start_s for one in changed], timeline.fix_time_s, side="right")
     shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])[since]
@@ -213,6 +214,23 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
         dvl_mps=timeline.dvl_mps / (1 + scale),
         dr_mps=timeline.dr_mps / (1 + scale),
     )
+
+
+def _turned_rad(timeline: Timeline, changed: Sequence[SensorChange]) -> Vector:
+    """Return by how much headings read too far anticlockwise by the changes, (K,)."""
+    if not changed:
+        return np.zeros(len(timeline.time_s))
+    known_s, turned = list[float](), [0.0]
+    for one in changed:
+        if not one.gradual:
+            known_s.append(math.nextafter(one.start_s, -math.inf))
+            turned.append(turned[-1])
+        known_s.append(one.start_s)
+        turned.append(one.heading_bias_rad)
+    since = np.searchsorted([one.start_s for one in changed], timeline.time_s, side="right")
+    twice = np.array([(0.0, 0.0), *(one.twice_per_turn_rad for one in changed)])[since]
+    of_turn = np.column_stack([np.sin(2 * timeline.dr_yaw_rad), np.cos(2 * timeline.dr_yaw_rad)])
+    return np.interp(timeline.time_s, known_s, turned[1:]) + np.sum(twice * of_turn, axis=1)
 
 
 def _without_sensor(timeline: Timeline, lost: Mask, measured: str, reckoned: str, count: str) -> Timeline:

@@ -15,10 +15,11 @@ from usbldr.filters.identification.changes import (
     OF_FIXES,
     FoundChanges,
     Kind,
-    _blocks,
     _Change,
     _gains,
     _with,
+    blocks_about,
+    blocks_of,
     changes,
 )
 from usbldr.filters.identification.evidence import change_of_noise, identify
@@ -52,12 +53,13 @@ BESIDE_IRON = headings_off(DIVE, 1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) *
 
 
 def of_dead_reckoning(line: Timeline, given: Parameters = ASSUMED) -> tuple[SensorChange, ...]:
-    return changes(line, given)[0].changes
+    usual, blocks = blocks_of(line, given)
+    return next(iter(changes(usual, given, blocks)), FoundChanges()).changes
 
 
 @pytest.mark.parametrize("kind", [OF_DEAD_RECKONING, OF_FIXES], ids=["dead reckoning", "fixes"])
 def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
-    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)._replace(kind=kind)
+    blocks = blocks_about(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)._replace(kind=kind)
     before = [_Change(150, 1)]
     gains = _gains(blocks, before, np.array([60, 200, 300]))
     for (fix, parts), gain in zip(
@@ -70,7 +72,7 @@ def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
 
 
 def test_a_change_of_both_parts_of_the_factor_has_the_covariance_of_either() -> None:
-    blocks = _blocks(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
+    blocks = blocks_about(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
     assert np.allclose(
         _with(blocks, [_Change(60, 0)]) + _with(blocks, [_Change(60, 1)]),
         _with(blocks, [_Change(60, 2)]) + _with(blocks, []),

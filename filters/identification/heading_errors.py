@@ -1,0 +1,119 @@
+"""Find errors of the heading that move with time, or twice per turn: a gyro that drifts, a compass beside soft iron.
+
+In the blocks of changes.py, such an error is a Gaussian process: a trend and a random walk over time, and
+a sin 2 psi + b cos 2 psi. Its evidence and its posterior mean follow from the covariance of the blocks: C. Rasmussen
+and C. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, sections 2.2 and 5.4.1.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from usbldr.filters.identification.changes import (
+    MAX_NIS,
+    Blocks,
+    FoundChanges,
+    blocks_about,
+    moved_by_changes,
+    weighed,
+)
+from usbldr.filters.identification.identification import STRONG_ODDS
+from usbldr.filters.identification.linearisation import STEPS
+from usbldr.filters.models.parameters import Parameters, SensorChange
+from usbldr.filters.replay.dead_reckoning import drift_rates, freed, without_changes
+from usbldr.filters.types import Array, Timeline, Vector
+from usbldr.filters.windows import columns_at, integrated
+
+TREND_SD_RAD = math.radians(5.0)  # from the first fix to the last, by judgement: a cheap gyro drifts by 10°/h
+LINEARISATIONS = 2  # about the errors that are found
+
+
+class Shape(NamedTuple):
+    """How the error may move."""
+
+    drifts: bool  # evenly, and as a random walk
+    walk: float  # [-] its factor on the stated one
+    twice_per_turn: bool
+
+    @property
+    def log_odds(self) -> float:
+        """Against it."""
+        return math.log(STRONG_ODDS) * (self.drifts + (self.walk > 0) + self.twice_per_turn)
+
+
+OVER_TIME = (False, 0.0), (True, 0.0), (True, 3.0), (True, 10.0), (True, 30.0)
+SHAPES = tuple(Shape(*of_time, twice) for twice in (False, True) for of_time in OVER_TIME)[1:]
+FLEXIBLE = Shape(drifts=True, walk=10.0, twice_per_turn=True)  # its evidence chooses the point and the noise
+
+
+class _Fit(NamedTuple):
+    """Blocks with an error of one shape."""
+
+    shape: Shape
+    moved: "_Moved"
+    weights: Vector  # (m,) of the shape's functions, posterior means in their prior sigmas
+    changes: tuple[SensorChange, ...]  # the same as the heading's error
+    nis: float  # per number
+    evidence: float  # log
+    likelihood: float  # log, of these weights
+
+
+class _Moved(NamedTuple):
+    """How the errors move blocks, about their point, for one radian: at each block's begin or in all."""
+
+    blocks: Blocks
+    by_step: Array  # (2 B, B - 1)
+    twice_per_turn: Array  # (2 B, 2)
+
+
+def heading_errors(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
+    """Return the likeliest error as changes of the heading; none if the evidence is not strong."""
+    if not blocks:
+        return FoundChanges()
+    every = [_fitted(timeline, given, _moved(timeline, one), FLEXIBLE) for one in blocks]
+    moved = max(every, key=lambda fit: fit.evidence).moved
+    fits = [_fitted(timeline, given, moved, shape) for shape in SHAPES]
+    best = max(fits, key=lambda fit: fit.evidence - fit.shape.log_odds)
+    none = max(weighed(one.residual_m, one.cov_m2)[1] for one in blocks)
+    if best.evidence - best.shape.log_odds < none or best.nis > MAX_NIS:
+        return FoundChanges()
+    for _ in range(LINEARISATIONS - 1):
+        line = without_changes(timeline, best.changes)
+        again = blocks_about(line, given, moved.blocks.about, moved.blocks.share)
+        best = _fitted(line, given, _moved(line, again), best.shape, best.weights)
+    return FoundChanges(best.changes, best.likelihood - best.evidence + best.shape.log_odds)
+
+
+def _moved(timeline: Timeline, blocks: Blocks) -> _Moved:
+    line, psi = freed(timeline, dict(zip(STEPS, blocks.about, strict=True))), timeline.dr_yaw_rad
+    (rate,) = drift_rates(line, ["heading_bias"])
+    rates = np.hstack([np.sin(2 * psi)[:, None] * rate, np.cos(2 * psi)[:, None] * rate])
+    at_fixes = columns_at(timeline.fix_time_s, line.time_s, integrated(line.time_s, rates)).reshape(-1, 2, 2)
+    rows = blocks.first[:, None] + np.arange(blocks.first[1])
+    twice = at_fixes[rows].mean(axis=1).swapaxes(1, 2).reshape(-1, 2)
+    return _Moved(blocks, moved_by_changes(blocks, blocks.first[1:])[:, :, 0], twice)
+
+
+def _fitted(timeline: Timeline, given: Parameters, moved: _Moved, shape: Shape, off: Vector | None = None) -> _Fit:
+    """Fit the error to the blocks of a timeline; the error with the weights ``off`` is off its headings already."""
+    blocks, errors = moved.blocks, given.errors
+    t, cov_m2 = blocks.time_s[blocks.first], blocks.cov_m2
+    dt_s = np.diff(t)
+    trend, walk = dt_s / dt_s.sum() * TREND_SD_RAD, np.sqrt(dt_s) * shape.walk * errors.heading_walk_rad
+    steps_rad = np.column_stack([trend, np.diag(walk)]) * shape.drifts
+    twice_rad = errors.deviation_rad * shape.twice_per_turn
+    columns = np.hstack([moved.by_step @ steps_rad, moved.twice_per_turn * twice_rad])
+    z = blocks.residual_m if off is None else blocks.residual_m + columns @ off
+    explained, evidence = weighed(z, cov_m2 + columns @ columns.T)
+    weights: Vector = columns.T @ explained
+    _, likelihood = weighed(z - columns @ weights, cov_m2)
+    after = np.append(0.0, np.cumsum(steps_rad @ weights[:-2]))
+    between = (after + np.append(0.0, after[:-1])) / 2  # it steps from block to block
+    a, b = (twice_rad * weights[-2:]).tolist()
+    changes = tuple(
+        SensorChange(start_s, turned_rad, 0.0, twice_per_turn_rad=(a, b), gradual=True)
+        for start_s, turned_rad in zip([float(timeline.time_s[0]), *t[1:].tolist()], between.tolist(), strict=True)
+    )
+    return _Fit(shape, moved, weights, changes, float(z @ explained) / len(z), evidence, likelihood)

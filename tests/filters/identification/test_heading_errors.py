@@ -1,0 +1,122 @@
+"""A compass that drifts, or errs twice per turn: its error is found, and other errors are not taken for one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from textbook import log_density
+from usbldr.filters.identification.changes import blocks_about, blocks_of
+from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.heading_errors import Shape, _fitted, _moved, heading_errors
+from usbldr.filters.identification.linearisation import NO_ERROR
+from usbldr.filters.models.noise import Contamination
+from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
+from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.replay.run import run
+from usbldr.filters.types import Timeline, Vector
+from weaving import Faults, apart_m, weaving_dive
+
+ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
+DIVE = weaving_dive(Faults())
+SHARE = DIVE.time_s / DIVE.time_s[-1]
+TWICE = np.radians(4.0) * np.sin(2 * DIVE.dr_yaw_rad)
+OVER_TIME = {
+    "even": np.radians(-8.0) * SHARE,
+    "settling": np.radians(8.0) * np.exp(-5 * SHARE),
+    "there and back": np.radians(5.0) * np.sin(5 * SHARE),
+}
+
+
+def headings_off(by_rad: Vector, dive: Timeline = DIVE) -> Timeline:
+    return replace(dive, yaw_rad=dive.yaw_rad + by_rad, dr_yaw_rad=dive.dr_yaw_rad + by_rad)
+
+
+def found(line: Timeline) -> tuple[SensorChange, ...]:
+    return heading_errors(*_with_blocks(line)).changes
+
+
+def _with_blocks(line: Timeline):
+    usual, blocks = blocks_of(line, ASSUMED)
+    return usual, ASSUMED, blocks
+
+
+@pytest.mark.parametrize(
+    "by_rad", [*OVER_TIME.values(), TWICE, OVER_TIME["even"] + TWICE], ids=[*OVER_TIME, "2H", "both"]
+)
+def test_a_track_is_nearly_as_good_as_with_a_right_compass(by_rad: Vector) -> None:
+    identified = identify(headings_off(by_rad), ASSUMED).parameters
+
+    clean, freed = run("adf", DIVE, ASSUMED), run("adf", headings_off(by_rad), identified)
+
+    assert identified.changes
+    assert apart_m(freed, clean).mean() < 0.2 < 0.5 * apart_m(run("adf", headings_off(by_rad), ASSUMED), clean).mean()
+
+
+@pytest.mark.parametrize("name", OVER_TIME)
+def test_the_drift_is_that_of_the_compass(name: str) -> None:
+    changes = found(headings_off(OVER_TIME[name]))
+
+    turned = np.interp(DIVE.time_s, [one.start_s for one in changes], [one.heading_bias_rad for one in changes])
+    off_deg = np.degrees(turned - OVER_TIME[name])
+    assert off_deg.std() < 1.0  # a constant part is another error
+    assert all(one.gradual and one.twice_per_turn_rad == (0.0, 0.0) for one in changes)
+
+
+def test_a_deviation_twice_per_turn_is_that_of_the_compass() -> None:
+    changes = found(headings_off(TWICE))
+
+    assert np.degrees(changes[0].twice_per_turn_rad) == pytest.approx([4.0, 0.0], abs=0.5)
+    assert not any(one.heading_bias_rad for one in changes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        DIVE,
+        DIVE.with_fixes(slice(20)),
+        weaving_dive(Faults(heading_bias_deg=20.0)),
+        weaving_dive(Faults(deviation_sin_deg=4.0, deviation_cos_deg=-2.0)),
+        weaving_dive(Faults(usbl_latency_s=2.0)),
+        weaving_dive(Faults(dvl_scale=0.05)),
+        weaving_dive(Faults(), wander_m=0.5),
+    ],
+    ids=["none", "few fixes", "bias", "deviation", "latency", "scale", "fixes wander"],
+)
+def test_other_errors_are_no_drift(line: Timeline) -> None:
+    assert found(line) == ()
+
+
+def test_the_evidence_is_the_density_of_a_drift_and_a_deviation() -> None:
+    """The covariance is written out from the motion of each block by an error that grows as min(t, t')."""
+    blocks = blocks_about(headings_off(OVER_TIME["even"]), ASSUMED, NO_ERROR, 1.0)
+    moved = _moved(DIVE, blocks)
+    t = blocks.time_s[blocks.first]
+
+    one, none = (_fitted(DIVE, ASSUMED, moved, Shape(on, 3.0 * on, on)) for on in (True, False))
+
+    q = (3.0 * ASSUMED.errors.heading_walk_rad) ** 2
+    trend = moved.by_step @ np.diff(t) / (t[-1] - t[0]) * np.radians(5.0)
+    walked = moved.by_step @ np.diag(q * np.diff(t)) @ moved.by_step.T
+    twice = moved.twice_per_turn @ moved.twice_per_turn.T * ASSUMED.errors.deviation_rad**2
+    cov = blocks.cov_m2 + walked + np.outer(trend, trend) + twice
+    expected = log_density(blocks.residual_m, cov) - log_density(blocks.residual_m, blocks.cov_m2)
+    assert one.evidence - none.evidence == pytest.approx(expected, rel=1e-6)
+
+
+def test_gradual_changes_turn_headings_evenly_from_one_to_the_next() -> None:
+    knots = ((0.0, 0.0), (100.0, 0.2), (300.0, -0.1))
+    changes = [SensorChange(t, turned, 0.0, twice_per_turn_rad=(0.0, 0.05), gradual=True) for t, turned in knots]
+
+    taken = DIVE.dr_yaw_rad - without_changes(DIVE, changes).dr_yaw_rad
+
+    expected = np.interp(DIVE.time_s, *np.transpose(knots)) + 0.05 * np.cos(2 * DIVE.dr_yaw_rad)
+    np.testing.assert_allclose(taken, expected, atol=1e-12)
+
+
+def test_a_drift_is_said_in_clockwise_degrees() -> None:
+    identified = identify(headings_off(OVER_TIME["even"] + TWICE), ASSUMED)
+
+    ((_, text),) = identified.change_texts.items()
+    assert text.startswith("headings drift: compared with the first ones they read +")
+    assert "sin 2H" in text
