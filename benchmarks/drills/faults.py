@@ -106,6 +106,18 @@ def seldom(role: str, every: int, fault: str) -> Damage:
     return put_in
 
 
+def headings_off(change: Callable[[Vector, Vector], Vector]) -> Damage:
+    """Return the damage by what a change of times and headings adds to the headings, all (C,) and in degrees."""
+
+    def put_in(log: Log, seed: int) -> Log:
+        table = log.tables["compass"]
+        off_deg = change(table["time_s"].to_numpy(), table["heading_deg"].to_numpy())
+        changed = table.assign(heading_deg=(table["heading_deg"] + off_deg) % 360.0)
+        return examined(replace(log, tables={**log.tables, "compass": changed}))
+
+    return put_in
+
+
 def beside_iron(log: Log, seed: int) -> Log:
     """Return a log whose compass is turned by up to 50° for about half a minute, at a random time."""
     rng, table = np.random.default_rng(seed), log.tables["compass"]
@@ -147,6 +159,16 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "compass off by 40° for 60 s": (drill("bias compass:40deg@300:360"), 0.0),
     "heading jumps by 8° in the middle": (drill("bias compass:8deg@50%:"), 0.0),
     "heading jumps by 3° after 70 %": (drill("bias compass:3deg@70%:"), 0.0),
+    "headings drift by 8°": (headings_off(lambda t, heading_deg: 8.0 * t / t[-1]), 0.0),
+    "headings settle from 10° off, time constant 200 s": (
+        headings_off(lambda t, heading_deg: 10.0 * np.exp(-t / 200.0)),
+        0.0,
+    ),
+    "headings wander by 5°, period 750 s": (headings_off(lambda t, heading_deg: 5.0 * np.sin(t / 120.0)), 0.0),
+    "compass deviation of 4° twice per turn": (
+        headings_off(lambda t, heading_deg: 4.0 * np.sin(np.radians(2.0 * heading_deg))),
+        0.0,
+    ),
     "DVL scale 5 % from the middle on": (drill("scale dvl:1.05@50%:"), 0.0),
     "DVL scale 2 % after a quarter": (drill("scale dvl:1.02@25%:"), 0.0),
     "fixes shift by 8 m after 60 %": (fixes(lambda t, z, rng: z + (t > 480.0)[:, None] * [6.4, -4.8]), 0.0),
