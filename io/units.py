@@ -34,7 +34,7 @@ _SPELLINGS: Mapping[str, str] = {
     "km/h": "kmh kph km_h",
     "ft/s": "ft_s",
     "knots": "knot kn kt kts",
-    "deg": "degs degree degrees ° degt °t degtrue degreestrue degreet "
+    "deg": "degs degree degrees ° degt °t degtrue deg_true deg_north deg_east deg_n deg_e degreestrue degreet "
     "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
     "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",
@@ -43,11 +43,11 @@ _SPELLINGS: Mapping[str, str] = {
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
     "hPa": "mbar millibar millibars",
     "dbar": "decibar decibars",
-    "m": "meter meters metre metres",
+    "m": "meter meters metre metres msw",
     "cm": "centimeter centimeters centimetre centimetres",
     "mm": "millimeter millimeters millimetre millimetres",
     "km": "kilometer kilometers kilometre kilometres",
-    "ft": "foot feet",
+    "ft": "foot feet fsw",
     "s": "sec secs second seconds",
     "ms": "msec millis milliseconds",
     "us": "µs μs usec micros microseconds",
@@ -69,11 +69,16 @@ _SINCE = re.compile(r" since (the )?((unix )?epoch|1970-0?1-0?1|0?1[/.]0?1[/.]19
 """Behind a unit of time: of which year the first moment is."""
 _PER = re.compile(rf"([a-z]+)(?: ?/ ?| per ){_TIME}|([a-z]+?)[ .*·]?{_TIME}(?:(?:\^|\*\*)?-1|⁻¹)")
 """A length per time, also as UDUNITS and CF write it: "cm s-1", "km.h^-1", "metres per second"."""
+_PREFIXES: Mapping[str, float] = {"d": 0.1, "c": 0.01, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
+_SCALED = re.compile(rf"(0?\.0*1|1e-\d)[*x]?([a-z°/]+)|([{''.join(_PREFIXES)}])(deg|rad)\w*")
+"""A decimal part of a unit: "0.01 deg", and of angles also by a letter, "mrad" and "cdeg"."""
+_LABELS = re.compile(r"(.*?)\s*\{([^{}]*[=:][^{}]*)\}\s*")
+"""A name with the labels of a time series as Prometheus, Loki and Grafana write them: heading {vehicle="rov1"}."""
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
 _NUMBER = r"(\d+(?:\.\d*)?)"
 _ANGLE = re.compile(
-    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º]) *| +|-(?=\d)|(?=[NSW]|$))"
-    rf"(?:{_NUMBER} *['′]? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
+    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º]) *| +|[-:](?=\d)|(?=[NSW]|$))"
+    rf"(?:{_NUMBER} *['′:]? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
     re.IGNORECASE,
 )
 """Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
@@ -81,7 +86,8 @@ _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*
 _OF_R = re.compile(r"(.*[^.])\.\.([a-z]+(?:\.[a-z]+)?)\.", re.IGNORECASE)
 """A name with brackets as R's make.names() leaves it: Heading..deg."""
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
-_ENDINGS = re.compile(r"(?<=.)[_\s,]+(?=.)")  # what parts a name from the unit that ends it
+_ENDINGS = re.compile(r"(?<=.)[_\s,]+(?=.)|(?<=[a-z])(?=[A-Z][a-z]+$)")
+"""What parts a name from the unit that ends it: heading_deg, headingDeg."""
 _LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
 
 
@@ -101,7 +107,11 @@ def _known(unit: str) -> tuple[Dimension, float] | None:
     if per := _PER.fullmatch(text):
         length, time = filter(None, per.groups())
         text = f"{_UNIT_OF.get(length, length)}/{time}"
-    return _FACTORS.get(_UNIT_OF.get(text.replace(" ", ""), ""))
+    text = text.replace(" ", "")
+    if text in _UNIT_OF or not (scaled := _SCALED.fullmatch(text)):
+        return _FACTORS.get(_UNIT_OF.get(text, ""))
+    known = _known(scaled[2] or scaled[4])
+    return known and (known[0], known[1] * (_PREFIXES[scaled[3]] if scaled[3] else float(scaled[1])))
 
 
 def named_unit(name: str) -> NamedUnit:
@@ -109,6 +119,10 @@ def named_unit(name: str) -> NamedUnit:
 
     Of elements, the unit is that of the whole: "velocity_mm_s[0]", "velocity_mm_s.x".
     """
+    if series := _LABELS.fullmatch(name):
+        labels = dict(re.findall(r'(\w+)\s*[=:]\s*"?([^",]*)', series[2]))
+        metric = labels.pop("__name__", series[1])
+        return named_unit(" ".join([*labels.values(), metric]))
     brackets = _BRACKETS.fullmatch(name) or _OF_R.fullmatch(name)
     if brackets and brackets[2].strip().lower() in _NOTES:
         return named_unit(brackets[1])

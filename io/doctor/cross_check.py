@@ -69,15 +69,16 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         text = "too few fixes within valid dead reckoning, or too far from the map's origin, to check the conventions"
         return CrossCheck((Finding("CONVENTION-UNOBSERVABLE", text, log.topic_of("usbl")),))
     errors, rms_m = single_errors(log, timeline, result)
+    if in_radians := heading_unit_findings(log, timeline, result):
+        return CrossCheck(tuple(in_radians), result)
     if errors:
         found = single_error_findings(log, result, errors, rms_m)
         return CrossCheck(tuple(found), result, _identified(log, errors[0].line, result))
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
-    in_radians = heading_unit_findings(log, timeline, result)
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
     moving = motion_findings(log, timeline, result)
     if any(one.code == "USBL-MOTION" for one in moving):
-        return CrossCheck((*steps, *(in_radians or moving)))
+        return CrossCheck((*steps, *moving))
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
     if identification is not None and not result.observable and _bends(identification):
@@ -194,13 +195,14 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
     if result is None:
         return []
     errors, rms_m = single_errors(log, timeline, result)
+    if in_radians := heading_unit_findings(log, timeline, result):
+        return in_radians
     if errors:
         return single_error_findings(log, result, errors, rms_m)
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
-    in_radians = heading_unit_findings(log, timeline, result)
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
-        return in_radians or moving
+        return moving
     asked = identification is not None and identification.evidence and result.best == result.as_read
     found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()

@@ -69,6 +69,11 @@ def _draft(path: Path, request: Request) -> Draft:
     faults = {role: why for role, why in roles.unresolved.items() if isinstance(why, LogError)}
     unread = {role: why.text_beside(path) for role, why in faults.items() if role not in proposals}
     examination, fault = _with_proposals(path, request, stated, proposals) if proposals else (None, "")
+    needed = {role: one for role, one in proposals.items() if role in SENSORS}
+    if needed and len(needed) < len(proposals) and (examination is None or examination.log is None):
+        without, why = _with_proposals(path, request, stated, needed)
+        if without is not None and without.log is not None:
+            examination, proposals, fault = without, needed, why
     if "dvl" in proposals and (examination is None or examination.log is None):
         dvl = proposals["dvl"]
         in_mm = {**proposals, "dvl": replace(dvl, words={**dvl.words, "unit": ("mm/s", WHY_MM)})}

@@ -178,8 +178,9 @@ def heading_unit_findings(log: Log, timeline: Timeline, result: InterpretationRe
     yaw = timeline.dr_yaw_rad
     if np.ptp(yaw) > np.radians(THRESHOLDS.max_radians_span) or recorded_value(log, "compass", "unit") != "deg":
         return []
-    in_radians = replace(timeline, dr_yaw_rad=np.unwrap(np.degrees(yaw)))
-    residual_m = fit_rotation(in_radians, segment_numbers(timeline, timeline.fix_time_s)).rms_m
+    turned = np.unwrap(np.degrees(yaw))
+    lines = [replace(timeline, dr_yaw_rad=sense * turned) for sense in (1.0, -1.0)]  # whichever way it counts
+    residual_m = min(fit_rotation(line, segment_numbers(timeline, timeline.fix_time_s)).rms_m for line in lines)
     if residual_m > THRESHOLDS.clearly_better_ratio * result.as_read.residual_m:
         return []
     named = log.convention("compass", "unit").chosen_by == "column names"

@@ -25,6 +25,7 @@ from usbldr.filters.types import Indices, Timeline, Vector
 from usbldr.io.conventions.sanity import MAX_SEPARATION_M
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
+from usbldr.io.messages.field_names import named_column
 from usbldr.io.provenance import chosen_by_text
 
 FLIP_CLASSES = tuple((dvl, yaw, False) for dvl in (False, True) for yaw in (False, True))  # Interpretation.flips
@@ -278,7 +279,9 @@ def _stated_evidence(log: Log) -> list[HandednessEvidence]:
         if chosen.chosen_by in ("frame_id", "column names"):
             name = f"{log.provenance[role].topic} is {chosen.value} {chosen_by_text(chosen)}"
             found.append(HandednessEvidence(name, part, False))
-    if heading.value == "compass" and heading.chosen_by == "type":
+    layout = log.raws["compass"].layout if "compass" in log.raws else None
+    yaw = layout and layout.by_columns and not any(map(named_column, layout.required.values()))  # of either sense
+    if heading.value == "compass" and heading.chosen_by == "type" and not yaw:
         name = f"{log.provenance['compass'].topic} counts clockwise {chosen_by_text(heading)}"
         found.append(HandednessEvidence(name, 1, False))
     if log.format == "simulated":

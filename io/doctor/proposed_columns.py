@@ -35,19 +35,24 @@ from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import NamedUnit
 
 NAMES_OF_AXES = {
-    "x": "u|surge|along(_track|ship)?|longitudinal|(fore|forward|fwd)_aft",
-    "y": "v|sway|(across|athwart)(_track|ships?)?|transvers(e|al)|lateral|port_(starboard|stbd)|(starboard|stbd)_port",
+    "x": "u|surge|langs|along(_track|ship)?|longitudinal|(fore|forward|fwd)_aft",
+    "y": "v|sway|quer|(across|athwart)(_track|ships?)?|transvers(e|al)|lateral|port_(starboard|stbd)|"
+    "(starboard|stbd)_port",
     "z": "w|heave|vertical|up_down",
 }
+MOTIONS = "(bt_?)?v(el|elocity|elocities)?(_(body|bt|vehicle))?|speeds?|linear|dvl"  # of axes
 VECTORS = tuple(
-    Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity|velocities|speeds?)_?({axis}|{number})|{named}")
+    Rule("dvl", f"{axis}_mps", "velocity", f"({MOTIONS})_?({axis}|{number})|{named}")
     for number, (axis, named) in enumerate(NAMES_OF_AXES.items())
 )
-PLACES = (
-    Rule("", "east_m", "length", "x|e"),  # the doctor finds the frame
-    Rule("", "north_m", "length", "y|n"),
+PLACES = (Rule("", "east_m", "length", "e"), Rule("", "north_m", "length", "n"))
+AXES_OF_PLACES = (  # the doctor finds the frame
+    Rule("", "east_m", "length", "x(_enu|_ned)?"),
+    Rule("", "north_m", "length", "y(_enu|_ned)?"),
 )
-YAW = Rule("compass", "heading_deg", "angle", "yaw|kurs")  # whose sense the doctor finds; the second is German
+YAW = Rule(
+    "compass", "heading_deg", "angle", "yaw|kurs|psi|(attitude|euler|rpy|rph)_(z|2)"
+)  # whose sense the doctor finds
 COMPLETE = {**NEEDED, "compass": (*NEEDED["compass"], frozenset(QUATERNION))}
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
 QUATERNIONS = tuple(
@@ -56,6 +61,8 @@ QUATERNIONS = tuple(
 )
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
 OWN_CLOCK_S = 1e6  # [s] since power-on, of a column without a unit: eleven days; a larger number may count milliseconds
+BY_NAMES = "by the names of its columns"
+FIX_FLAGS = {"fix_type", "fix_status", "quality"}  # whose numbers say whether there is a fix; words say something else
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -79,7 +86,7 @@ class Proposal:
         """Return the keys and their reasons for a configuration."""
         text = ", ".join(f"{key} = {quoted(path)}" for key, path in self.columns.items())
         which = f"; it could be {' or '.join(self.others)}" if self.others else ""
-        what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else "by the names of its columns"
+        what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else BY_NAMES
         return [(f"topic = {quoted(self.topic.name)}", f"{what}{which}"), (f"columns = {{ {text} }}", WHY)]
 
 
@@ -152,7 +159,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
         return {}  # the depth of a transponder is a fix's
-    rules = (*VECTORS, *QUATERNIONS, *rules_for(paths, topic.name), YAW, FLAG, *PLACES)
+    rules = (*QUATERNIONS, *VECTORS, *rules_for(paths, topic.name), YAW, FLAG, *PLACES, *AXES_OF_PLACES)
     columns = [column for path in paths if (column := named_column(path, rules))]
     headings = [column for column in columns if column.rule.key == "heading_deg"]
     columns = [column for column in columns if column not in headings or column in true_ones(headings)]
@@ -171,7 +178,10 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     plain = {"lat_deg", "lon_deg"} - named if of_all and role == "gps" and not acoustic else set[str]()  # lat, lon
     if role not in ("usbl", "gps"):
         columns = [one for one in columns if one.rule.sensor or one.rule.key in ("time", "received", "valid")]
+    stated = {column.rule.key for column in columns if column.rule not in AXES_OF_PLACES}
     for column in columns:
+        if column.rule in AXES_OF_PLACES and column.rule.key in stated:
+            continue  # of another frame, beside east and north
         of_any = not column.rule.sensor and column.rule.dimension in ("time", None)
         certain = column.rule in RULES and column.known and column.rule.dimension == "velocity"  # forward_kn
         certain = certain or (of_all and (column.rule.dimension == "velocity" or column.rule in (YAW, DIRECTION)))
@@ -188,6 +198,10 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     complete = [needed for needed in COMPLETE[role] if needed <= found.keys()]
     others = frozenset[str]().union(*COMPLETE[role]).difference(*complete[:1])  # columns of another kind of position
     others |= frozenset({"elevation_deg"} if "slant_range_m" in others else ())
+    cells = dict(topic.first_row)
+    others |= {
+        key for key in FIX_FLAGS & found.keys() if key in found and not is_number(cells.get(found[key].name, "0"))
+    }
     return {key: column for key, column in found.items() if key not in others} if complete else {}
 
 
@@ -223,6 +237,12 @@ def _counts_us(column: NamedColumn, cell: str) -> bool:
     return words_of(column.name) == "timestamp" and cell.isdigit() and OWN_CLOCK_S <= int(cell) < SINCE_NS / 1e6
 
 
+def _frame(east: NamedColumn) -> str:
+    """Return the frame that the name of a position's first coordinate states, empty if it states none."""
+    stated = re.search("(enu|ned)$", words_of(east.unit.label))
+    return stated[1].upper() if stated else "" if east.rule in AXES_OF_PLACES else "ENU"
+
+
 def _elements(field: str, topic: TopicInfo) -> Sequence[str]:
     return [f"{field}[{number}]" for number in range(3)] if field in topic.arrays else [field]
 
@@ -246,5 +266,7 @@ def _proposal(
     signs = {key: round(column.rule.sign) for key, column in found.items()}
     named = [(key, signs.get(key, 1)) for key in ("forward_mps", "starboard_mps", "up_mps")]
     axes = "".join(AXES.get(one, "D") for one in named)
-    words = {"axes": (axes, "by the names of its columns")} if "forward_mps" in found else {}
+    words = {"axes": (axes, BY_NAMES)} if "forward_mps" in found else {}
+    if "x" in columns and "east_m" in found and (frame := _frame(found["east_m"])):
+        words["frame"] = (frame, BY_NAMES)
     return Proposal(topic, columns, others, words)

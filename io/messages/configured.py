@@ -28,6 +28,7 @@ TIME_UNITS_NS: Mapping[str, int] = {
     "time_julian": 86_400_000_000_000,
     "time_mjd": 86_400_000_000_000,
     "time_labview": 1_000_000_000,
+    "time_ntp": 1_000_000_000,
     "time_filetime": 100,
     "time_ticks": 100,
 }
@@ -38,6 +39,7 @@ AT_1970: Mapping[str, float] = {
     "time_julian": 2_440_587.5,  # fixed: Julian Dates, from noon
     "time_mjd": 40_587,  # fixed: modified ones, from midnight
     "time_labview": 2_082_844_800,  # fixed: of LabVIEW, from 1904
+    "time_ntp": 2_208_988_800,  # fixed: of the Network Time Protocol, from 1900
     "time_filetime": 116_444_736_000_000_000,  # fixed: of Windows, from 1601
     "time_ticks": 621_355_968_000_000_000,  # fixed: of .NET, from the year 1
 }

@@ -31,18 +31,19 @@ RULES: Sequence[Rule] = (
         "",
         "time",
         "time",
-        "(?<!receive_)time|(uhr)?zeit|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|"
-        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|utime|"
-        "time_(excel|julian|mjd|labview)|x_value|(time_)?(filetime|ticks)",  # LabVIEW's, Windows's, and .NET's
+        "(?<!receive_)time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|"
+        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|[mu]time|"
+        "(milli)?(seconds?|time)_since_midnight|ms_since_midnight|time_(excel|julian|mjd|labview)|"
+        "ntp(_time)?|x_value|(time_)?(filetime|ticks)",  # LabVIEW's, Windows's, and .NET's
     ),
     Rule("", "time", "time", TIME_OF_WEEK),
     Rule("", "received", "time", "(receive_time|(received|arrival)(_time|_unix)?)"),
-    Rule("dvl", "forward_mps", "velocity", "forward|fwd|ahead|surge|voraus"),
-    Rule("dvl", "forward_mps", "velocity", "(?<!fore_)(?<!forward_)(?<!fwd_)(aft|astern|achteraus)", -1.0),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)(starboard|stbd|stb|right|steuerbord|rechts)"),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)(port|left|backbord|links)", -1.0),
-    Rule("dvl", "up_mps", "velocity", "(?<!down_)(up|upward)"),
-    Rule("dvl", "up_mps", "velocity", "(?<!up_)(down|downward)", -1.0),
+    Rule("dvl", "forward_mps", "velocity", "v?(forward|fwd|ahead|surge)"),
+    Rule("dvl", "forward_mps", "velocity", "(?<!fore_)(?<!forward_)(?<!fwd_)(aft|astern)", -1.0),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)v?(starboard|stbd|stb|right)"),
+    Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)v?(port|left)", -1.0),
+    Rule("dvl", "up_mps", "velocity", "(?<!down_)v?(up|upward)"),
+    Rule("dvl", "up_mps", "velocity", "(?<!up_)v?(down|downward)", -1.0),
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
     Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
     Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock"),
@@ -50,9 +51,10 @@ RULES: Sequence[Rule] = (
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg|hea|compass)(_(t(rue)?|rw))?|hdt|steuerkurs"),
+    Rule("compass", "heading_deg", "angle", "(heading|hdg|hea|compass)(_t(rue)?)?|hdt|platform_(orientation|yaw)"),
+    Rule("compass", "heading_deg", "angle", r"gyro(_\d)?", alone=False),  # a gyrocompass; else a rate
     *(Rule("compass", f"{angle}_deg", "angle", angle, alone=False) for angle in ("roll", "pitch")),  # beside a heading
-    Rule("depth", "depth_m", "length", "depth|tiefe"),
+    Rule("depth", "depth_m", "length", "depth"),
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
     Rule("", "lon_deg", "angle", "lon|long|lng|longitude"),
@@ -63,6 +65,7 @@ RULES: Sequence[Rule] = (
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
     Rule("usbl", "bearing_deg", "angle", "bearing"),
     Rule("usbl", "elevation_deg", "angle", "elevation"),
+    Rule("usbl", "elevation_deg", "angle", "depression", -1.0),
     Rule(
         "usbl", "target", None, "(target|beacon|transponder|^vehicle)(_?(id|name|no|number|address))?|tp_?(id|name|no)"
     ),
@@ -72,7 +75,7 @@ DIRECTION = Rule("compass", "heading_deg", "angle", "azimuth|bearing|course")
 """A heading in a table of the vehicle's attitude; the direction of a transponder or of a motion in others."""
 NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
-    "angle": "angle",
+    "angle": "angle|dms|ddm|dmm?|dd",
     "length": "position|pos|coordinate|distance",
 }
 """Words behind a quantity that add nothing: its dimension, and for velocities over the bottom that they are some."""
@@ -99,8 +102,9 @@ KEYS = {
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
-    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg)|rate|acc|accel|wind|water|wt|current|sound|error|err|fom|var|cmd|command|setpoint|desired|ekf|filtered|"
-    r"estimated?|truth|(?<!heading_)(?<!hdg_)true(?!_[hb])|altitude|"  # a true heading or bearing is from true north
+    r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg|(_\d)?(_deg|_rad)?$)|local_position|ned|des|rate|acc|"
+    r"accel|wind|water|wt|current|sound|error|err|fom|var|cmd|command|setpoint|desired|ekf|filtered|"
+    r"estimated?|truth|(?<!heading_)(?<!hdg_)(?<!deg_)true(?!_[hb])|altitude|"  # of true north
     r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
     r"(lat|latitude|long?|lng|longitude)_(min|sec)[a-z]*|"  # beside degrees
     r"batt(ery)?|voltage|thruster|motor)(_|$)"
@@ -143,11 +147,42 @@ class NamedColumn(NamedTuple):
         return self.unit.dimension == self.rule.dimension
 
 
+ENGLISH: Mapping[str, str] = {
+    word: english
+    for english, words in {
+        "time": "zeit uhrzeit zeitstempel tid tidspunkt klokkeslett horodatage heure temps fecha hora tempo tijd ora",
+        "heading": "steuerkurs cap rumbo rumo prua koers kompass_kurs kompasskurs kompassretning",
+        "heading_true": "kurs_rw",
+        "true": "rw rettvisende rattvisande vrai verdadero verdadeiro vera vero waar ware",
+        "forward": "voraus forover fremover framover framat avant avante adelante avance avanti vooruit",
+        "aft": "achteraus arriere atras akterut",
+        "starboard": "steuerbord rechts styrbord tribord estribor boreste dritta stuurboord",
+        "port": "backbord links babord babor bombordo sinistra bakboord",
+        "up": "aufwarts oben oppover haut arriba",
+        "down": "abwarts unten nedover bas abajo",
+        "velocity": "geschwindigkeit fart hastighet vitesse velocidad velocidade velocita snelheid",
+        "depth": "tiefe tauchtiefe dybde djup dyp profondeur profundidad profundidade profondita diepte immersion",
+        "latitude": "breddegrad latitud latitudine breedtegraad",
+        "longitude": "lengdegrad longitud longitudine lengtegraad",
+        "pressure": "druck trykk tryck pression presion pressao pressione",
+        "east": "ost",
+        "north": "nord norte",
+    }.items()
+    for word in words.split()
+}
+"""Words of other languages: German, Norwegian, Swedish, French, Spanish, Portuguese, Italian, Dutch."""
+FOREIGN = re.compile(rf"(?<![a-z0-9])({'|'.join(sorted(ENGLISH, key=len, reverse=True))})(?![a-z0-9])")
+
+
 def words_of(label: str) -> str:
-    """Return a name in lower case, its words parted by "_": "DVL X", "dvlX" and "dvl.x" are dvl_x, "Länge" is lange."""
+    """Return a name in English and lower case, its words parted by "_": "DVL X", "dvlX" and "dvl.x" are dvl_x.
+
+    "Länge" is lange, "Vitesse avant" is velocity_forward.
+    """
     plain = label if label.isascii() else re.sub("[\u0300-\u036f]", "", normalize("NFKD", label))  # without accents
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", plain)
-    return re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
+    words = re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
+    return FOREIGN.sub(lambda found: ENGLISH[found[1]], words)
 
 
 def utm_code(text: str) -> str:
@@ -166,6 +201,7 @@ def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None
         return None
     for rule in rules:
         certain = unit.dimension == rule.dimension or (rule.alone and unit.dimension is None)
+        certain |= rule.dimension == "velocity" and unit.unit == "ms"  # m/s, as some write it; its unit stays unknown
         neutral = f"(_({NEUTRAL[rule.dimension]}))*" if rule.dimension in NEUTRAL else ""
         if certain and re.search(f"(^|_)({rule.words}){neutral}$", words):
             return NamedColumn(name, rule, unit)

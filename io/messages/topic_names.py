@@ -6,9 +6,9 @@ from collections.abc import Mapping
 GPS_ITSELF = r"gps|gnss|navsat|global_position"
 HINTS: Mapping[str, str] = {
     "dvl": r"dvl|doppler|velocity_report|bottom_?(track|lock)|nortek|a50|a125",
-    "compass": r"[ck]ompass|(?:^|[/_ ])kurs|heading|hdg|hdt|ahrs|imu|gyro",
-    "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/|"
-    r"beacon|transponder|(?:^|[/_ ])apos(?:[/_ ]|$)",
+    "compass": r"[ck]ompass|(?:^|[/_ ])kurs|heading|hdg|hdt|ahrs|imu|gyro|euler|(?:^|[/_ ])att(?:itude)?(?:[/_ ]|$)",
+    "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/|subsonus|"
+    r"trackpoint|easytrak|posidonia|micron_?nav|rovl|beacon|transponder|(?:^|[/_ ])apos(?:[/_ ]|$)",
     "gps": rf"{GPS_ITSELF}|fix",
     "depth": r"depth|pressure",
 }

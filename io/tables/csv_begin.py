@@ -13,7 +13,7 @@ from typing import NamedTuple
 from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
 from usbldr.io.messages.topic_names import without_numbers
-from usbldr.io.tables.date_times import foreign_time, named_zone
+from usbldr.io.tables.date_times import DATE, foreign_time, named_zone
 from usbldr.io.tables.foreign_texts import foreign_text
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
@@ -27,6 +27,7 @@ DATED = " "  # the separator of columns between blanks whose first one is a date
 BY_BLANKS = (None, DATED)
 COMMENTS = ("#", "%", "//")  # with which a line begins that is no row
 REMARKS = (*COMMENTS, ";")  # with which a line before the column names begins that is none
+DATE_WORD = re.compile(rf"(?<![\w./-])({DATE})(?![\w/-])")
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 
 
@@ -153,6 +154,12 @@ def header_and_row(file: Path, beside: Sequence[Path] = ()) -> tuple[list[str], 
     return names, cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells]
 
 
+def stated_date(remarks: Sequence[str]) -> str:
+    """Return the one date that the lines before the names state, empty if they state none or several."""
+    dates = {found[0] for line in remarks for found in DATE_WORD.finditer(line)}
+    return dates.pop() if len(dates) == 1 else ""
+
+
 class TableBegin(NamedTuple):
     """The beginning of a file."""
 
@@ -226,6 +233,8 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     """
     if len(names) != len(cells) or len(cells) < 2 or any(is_value(cell) or foreign_time(cell) for cell in cells):
         return None
+    if any(cells) and all(not cell or not name for name, cell in zip(names, cells, strict=True)):
+        return [name or cell for name, cell in zip(names, cells, strict=True)]  # as pandas names an index
     plain = [cell.strip("[]() ") for cell in cells]
     stated = [named_unit(f"x [{unit}]") for unit in plain]
     units = [

@@ -22,10 +22,11 @@ from usbldr.io.messages.registry import FRAMES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times, with_whole_angles
-from usbldr.io.tables.csv_begin import begin_of_table, header_and_row
+from usbldr.io.tables.csv_begin import begin_of_table, header_and_row, stated_date
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_times import (
+    SECONDS_OF_DAY,
     clock_digits,
     foreign_time,
     orders_of,
@@ -114,6 +115,7 @@ class CsvLog:
         """Return the first filled cell of each column; dates and times as ISO text, for which all rows are read."""
         names, cells = self._begin(file)
         read = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
+        read = read or any(map(SECONDS_OF_DAY.search, map(str.lower, names)))
         read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)] or any(map(open_angle, names))
         if not read or len({*names}) < len(names) or not len(self._table(file).lines):
             return cells
@@ -190,7 +192,8 @@ class CsvLog:
     def _table(self, file: Path) -> TextTable:
         if file not in self._read:
             raw = self._raw(file)
-            columns = with_iso_times(raw.columns, self._formats, self._orders)
+            date = stated_date(begin_of_table(file).remarks)
+            columns = with_iso_times(raw.columns, self._formats, self._orders, date)
             self._read[file] = raw._replace(columns=with_whole_angles(columns))
         return self._read[file]
 

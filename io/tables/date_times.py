@@ -6,8 +6,10 @@ time of day without a date counts from 1970-01-01, over midnights. A GPS week be
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from itertools import islice, pairwise
 from types import MappingProxyType
+from zoneinfo import available_timezones
 
 import numpy as np
 import pandas as pd
@@ -34,8 +36,9 @@ ALL_DIGITS = (
 DATE_ONLY, CLOCK_ONLY = re.compile(DATE), re.compile(CLOCK)
 DATE_TIME = re.compile(
     rf"({DATE})[T ,_]+{CLOCK}{ZONE}|{CLOCK}[ ,]+({DATE.replace('part', 'mark')})"
-    rf"|\d{{4}}[-:/]\d{{3}}[-T:/ ]{CLOCK}{ZONE}|{ALL_DIGITS}{ZONE}"
+    rf"|\d{{4}}[-:/]\d{{3}}[-T:/ ]{CLOCK}{ZONE}|{ALL_DIGITS}{ZONE}|\d{{8}}[-T _]{CLOCK}{ZONE}"
 )
+DIGITS_THEN_CLOCK = re.compile(r"^(\d{4})(\d\d)(\d\d)[-T _](?=\d\d:)")
 WHOLLY_DIGITS = re.compile(rf"^{ALL_DIGITS}(?![\d:])")
 DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[-T:/ ]")
 MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
@@ -46,13 +49,17 @@ DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
 DATE_NAME, CLOCK_NAME = (
     re.compile(rf"(^|[\s_])({words})") for words in ("date|datum|day|ymd|yyyy", "time|clock|utc|hh?mm")
 )
-SECONDS_OF_DAY = re.compile(r"(^|[\s_])(sod|(seconds?|time)[\s_]of[\s_](the[\s_])?day)")
+SECONDS_OF_DAY = re.compile(
+    r"(^|[\s_])(sod|(seconds?|time)[\s_]of[\s_](the[\s_])?day|(ms|(milli)?seconds?|time)[\s_]since[\s_]midnight)"
+)
 NAMED_ZONE = re.compile(r"(?:(?:UTC|GMT) ?|[\[(] ?)([+-])(\d{1,2})(?::?([0-5]\d))?(?!\d)", re.IGNORECASE)
 """A zone that a column's name states: "Time (UTC+2)", "Time [+02:00]"."""
 UNKNOWN_ZONE = re.compile(
     r"[\[(] ?((?!UTC?|GMT|GPST)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
 )
 GPS_TIME = re.compile(r"(?:^|[^a-z])gpst(?:$|[^a-z])|[\[(] ?gps(?: time)? ?[\])]", re.IGNORECASE)
+PLACE = re.compile(r"\b[A-Z][A-Za-z]+/[A-Z][\w/]+")
+"""A zone by its place, as the IANA data base names it: "Time (Europe/Oslo)"."""
 ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
 WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
@@ -60,22 +67,31 @@ PARTS: Mapping[str, str] = {
     "year": "year|yr|yyyy",
     "month": "month|mon|^mo",
     "day": "day|day_of_month|^da",
-    "day_of_year": "doy|day_of_year|julian_day|jday|yday",
+    "day_of_year": "doy|day_of_year|year_?day|julian_day|jday|yday",
     "hour": "hours?|hr|^hh",
     "minute": "minutes?|mins?|^mm",
-    "second": "seconds?|secs?|^ss",
+    "second": "(?<!milli_)(?<!micro_)(?<!nano_)(seconds?|secs?)|^ss",
     "second_of_day": r"sod|seconds?_of_(the_)?day",
-    "nanosecond": "nano(sec(ond)?)?s?|nsecs?",
+    "nanosecond": "nano(_?sec(ond)?)?s?|nsecs?",
+    "microsecond": "micro(_?sec(ond)?)?s?|usecs?",
+    "millisecond": "milli(_?sec(ond)?)?s?|msecs?|^ms",
+    "hundredth": "^hh_100|hundredths?|hsecs?|centi_?sec(ond)?s?",
 }
 """Parts of a time that have a column each, and the names of these."""
 DATES = ("year", "month", "day"), ("year", "day_of_year")
-CLOCKS = ("nanosecond", "hour", "minute", "second"), ("hour", "minute", "second"), ("second_of_day",)
-PARTED: Sequence[Sequence[str]] = (*((*d, *c) for d in DATES for c in CLOCKS), DATES[1], ("nanosecond", "second"))
+PARTS_NS = {"nanosecond": 1, "microsecond": 1000, "millisecond": 1_000_000, "hundredth": 10_000_000}  # fixed
+CLOCK_PARTS = ("hour", "minute", "second")
+CLOCKS = *((part, *CLOCK_PARTS) for part in PARTS_NS), CLOCK_PARTS, ("second_of_day",)
+PARTED: Sequence[Sequence[str]] = (
+    *((*d, *c) for d in DATES for c in CLOCKS),
+    DATES[1],
+    ("nanosecond", "second"),
+    ("microsecond", "second"),
+)
 """The parts of a whole time, whose days may have decimals. The last one's column becomes that of the time."""
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
-PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)(?:sec(?:ond)?)?s?")
-PART_NS = {"milli": 1_000_000, "micro": 1000, "nano": 1}  # fixed
+PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)_?(?:sec(?:ond)?)?s?")
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
@@ -110,10 +126,12 @@ def with_iso_times(
     columns: Mapping[str, Sequence[str]],
     stated: Mapping[str, str] = MappingProxyType({}),
     orders: Mapping[str, DateOrder] = MappingProxyType({}),
+    date: str = "",
 ) -> dict[str, Sequence[str]]:
     """Return the columns of a table with dates and times as ISO text; a column of dates goes into that of its times.
 
-    ``stated``: column -> its format by strptime. ``orders``: of the dates in all tables, if there are others.
+    ``stated``: column -> its format by strptime. ``orders``: of the dates in all tables, if there are others. ``date``:
+    of the table, for times of day without one.
     """
     found = dict(columns)
     own = orders_of([columns], stated)
@@ -138,9 +156,13 @@ def with_iso_times(
         elif _are(cells, DATE_TIME):
             found[name] = _iso(list(cells), cells, orders)
         elif not dates and clock_digits(name, next(iter(cells), "")) and (digits := _clocks_of_digits(cells)):
-            found[name] = _without_date(digits)
-        elif _are(cells, CLOCK_ONLY) or (len(dates) == 1 and _of_day(name.lower(), cells)):
-            found[name] = _on_days(cells, columns[dates[0]], orders) if len(dates) == 1 else _without_date(cells)
+            found[name] = _without_date(digits, orders, date)
+        elif _are(cells, CLOCK_ONLY) or ((len(dates) == 1 or date) and _of_day(name.lower(), cells)):
+            clocks = _clocks(name, cells)
+            one = len(dates) == 1
+            found[name] = (
+                _on_days(clocks, columns[dates[0]], cells, orders) if one else _without_date(clocks, orders, date)
+            )
     for time, part in pairwise(columns):
         unit = PART_OF_SECOND.fullmatch(words_of(re.sub(r"[\[(].*", "", part)))
         if (
@@ -149,10 +171,13 @@ def with_iso_times(
             and _are(found[time], WHOLE_SECONDS, or_iso=True)
             and _are(columns[part], NUMBER)
         ):
-            found[time] = _with_parts(found[time], _numbers(columns[part]) * PART_NS[unit[1]])
+            found[time] = _with_parts(found[time], _numbers(columns[part]) * PARTS_NS[f"{unit[1]}second"])
     for name in columns:
-        if (zone := named_zone(name)) and not any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS))):
+        zoned = any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS)))
+        if not zoned and (zone := named_zone(name)):
             found[name] = [cell + zone if ISO.fullmatch(cell) else cell for cell in found[name]]
+        if not zoned and (place := PLACE.search(name)) and place[0] in available_timezones():
+            found[name] = _utc_of_place(found[name], place[0])
         if GPS_TIME.search(name) and _are(found[name], ISO, or_iso=True):
             found[name] = _utc_of_gps(found[name])
     return found
@@ -208,7 +233,7 @@ def _of_parts(parts: Mapping[str, str], columns: Mapping[str, Sequence[str]]) ->
     month = (whole.get("year", 1970) - np.int64(1970)) * 12 + whole.get("month", 1) - 1
     day = month.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
     day += whole.get("day", whole.get("day_of_year", 1)) - 1
-    units_ns = {"hour": 3600e9, "minute": 60e9, "second": 1e9, "second_of_day": 1e9, "nanosecond": 1.0}
+    units_ns = {"hour": 3600e9, "minute": 60e9, "second": 1e9, "second_of_day": 1e9, **PARTS_NS}
     rounded = [np.round(value.get("day_of_year", np.zeros(1)) % 1 * DAY_S * 1e9)]
     rounded += [np.round(value[p] * unit_ns) for p, unit_ns in units_ns.items() if p in parts]
     ns = day * (DAY_S * 10**9) + sum(np.where(good, part, 0).astype(np.int64) for part in rounded)
@@ -241,6 +266,15 @@ def _utc_of_gps(cells: Sequence[str]) -> list[str]:
     return _moments(utc_ns(weeks, rest_ns / 1e9), moments.notna().to_numpy(np.bool_), cells)
 
 
+def _utc_of_place(cells: Sequence[str], zone: str) -> list[str]:
+    """Return dates and times of a place as those of UTC; of an hour that comes twice, until it does the first one."""
+    local = pd.to_datetime(pd.Series(list(cells), dtype="str"), format="ISO8601", errors="coerce")
+    summer = (local.diff() < -pd.Timedelta(minutes=30)).cumsum() == 0
+    hour = pd.Timedelta(hours=1)  # a clock that was not set shows an hour that the place leaves out
+    moments = local.dt.tz_localize(zone, ambiguous=summer.to_numpy(), nonexistent=hour).dt.tz_convert("UTC")
+    return _as_text(moments, cells)
+
+
 def _of_day(name: str, cells: Sequence[str]) -> bool:
     return bool(SECONDS_OF_DAY.search(name) or (CLOCK_NAME.search(name) and _are(cells, DIGITS_CLOCK)))
 
@@ -267,26 +301,34 @@ def _are(cells: Sequence[str], kind: re.Pattern[str], or_iso: bool = False) -> b
     return bool(shown) and all(kind.fullmatch(cell) and (or_iso or not ISO.fullmatch(cell)) for cell in shown)
 
 
-def _on_days(cells: Sequence[str], dates: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:
-    """Return times of day, or seconds of it, with their dates."""
-    digits = _are(cells, DIGITS_CLOCK)
-    clocks = [DIGITS_CLOCK.sub(r"\1:\2:\3", cell) if digits else _clock(cell) for cell in cells]
+def _clocks(name: str, cells: Sequence[str]) -> list[str]:
+    """Return times of day in digits, or seconds or milliseconds of it, with colons."""
+    if _are(cells, DIGITS_CLOCK) and not SECONDS_OF_DAY.search(name.lower()):
+        return [DIGITS_CLOCK.sub(r"\1:\2:\3", cell) for cell in cells]
+    thousands = 3 * bool(re.search(r"milli|\bms\b", name.lower()))
+    return [_clock(cell, thousands) for cell in cells]
+
+
+def _on_days(
+    clocks: Sequence[str], dates: Sequence[str], cells: Sequence[str], orders: Mapping[str, DateOrder]
+) -> list[str]:
+    """Return times of day with their dates."""
     short = _are(dates, SHORT_DATE)
     days = [SHORT_DATE.sub(r"20\3-\2-\1", day) if short else DIGITS_DATE.sub(r"\1-\2-\3", day) for day in dates]
     return _iso([day and f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells, orders)
 
 
-def _clock(cell: str) -> str:
-    """Return seconds of the day as hours, minutes and seconds; another text as it is."""
-    if not re.fullmatch(r"\d+(\.\d*)?", cell) or not 0 <= float(cell) < DAY_S:
+def _clock(cell: str, places: int) -> str:
+    """Return parts of 1e-``places`` s of the day as hours, minutes and seconds; another text as it is."""
+    if not NUMBER.fullmatch(cell) or not 0 <= Decimal(cell).scaleb(-places) < DAY_S:
         return cell
-    whole, _, fraction = cell.partition(".")
+    whole, _, fraction = f"{Decimal(cell).scaleb(-places):f}".partition(".")
     minutes, second = divmod(int(whole), 60)
     return f"{minutes // 60:02d}:{minutes % 60:02d}:{second:02d}.{fraction or '0'}"
 
 
-def _without_date(cells: Sequence[str]) -> list[str]:
-    texts = _iso([f"1970-01-01 {cell}" for cell in cells], cells, {})
+def _without_date(cells: Sequence[str], orders: Mapping[str, DateOrder], date: str) -> list[str]:
+    texts = _iso([f"{date or '1970-01-01'} {cell}" for cell in cells], cells, orders)
     moments = pd.to_datetime(pd.Series(texts), format="ISO8601", utc=True, errors="coerce")
     back = (moments.diff() < -pd.Timedelta(seconds=DAY_S / 2)).cumsum()
     later = (moments + pd.to_timedelta(back, unit="D")).dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
@@ -296,6 +338,7 @@ def _without_date(cells: Sequence[str]) -> list[str]:
 def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]) -> list[str]:
     """Return dates and times as ISO text; the cell as it stands if it is none."""
     plain = pd.Series(texts, dtype="str").str.replace(WHOLLY_DIGITS, _of_digits, regex=True)
+    plain = plain.str.replace(DIGITS_THEN_CLOCK, r"\1-\2-\3 ", regex=True)
     plain = plain.str.replace(DAY_OF_YEAR, _of_year, regex=True)
     plain = plain.str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
     plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)

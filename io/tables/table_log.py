@@ -43,6 +43,7 @@ from usbldr.io.tables.topic_sheets import (
     topic_sheets,
     unmatched_text,
 )
+from usbldr.io.units import named_unit
 
 TEXT = "OUT"  # fixed: the kinds of NumPy's arrays of texts
 MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
@@ -92,7 +93,8 @@ def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[s
 def _may_tell(name: str) -> bool:
     """Return whether the first value of a column may tell its unit, by its plain name: a time, date or angle."""
     column = named_column(name)
-    return bool((column and column.rule.dimension == "time") or open_angle(name) or is_date(name))
+    timed = named_unit(name).dimension == "time" or (column and column.rule.dimension == "time")
+    return bool(timed or open_angle(name) or is_date(name))
 
 
 def _cells(values: Column) -> list[str]:

@@ -14,7 +14,7 @@ from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, wor
 from usbldr.io.tables.cf_times import clock_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.unnamed_columns import is_number
-from usbldr.io.units import NamedUnit, unit_of
+from usbldr.io.units import NamedUnit, named_unit, unit_of
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
@@ -36,14 +36,22 @@ class TimeColumn(NamedTuple):
 def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
     """Return those of columns named as times whose first cells (by column) state a date, else all of them.
 
-    If none is named so: the columns of dates and times, whatever their names, and of dates that are day numbers.
+    If none is named so: the columns of dates and times, whatever their names, of dates that are day numbers, and of
+    times since 1970 in the unit of their names.
     """
     if not named:
         dates = [name for name, cell in cells.items() if ISO.fullmatch(cell)]
         dates = dates or [name for name, cell in cells.items() if is_date(name) and keys_since_1970(cell)]
-        return [NamedColumn(name, RULES[0], NamedUnit(name)) for name in dates]
+        since = [NamedColumn(name, RULES[0], named_unit(name)) for name in cells]
+        since = [one for one in since if one.known and _since_1970(one, cells[one.name])]
+        return [NamedColumn(name, RULES[0], NamedUnit(name)) for name in dates] or since
     first = [(column, cells.get(column.name, "")) for column in named]
-    return [column for column, cell in first if ISO.fullmatch(cell) or keys_since_1970(cell)] or named
+    return [column for column, cell in first if ISO.fullmatch(cell) or _since_1970(column, cell)] or named
+
+
+def _since_1970(column: NamedColumn, cell: str) -> bool:
+    """Return whether a number is a time of this century in the unit of its column, if that states one."""
+    return any(not column.known or TIME_UNITS_NS[key] == column.factor for key in keys_since_1970(cell))
 
 
 def is_date(name: str) -> bool:
@@ -90,13 +98,14 @@ def _unit(column: NamedColumn, cells: Mapping[str, str]) -> tuple[int, float] | 
     Its name may state a unit since any day.
     """
     cell = cells.get(column.name, "")
-    if column.known or ISO.fullmatch(cell):
+    epoch = named_epoch(column, cell)
+    if ISO.fullmatch(cell) or (column.known and not (epoch and TIME_UNITS_NS[epoch] == column.factor)):
         return round(column.factor) if column.known else SECOND_NS, 0
     if (unit := unit_of(cell)).dimension == "time":
         return round(unit.factor), 0
     if (clock := clock_of(column.unit.unit)) is not None:
         return clock.unit_ns, -clock.since_ns / clock.unit_ns
-    key = named_epoch(column, cell) or next(iter(keys_since_1970(cell)), None)
+    key = epoch or next(iter(keys_since_1970(cell)), None)
     return (TIME_UNITS_NS[key], AT_1970.get(key, 0)) if key else None
 
 
@@ -108,7 +117,7 @@ def named_epoch(column: NamedColumn, cell: str) -> str | None:
     words = words_of(column.name)
     if words == "x_value":
         return "time_labview" if is_number(cell) and float(cell) >= AT_1970["time_labview"] else None
-    return next((key for key in AT_1970 if words.endswith(key.removeprefix("time_"))), None)
+    return next((key for key in AT_1970 if re.search(f"{key.removeprefix('time_')}(_time|_s)?$", words)), None)
 
 
 def of_gps(column: NamedColumn, cell: str) -> bool:
@@ -131,5 +140,6 @@ def keys_since_1970(cell: str) -> list[str]:
         return []
     exact = len(cell.partition(".")[2]) >= DAY_DECIMALS
     keys = [key for key, ns in TIME_UNITS_NS.items() if exact or key not in AT_1970 or ns < SECOND_NS]
+    keys = [key for key in keys if key != "time_ntp"]  # four years before LabVIEW's: only a name tells
     times_ns = {key: (value - AT_1970.get(key, 0)) * TIME_UNITS_NS[key] for key in keys}
     return sorted((key for key in keys if SINCE_NS <= times_ns[key] < UNTIL_NS), key=times_ns.__getitem__)

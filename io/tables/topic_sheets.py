@@ -36,6 +36,7 @@ DEVICE = re.compile(
     r"device|sensor|instrument|receiver|antenna|vehicle|source|serial(_(no|number))?"
 )
 """The name of a column that may say which of several devices measured."""
+OF_BEAM = re.compile(r"(^|_)(beam_?\d_?v(el(ocity)?)?|v(el(ocity)?)?_?(bt_)?b(ea)?m?_?\d|b\d_vel)(_|$)")
 ALIKE = ("vehicle", "source")  # in most tables the same in all rows: the name of another column comes first
 SheetOrNone = TypeVar("SheetOrNone", Sheet, Sheet | None)
 FirstRow: TypeAlias = tuple[tuple[str, str], ...]  # columns and their first cells
@@ -88,6 +89,8 @@ class TopicSheet(NamedTuple):
 
 def unmatched_text(names: Sequence[str]) -> str:
     """Return why a table with these columns cannot be read."""
+    if sum(bool(OF_BEAM.search(words_of(name))) for name in names) > 2:
+        return f"its velocities are along beams ({listed(names)}); convert them to axes of the instrument"
     return f"its columns match no sensor ({listed(names)}); {PROPOSED}"
 
 

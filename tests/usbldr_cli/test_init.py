@@ -451,12 +451,33 @@ def test_columns_beside_those_that_a_configuration_states_have_its_time(tmp_path
     assert "can name:\n#   /auv: volts\n" in text
 
 
+@pytest.mark.parametrize(("places", "decided"), [("x_enu,y_enu", True), ("x,y", False), ("lat,lon", True)])
+def test_a_yaw_counts_either_way_and_only_fixes_or_their_names_tell(tmp_path, places, decided):
+    """Counter-clockwise from east, in radians, beside velocities to port; a depth whose unit is unknown hides none."""
+    dvl, heading, fixes = UNITLESS
+    seen = [(ns, 45 + y / 111_132, 7 + x / 78_717) if places == "lat,lon" else (ns, x, y) for ns, x, y in fixes]
+    log = write_csv(
+        tmp_path / "dive",
+        dvl="\n".join(["time,vx,vy,Depth [fathom]", *(f"{ns / 1e9:.3f},{x},{-y},9" for ns, x, y in dvl)]),
+        ahrs="\n".join(["time,yaw", *(f"{ns / 1e9:.3f},{np.radians((270 - v) % 360 - 180):.5f}" for ns, v in heading)]),
+        usbl="\n".join([f"time,{places}", *(f"{ns / 1e9:.3f},{a:.8f},{b:.8f}" for ns, a, b in seen)]),
+    )
+
+    text, found = initialised(log, tmp_path / "found.toml")
+
+    assert ("their mirror image" in text) == (not decided)
+    assert found["compass"]["unit"] == "rad"
+    assert not decided or (found["dvl"]["axes"], found["compass"]["convention"]) == ("FLU", "ENU")
+
+
 @pytest.mark.parametrize(
     ("names", "found"),
     [
         ("vx,vy,lat,lon,battery_v", {"x": "vx", "y": "vy", "lat_deg": "lat", "lon_deg": "lon"}),
         ("dvl_vx,dvl_vy,gps_lat,gps_lon,lat", {"x": "dvl_vx", "y": "dvl_vy"}),  # the GPS by its own names
         ("vx,dvl_vy,latitude,lat,dvl_vx", {}),  # two candidates
+        ("dvl_x,dvl_y,ned_vx,ned_vy,Latitude", {"x": "dvl_x", "y": "dvl_y"}),
+        ("u_ms,v_ms,lat,lon,beacon", {"x": "u_ms", "y": "v_ms"}),
         ("u,v,lat,lon,beacon", {"x": "u", "y": "v"}),  # a position of the beacon?
     ],
 )
@@ -488,7 +509,7 @@ def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_q
 def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(csv: Path, tmp_path: Path) -> None:
     file = tmp_path / "found.toml"
     sheet = (csv / "ahrs.csv").read_text(encoding="utf-8")
-    (csv / "compass.csv").write_text(sheet.replace("stamp,heading", "stamp,psi"), encoding="utf-8")
+    (csv / "compass.csv").write_text(sheet.replace("stamp,heading", "stamp,chi"), encoding="utf-8")
     (csv / "ahrs.csv").unlink()
 
     said, text = asked_in(csv, file)
@@ -502,7 +523,7 @@ def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(csv: Pat
     )
     asked = '# [compass]\n# columns = { time_unix_ms = "stamp", heading = "?" }'
     assert asked in text
-    completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "psi" }')
+    completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "chi" }')
     file.write_text(completed, encoding="utf-8")
     accepted(csv, file)
 

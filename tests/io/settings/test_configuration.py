@@ -61,7 +61,7 @@ def parsed(tmp_path: Path, text: str) -> Configuration:
         ("[map]\norigin_lat_deg = 1.0", "[map]: the key origin_lon_deg is missing"),
         ("[truth]\ncolumns = { time = 't' }", "[truth] columns: time is not allowed (allowed: time_ns, time_unix_us, "
          "time_unix_ms, time_unix_s, time_s, time_datenum, time_excel, time_julian, "
-         "time_mjd, time_labview, time_filetime, time_ticks, x, y, lat_deg, lon_deg, sd_m)"),
+         "time_mjd, time_labview, time_ntp, time_filetime, time_ticks, x, y, lat_deg, lon_deg, sd_m)"),
         ("[truth]\ntopic = '/a'\nfile = 'b'", "[truth]: state either topic or file"),
         ("[truth]\ntopic = '/a'\ncolumns = { x = 'b' }", "[truth]: columns need file, not topic"),
         ("schema = 2", "schema: 2 is not allowed (allowed: 1)"),

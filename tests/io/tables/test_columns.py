@@ -69,7 +69,7 @@ def test_columns_are_read_as_the_configuration_names_them(tmp_path: Path) -> Non
          "{0}/velocities.csv: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"),
         ([('time_unix_s = "epoch", x', "x")], "{0}/velocities.csv: [dvl] columns must name exactly one of time_ns, "
          "time_unix_us, time_unix_ms, time_unix_s, time_s, time_datenum, time_excel, time_julian, time_mjd, "
-         "time_labview, time_filetime, time_ticks"),
+         "time_labview, time_ntp, time_filetime, time_ticks"),
     ],
 )  # fmt: skip
 def test_columns_that_are_not_there_are_named(tmp_path, changes, sentence):

@@ -40,9 +40,19 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("Time,Heading (deg)", "2020257{all}.0,{h}"),
         ("%  GPST      latitude(deg)  heading(deg)", "2020/09/13 12:{gps}.000   45.1   {h}"),
         ("UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,Heading (deg)", "2020,9,13,12,{hms},{h}"),
+        ("YR,MO,DA,HH,MM,SS,HH/100,Heading (deg)", "20,9,13,12,{hms},00,{h}"),
+        ("timestampPosixSec,timestampPosixMicroSec,Heading (deg)", "{t},0,{h}"),
+        ("Year,Decimal Yearday (UTC),Heading (deg)", "2020,{doy},{h}"),
+        ("Vehicle: ROV 2\nDate: 13.09.2020\n\nUTC Time;Heading (deg)", "12:{utc};{h}"),
+        ("Date: 13.09.2020\nms since midnight,Heading (deg)", "{sod}000,{h}"),
+        ("ntp_time,Heading (deg)", "{ntp}.0,{h}"),
+        ("Timestamp [us],UTC Date,UTC Time,Heading (deg)", "1234567000,2020-09-13,12:{utc},{h}"),
+        ("event_ms,Heading (deg)", "{t}000,{h}"),
+        (",compass,compass\n,Heading (deg),Roll (deg)\ntime,,", "2020-09-13T12:{utc}+00:00,{h},0"),
     ],
     ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF",
-         "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens"],
+         "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens", "WinADCP", "Nucleus", "UDAS", "date before", "of midnight",
+         "NTP", "SBG", "unit alone", "pandas"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
@@ -51,6 +61,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
         gps = f"26:{58 + k}" if k < 2 else f"27:0{k - 2}"  # 18 s ahead
         values = {"t": t, "h": 10.5 + k, "sod": 44800 + k, "utc": clock, "gps": gps, "hms": clock.replace(":", ",")}
         values["j2000"] = t - 946_684_800
+        values |= {"doy": f"{257 + (44800 + k) / 86400:.12f}", "ntp": t + 2_208_988_800}
         values["all"] = f"12{clock.replace(':', '')}"
         rows.append(row.format(**values, d=f"{t / 1e9:.9f}D+09"))
     log = read_log(saved(tmp_path / "compass.csv", "\n".join([names, *rows]) + "\n"))

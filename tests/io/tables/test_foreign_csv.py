@@ -185,6 +185,14 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "German": ("dive", "Geschwindigkeit voraus (m/s),Geschwindigkeit rechts (m/s),Steuerkurs (°)\n1.5,0.25,30.5",
                AHEAD),
     "short German": ("dive", "V voraus [m/s],V stb [m/s],Heading rw [°]\n1.5,0.25,30.5", AHEAD),
+    "Norwegian": ("dykk", "Fart fremover [m/s],Fart styrbord [m/s],Kompasskurs [°]\n1.5,0.25,30.5", AHEAD),
+    "French": ("plongée", "Vitesse avant (m/s),Vitesse bâbord (m/s),Cap vrai (°)\n1.5,-0.25,30.5", AHEAD),
+    "Spanish": ("x", "Velocidad atrás (cm/s),Velocidad estribor (cm/s),Rumbo (°)\n-150,25,30.5", AHEAD),
+    "parts of units": ("dive", "vFwd_mm_s,vStbd_mm_s,hdg_cdeg\n1500,250,3050", AHEAD),
+    "Prometheus": ("dive", '"fwd_mps {a=""dvl"", b=""1""}","{__name__=""stbd_mps"",a=""1""}","hdg_deg {a: ""1""}"\n'
+                   "1.5,0.25,30.5", AHEAD),
+    "gyrocompasses": ("dive", "Forward (m/s),Starboard (m/s),Gyro 1 [deg]\n1.5,0.25,30.5", AHEAD),
+    "degrees with colons": ("gps", "Lat_dms,Lon_dms\n045:30:00.0S,030:15:00.0W", SOUTH_WEST),
     "short": ("dive", "Fwd_Spd_mps,Stbd_Spd_mps,Hdg_deg\n1.5,0.25,30.5", AHEAD),
     "degrees and minutes": ("dive", "Heading (deg),GPS Lat,GPS Lon\n30.5,,\n31,43° 06.5' N,5° 54.25' W", TOULON),
     "dashes": ("dive", "Heading (deg),GPS Lat,GPS Lon\n30.5,,\n31,43-06.5N,005-54.25W", TOULON),
@@ -235,6 +243,8 @@ def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path)
         ("Date,Time (UTC+02),Heading (deg)", "13.09.2020,14:26:40", ""),
         ("Time,Heading\n(UTC+2),(deg)", "2020-09-13 14:26:40", ""),
         ("Time (UTC+2),Heading (deg)", "2020-09-13 12:26:40Z", ""),
+        ("Time (Europe/Oslo),Heading (deg)", "2020-09-13 14:26:40", ""),
+        ("Time [America/New_York],Heading (deg)", "09/13/2020 8:26:40 AM", ""),
         ("Time (UTC+2),Heading (deg)", "2020-09-13 13:26:40+01:00", ""),
         *((f"{name},Heading (deg)", "2020-09-13 12:26:40", f"time from {name} as UTC: of zones in names")
           for name in ("Time [MESZ]", "Local Time", "Time (PST)")),
@@ -473,6 +483,13 @@ def test_names_that_could_mean_something_else_are_left_to_the_user(tmp_path: Pat
     assert topic.problem.startswith("its columns match no sensor")
 
 
+def test_velocities_along_beams_are_named_as_such(tmp_path: Path) -> None:
+    beams = ",".join(f"Beam{k} Velocity [m/s]" for k in range(1, 5))
+    (topic,) = open_log(write_csv(tmp_path, dvl_beams=timed(f"{beams}\n1,1,1,1"))).topics()
+
+    assert topic.problem.startswith("its velocities are along beams (Time [s], Beam1")
+
+
 def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> None:
     columns = '[compass]\ntopic = "/dive"\nconvention = "ENU"\n'
     columns += 'columns = { time_unix_s = "Time [s]", heading = "Heading (deg)" }'
@@ -499,12 +516,16 @@ def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> N
         ("bottom.velocity_mm_s[0]", "bottom.velocity[0]", "velocity", 1e-3),
         ("velocity_cm_s.x", "velocity.x", "velocity", 1e-2),
         ("depth [fathom]", "depth", None, 1.0),
+        ("Heading (0.01 deg)", "Heading", "angle", 0.01),
+        ("Heading [mrad]", "Heading", "angle", 0.18 / np.pi),
+        ("yawDeg", "yaw", "angle", 1.0),
+        ("heading_deg_true", "heading", "angle", 1.0),
     ],
 )
 def test_the_unit_of_a_name_is_found(name: str, label: str, dimension: str | None, factor: float) -> None:
     found = named_unit(name)
 
-    assert (found.label, found.dimension, found.factor) == (label, dimension, factor)
+    assert (found.label, found.dimension, found.factor) == (label, dimension, pytest.approx(factor, rel=1e-12))
 
 
 def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None:
@@ -531,6 +552,7 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
         (["20260518T143000.25+02"], "2026-05-18T12:30:00.250000"),
         (["20260518_123000"], "2026-05-18T12:30:00.000000"),
         (["2026-05-18_12:30:00"], "2026-05-18T12:30:00.000000"),
+        (["20260518-12:30:00.5"], "2026-05-18T12:30:00.500000"),
     ],
 )
 def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
@@ -558,6 +580,11 @@ DIGITS = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
         (CLOCK, {}, CLOCK),
         ({"count": ["20260518"]} | CLOCK, {}, {"count": ["20260518"]} | CLOCK),
         ({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"}, {"t": ["2026-06-05T01:30:00.000000"]}),
+        (
+            {"t (Europe/Oslo)": [f"2025-10-26 02:{m}:00" for m in ("59", "00", "59")] + ["2025-10-26 03:00:00"]},
+            {},
+            {"t (Europe/Oslo)": [f"2025-10-26T{at}:00.000000" for at in ("00:59", "01:00", "01:59", "02:00")]},
+        ),
         ({"t": ["23:59:59.5", "00:00:00.5"]}, {}, {"t": ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]}),
     ],
     ids=[
@@ -567,6 +594,7 @@ DIGITS = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
         "digits alone",
         "digits of a count",
         "a stated format",
+        "an hour that comes twice",
         "midnight is passed",
     ],
 )
