@@ -26,7 +26,6 @@ from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.messages.field_names import named_column
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, name_of
-from usbldr.io.tables.long_tables import DEVICES
 
 REPORTS = ("velocity", "velocity_water", "position_local")
 """Reports of a DVL by their type."""
@@ -39,7 +38,8 @@ SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
 REMAINS = re.compile(r"[\"}]")  # behind an object: of one that was damaged
-LABELS = ("topic", "channel", "type", *DEVICES)  # keys of an object whose text names its topic
+LABELS = ("topic", "channel", "type", "sensor", "device", "source", "instrument")
+"""Keys of an object whose text names its topic."""
 LABEL_BEFORE = re.compile(r"(?:^|\s)([A-Za-z/][\w/.-]*):?\s*$")
 KEY = re.compile(r"\"\s*:")  # before an object: of the one around it, whose beginning was lost
 DECODER = json.JSONDecoder()

@@ -51,8 +51,8 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         (",compass,compass\n,Heading (deg),Roll (deg)\ntime,,", "2020-09-13T12:{utc}+00:00,{h},0"),
     ],
     ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF",
-         "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens", "WinADCP", "Nucleus", "UDAS", "date before", "of midnight",
-         "NTP", "SBG", "unit alone", "pandas"],
+         "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens", "WinADCP", "Nucleus",
+         "UDAS", "date before", "of midnight", "NTP", "SBG", "unit alone", "pandas"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
