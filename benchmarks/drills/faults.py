@@ -96,6 +96,19 @@ def over_fish(log: Log, seed: int) -> Log:
     return examined(replace(log, tables={**log.tables, "dvl": changed}))
 
 
+def through_water(log: Log, seed: int) -> Log:
+    """Return a log whose DVL measures through a current of 0.3 m/s, to a random side, from 300 to 450 s."""
+    table, compass = log.tables["dvl"], log.tables["compass"]
+    time_s, to_rad = table["time_s"].to_numpy(), np.random.default_rng(seed).uniform(0.0, 2 * np.pi)
+    heading_rad = np.interp(time_s, compass["time_s"], np.unwrap(np.radians(compass["heading_deg"])))
+    there = (time_s > 300.0) & (time_s < 450.0)
+    changed = table.assign(
+        starboard_mps=table["starboard_mps"] - there * 0.3 * np.sin(to_rad - heading_rad),
+        forward_mps=table["forward_mps"] - there * 0.3 * np.cos(to_rad - heading_rad),
+    )
+    return examined(replace(log, tables={**log.tables, "dvl": changed}))
+
+
 def seldom(role: str, every: int, fault: str) -> Damage:
     """Return the damage by a fault as `usbldr drill` writes it, of a sensor of which every nth record is kept."""
 
@@ -175,6 +188,7 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     "fixes 3 s later from the middle on": (later, 0.0),
     "a DVL of 1 Hz, 10 % spikes of 2 m/s": (seldom("dvl", 5, "spike dvl:2m/s@0.1"), 0.0),
     "a compass of 1 Hz, 5 % spikes of 60°": (seldom("compass", 10, "spike compass:60deg@0.05"), 0.0),
+    "a DVL that measures through a current of 0.3 m/s for 150 s": (through_water, 0.0),
     "a DVL over fish: off for 20 s, five times": (over_fish, 0.0),
     "no sensor records for 25 s": (silent, 0.0),
     "a compass beside iron: up to 50° for half a minute": (beside_iron, 0.0),

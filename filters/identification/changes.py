@@ -1,4 +1,6 @@
-"""Find when sensors change within a log: a compass that turns, a DVL whose scale jumps, fixes that shift or come later.
+"""Find when sensors change within a log: compass and DVL, or the fixes.
+
+A compass turns, the scale of a DVL jumps, or it measures through moving water for a while; fixes shift or come later.
 
 From a change of dead reckoning on, its displacement is that of the vehicle times another complex factor. It may last
 for a while; a change of the fixes is for good, since false_runs.py finds those that come back. Fixes minus dead
@@ -49,6 +51,7 @@ REFINEMENTS = 5  # of the times in turn, each by two blocks at most
 MAX_NIS = 2.0  # [-] per number: what the changes leave must be explained by noise
 FACTOR_SD = 0.5  # [-] prior of a change of either part of the factor: 30 degrees, 50 %
 SHIFT_SD_M = 20.0  # of the fixes, each axis: to another beacon, antenna or origin nearby
+CURRENT_SD_MPS = 0.5  # of each axis, as of a current in SensorErrors
 LATER_SD_S = 3.0  # of the fixes, by judgement: another computer or export
 
 LEAST_PART = 0.3  # [-] of the fixes, by judgement: fewer that lie elsewhere are false (false_runs.py)
@@ -62,7 +65,13 @@ class Kind(NamedTuple):
     sds: Vector  # (n,) of a change
     parts: Array  # (k, n) 1: a change may have these together
     accumulates: bool  # over the way since the change
+    free: bool  # nothing is known of them before the first change
     most: int  # [changes] a log of more is not described by them
+
+    @property
+    def first(self) -> int:
+        """The first fix before which it may change: what is free before may as well begin there."""
+        return 0 if self.accumulates and not self.free else 1
 
 
 def _numbers(*states: str) -> Indices:
@@ -74,6 +83,15 @@ OF_DEAD_RECKONING = Kind(
     sds=np.full(2, FACTOR_SD),
     parts=np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
     accumulates=True,
+    free=True,
+    most=4,
+)
+OF_WATER = Kind(  # a DVL out of reach of the bottom measures through the water
+    states=_numbers(*CURRENT_STATES),
+    sds=np.full(2, CURRENT_SD_MPS),
+    parts=np.array([[1.0, 1.0]]),
+    accumulates=True,
+    free=False,
     most=4,
 )
 OF_FIXES = Kind(
@@ -81,9 +99,10 @@ OF_FIXES = Kind(
     sds=np.array([SHIFT_SD_M, SHIFT_SD_M, LATER_SD_S]),
     parts=np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
     accumulates=False,
+    free=False,
     most=1,
 )
-KINDS = (OF_DEAD_RECKONING, OF_FIXES)
+KINDS = (OF_DEAD_RECKONING, OF_WATER, OF_FIXES)
 
 
 class _Change(NamedTuple):
@@ -141,12 +160,13 @@ def changes(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> 
 
 def _described(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
     kind, best = blocks[0].kind, _best(blocks)
-    if best.changes and kind.accumulates:  # about the heading before the first one: another mixes heading and scale
+    if best.changes and kind.free:  # about the heading before the first one: another mixes heading and scale
         about = dict(zip(STEPS, best.blocks.about, strict=True))
         best = _best(_blocks_about(timeline, given, {near(about | {"heading_bias": float(best.errors[0, 0])})}))
     if not 0 < len(best.changes) <= kind.most or best.nis > MAX_NIS:
         return FoundChanges()
-    errors = _as_errors(timeline, best) if kind.accumulates else _of_fixes(timeline, best)
+    of_kind = _as_errors if kind.free else _of_water if kind.accumulates else _of_fixes
+    errors = of_kind(timeline, best)
     if any(max(1 + one.dvl_scale, 1 / (1 + one.dvl_scale)) > MOST_OF_SCALE for one in errors[:-1]):
         return FoundChanges()
     return FoundChanges(errors, best.cost)
@@ -180,7 +200,7 @@ class _Found(NamedTuple):
         """The numbers of the kind before the first change and after each, posterior means, (N + 1, n)."""
         kind = self.blocks.kind
         at_start = self.blocks.mean_matrix[:, :, kind.states].reshape(-1, len(kind.sds))
-        columns = [at_start * (FREE_SD**2 if kind.accumulates else 0.0)]
+        columns = [at_start * (FREE_SD**2 if kind.free else 0.0)]
         columns += list(_changing(self.blocks, self.changes).swapaxes(0, 1) * kind.sds**2)
         errors: Array = np.cumsum([each.T @ self.explained for each in columns], axis=0)
         return errors
@@ -197,7 +217,7 @@ def _blocks_about(timeline: Timeline, given: Parameters, points: set[Point]) -> 
 def _found(blocks: Blocks) -> _Found:
     found: list[_Change] = []
     for _ in range(2 * blocks.kind.most):  # one that is added may make an earlier one needless
-        added = _likeliest(blocks, found, blocks.first[1:])
+        added = _likeliest(blocks, found, blocks.first[blocks.kind.first :])
         if added is None:
             break
         found = _refined(blocks, [*found, added])
@@ -281,7 +301,9 @@ def _refined(blocks: Blocks, found: list[_Change]) -> list[_Change]:
         before = sorted(found)
         for one in before:
             others = [other for other in found if other != one]
-            near = np.arange(max(1, one.fix - 2 * size), min(len(blocks.time_s), one.fix + 2 * size + 1))
+            near = np.arange(
+                max(blocks.kind.first, one.fix - 2 * size), min(len(blocks.time_s), one.fix + 2 * size + 1)
+            )
             moved = _likeliest(blocks, others, near)
             found = others if moved is None else [*others, moved]
         if sorted(found) == before:
@@ -327,6 +349,13 @@ def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
         start_s = float(timeline.fix_time_s[one.fix])
         errors.append(SensorChange(start_s, -float(np.angle(q)), float(1 / abs(q)) - 1))
     return tuple(errors)
+
+
+def _of_water(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
+    """Return the changes as currents through which the DVL measures."""
+    start_s = timeline.fix_time_s[[one.fix for one in found.changes]].tolist()
+    currents = found.errors[1:].tolist()
+    return tuple(SensorChange(t, 0.0, 0.0, current_mps=(e, n)) for t, (e, n) in zip(start_s, currents, strict=True))
 
 
 def _of_fixes(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:

@@ -218,6 +218,9 @@ class Identification:
                 continue
             if one.gradual:
                 continue
+            if of_water := _change_of_water_text(last, one):
+                texts[one.start_s] = of_water
+                continue
             turned_deg = math.degrees(math.remainder(last.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
             scale = (1 + one.dvl_scale) / (1 + last.dvl_scale) - 1
             check = "check compass and DVL at this time: mounting, sound speed, bottom lock"
@@ -269,6 +272,18 @@ def _heading_errors_text(changes: Sequence[SensorChange]) -> str:
             f"the compass has a deviation of ({-sine_deg:.1f}) sin 2H + ({cosine_deg:.1f}) cos 2H deg at heading H"
         )
     return f"{'; '.join(texts)} (check the compass: iron or currents near it, warm-up of a gyro)"
+
+
+def _change_of_water_text(before: SensorChange, after: SensorChange) -> str:
+    """Return how the DVL's velocities differ from those before, over ground; "" if they do not."""
+    east_mps, north_mps = np.subtract(before.current_mps, after.current_mps).tolist()
+    if not (east_mps or north_mps):
+        return ""
+    towards_deg = math.degrees(math.atan2(east_mps, north_mps)) % 360
+    return (
+        f"from {after.start_s:.0f} s on the DVL reads {math.hypot(east_mps, north_mps):.2f} m/s more towards "
+        f"{towards_deg:.0f}° than before (check bottom lock and altitude: it may measure through moving water)"
+    )
 
 
 def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:

@@ -166,6 +166,7 @@ class SensorChange(NamedTuple):
     fix_shift_m: tuple[float, float] = (0.0, 0.0)  # of the USBL fixes, east and north
     fix_late_s: float = 0.0  # of their stamps
     fix_sd_scale: float = 1.0  # factor on their sigmas
+    current_mps: tuple[float, float] = (0.0, 0.0)  # east and north: the DVL measures through the water
     twice_per_turn_rad: tuple[float, float] = (0.0, 0.0)  # (a, b): headings read a sin 2 psi + b cos 2 psi too much
     gradual: bool = False  # the heading has turned evenly since the change before
 

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from textbook import log_density
+from usbldr.filters.frames import rotated
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.changes import (
     OF_DEAD_RECKONING,
     OF_FIXES,
+    OF_WATER,
     FoundChanges,
     Kind,
     _Change,
@@ -57,10 +59,10 @@ def of_dead_reckoning(line: Timeline, given: Parameters = ASSUMED) -> tuple[Sens
     return next(iter(changes(usual, given, blocks)), FoundChanges()).changes
 
 
-@pytest.mark.parametrize("kind", [OF_DEAD_RECKONING, OF_FIXES], ids=["dead reckoning", "fixes"])
+@pytest.mark.parametrize("kind", [OF_DEAD_RECKONING, OF_WATER, OF_FIXES], ids=["dead reckoning", "water", "fixes"])
 def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
     blocks = blocks_about(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)._replace(kind=kind)
-    before = [_Change(150, 1)]
+    before = [_Change(150, len(kind.parts) - 1)]
     gains = _gains(blocks, before, np.array([60, 200, 300]))
     for (fix, parts), gain in zip(
         itertools.product([60, 200, 300], range(len(kind.parts))), gains.ravel(), strict=True
@@ -217,6 +219,26 @@ def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they
     monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges(proposed, cost),))
 
     assert identify(DIVE, ASSUMED).parameters.changes == (proposed if taken else ())
+
+
+def through_water(from_s: float, to_s: float, current_mps: tuple[float, float]) -> Timeline:
+    """Return a dive whose DVL measures through a current, east and north, for a while."""
+    along_axes = rotated(-DIVE.dr_yaw_rad, np.array(current_mps))  # of the vehicle
+    there = ((DIVE.time_s >= from_s) & (DIVE.time_s < to_s))[:, None]
+    return replace(DIVE, dvl_mps=DIVE.dvl_mps - there * along_axes, dr_mps=DIVE.dr_mps - there * along_axes)
+
+
+@pytest.mark.parametrize(("from_s", "to_s"), [(100.0, 220.0), (250.0, 320.0), (200.0, 1e9), (-1.0, 150.0)])
+def test_a_dvl_that_measures_through_a_current_for_a_while_is_corrected(from_s: float, to_s: float) -> None:
+    line = through_water(from_s, to_s, (0.25, -0.3))
+
+    found = identify(line, ASSUMED)
+
+    freed = without_changes(line, found.parameters.changes)
+    at_ends = [abs(DIVE.time_s - edge_s) > 5.0 for edge_s in (from_s, to_s)]
+    off_mps = (freed.dr_mps - DIVE.dr_mps)[np.all(at_ends, axis=0)]
+    assert np.abs(off_mps).max() < 0.05
+    assert all("it may measure through moving water" in text for text in found.change_texts.values())
 
 
 def changed_fixes(from_s: float, shift_m: tuple[float, float] = (0.0, 0.0), late_s: float = 0.0) -> Timeline:
