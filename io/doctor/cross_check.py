@@ -28,7 +28,13 @@ from usbldr.io.doctor.gross_errors import (
     single_errors,
     velocity_unit_findings,
 )
-from usbldr.io.doctor.interpretations import HandednessEvidence, InterpretationResult, compare_interpretations, flipped
+from usbldr.io.doctor.interpretations import (
+    HandednessEvidence,
+    Interpretation,
+    InterpretationResult,
+    compare_interpretations,
+    flipped,
+)
 from usbldr.io.doctor.message_evidence import message_evidence
 from usbldr.io.doctor.sensor_errors import change_findings, false_fix_findings, log_odds_text, sensor_error_findings
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -81,8 +87,8 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         return CrossCheck((*steps, *moving))
     line = _by_best_interpretation(log, timeline, result)
     identification = _identified(log, line, result)
-    if identification is not None and not result.observable and _bends(identification):
-        result, identification = _by_evidence(log, timeline, result, identification)
+    if identification is not None and _may_mislead(result, identification):
+        result, identification = _by_evidence(log, timeline, result, result.best, identification)
         line = _by_best_interpretation(log, timeline, result)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     delay_s = result.best.fit.latency_s
@@ -158,25 +164,33 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
         return None
 
 
-def _bends(found: Identification) -> bool:
+def _may_mislead(result: InterpretationResult, found: Identification) -> bool:
     """Return whether errors bend dead reckoning, so that a rotation alone does not show which interpretation fits."""
-    return bool(found.parameters.changes) or any(one.key == "deviation" and one.exists for one in found.evidence)
+    bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
+    return bool(bent) and (not result.observable or result.best.flips != result.as_read.flips)
 
 
 def _by_evidence(
-    log: Log, timeline: Timeline, result: InterpretationResult, found: Identification
+    log: Log, timeline: Timeline, result: InterpretationResult, by: Interpretation, found: Identification
 ) -> tuple[InterpretationResult, Identification]:
-    """Return the plausible interpretation with the largest evidence, each with its sensor errors, if that is strong."""
-    tried = [(found.log_evidence, result.best, found)]
-    for one in result.plausible:
+    """Return the plausible interpretation with the largest evidence, each with its sensor errors, if that is strong.
+
+    ``found`` is the identification by one of them, ``by``; that by which the log was read is always among them.
+    """
+    tried = [(found.log_evidence, by, found)]
+    for one in {one.flips: one for one in (*result.plausible, result.best, result.as_read)}.values():
         by_one = replace(result, best=one)
-        other = _identified(log, _by_best_interpretation(log, timeline, by_one), by_one) if one != result.best else None
+        other = (
+            _identified(log, _by_best_interpretation(log, timeline, by_one), by_one) if one.flips != by.flips else None
+        )
         tried += [(other.log_evidence, one, other)] if other else []
     most, best, found_there = min(tried, key=lambda each: (-round(each[0], 1), sum(each[1].flips)))  # of mirror images
     log_odds = most - max((odds for odds, one, _ in tried if one.mirror_class != best.mirror_class), default=most)
     if log_odds <= math.log(STRONG_ODDS):
-        return result, found
-    fitting = tuple(one for one in result.plausible if one.mirror_class == best.mirror_class)
+        return result, next(
+            (one for _, interpretation, one in tried if interpretation.flips == result.best.flips), found
+        )
+    fitting = tuple(one for one in result.plausible if one.mirror_class == best.mirror_class) or (best,)
     return replace(result, best=best, plausible=fitting, log_odds=log_odds), found_there
 
 
@@ -203,6 +217,8 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
         return moving
+    if identification is not None and _may_mislead(result, identification):
+        result, _ = _by_evidence(log, corrected, result, result.as_read, identification)
     asked = identification is not None and identification.evidence and result.best == result.as_read
     found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()

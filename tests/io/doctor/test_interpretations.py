@@ -15,7 +15,7 @@ from curved import CONVENTIONS, FLIPPED, changed, curved_dive, stating, written
 from logs import with_table
 from recordings import HEADER, SECOND, T0, Row, define, fields
 from usbldr.filters.errors import UsageError
-from usbldr.io.doctor import interpretations
+from usbldr.io.doctor import cross_check, interpretations
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -49,6 +49,24 @@ def test_an_unmodelled_current_is_no_wrong_axis_and_hides_no_wrong_heading(tmp_p
     log = through_the_water(log, 100.0, to_s, *current_mps)
 
     assert {one.code for one in convention_warnings(log, timeline(log))} & FLIPPED == named
+
+
+@pytest.mark.parametrize("by_as_read", [True, False])
+def test_a_log_as_read_is_preferred_if_its_sensor_errors_explain_more_than_another_interpretation(tmp_path, by_as_read):
+    log = read_log(written(tmp_path, curved_dive(imu="ENU", gps=True)), Request("none"))
+    log = through_the_water(log, 100.0, 200.0, 0.3, -0.2)
+    line = timeline(log)
+    result = interpretations.compare_interpretations(log, line)
+    other = next(one for one in result.interpretations if one.mirror_class != result.as_read.mirror_class)
+    wrong = replace(result, best=other, plausible=(other,))
+    by = wrong.as_read if by_as_read else other
+    found = cross_check._identified(log, cross_check._by_best_interpretation(log, line, replace(wrong, best=by)), wrong)
+
+    assert cross_check._may_mislead(wrong, found) or not by_as_read
+    judged, _ = cross_check._by_evidence(log, line, wrong, by, found)
+
+    assert judged.best.flips == result.as_read.flips
+    assert [one.flips for one in judged.plausible] == [judged.best.flips]
 
 
 def seen_from_the_vehicle(rows: list[Row], beacon_m: complex) -> list[Row]:
