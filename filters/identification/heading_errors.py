@@ -23,7 +23,7 @@ from usbldr.filters.identification.identification import STRONG_ODDS
 from usbldr.filters.identification.linearisation import STEPS
 from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.replay.dead_reckoning import drift_rates, freed, without_changes
-from usbldr.filters.types import Array, Timeline, Vector
+from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.filters.windows import columns_at, integrated
 
 TREND_SD_RAD = math.radians(5.0)  # from the first fix to the last, by judgement: a cheap gyro drifts by 10°/h
@@ -91,7 +91,7 @@ def _moved(timeline: Timeline, blocks: Blocks) -> _Moved:
     (rate,) = drift_rates(line, ["heading_bias"])
     rates = np.hstack([np.sin(2 * psi)[:, None] * rate, np.cos(2 * psi)[:, None] * rate])
     at_fixes = columns_at(timeline.fix_time_s, line.time_s, integrated(line.time_s, rates)).reshape(-1, 2, 2)
-    rows = blocks.first[:, None] + np.arange(blocks.first[1])
+    rows: Indices = blocks.first[:, None] + np.arange(int(blocks.first[1]))
     twice = at_fixes[rows].mean(axis=1).swapaxes(1, 2).reshape(-1, 2)
     return _Moved(blocks, moved_by_changes(blocks, blocks.first[1:])[:, :, 0], twice)
 

@@ -74,7 +74,7 @@ def test_a_deviation_twice_per_turn_is_that_of_the_compass() -> None:
     "line",
     [
         DIVE,
-        DIVE.with_fixes(slice(20)),
+        DIVE.with_fixes(np.arange(20)),
         weaving_dive(Faults(heading_bias_deg=20.0)),
         weaving_dive(Faults(deviation_sin_deg=4.0, deviation_cos_deg=-2.0)),
         weaving_dive(Faults(usbl_latency_s=2.0)),

@@ -57,11 +57,13 @@ def test_a_log_as_read_is_preferred_if_its_sensor_errors_explain_more_than_anoth
     log = through_the_water(log, 100.0, 200.0, 0.3, -0.2)
     line = timeline(log)
     result = interpretations.compare_interpretations(log, line)
+    assert result is not None
     other = next(one for one in result.interpretations if one.mirror_class != result.as_read.mirror_class)
     wrong = replace(result, best=other, plausible=(other,))
     by = wrong.as_read if by_as_read else other
     found = cross_check._identified(log, cross_check._by_best_interpretation(log, line, replace(wrong, best=by)), wrong)
 
+    assert found is not None
     assert cross_check._may_mislead(wrong, found) or not by_as_read
     judged, _ = cross_check._by_evidence(log, line, wrong, by, found)
 
