@@ -21,7 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.changes import FoundChanges, blocks_of, changes, off_neighbours_m
+from usbldr.filters.identification.blocks import blocks_of, off_neighbours_m
+from usbldr.filters.identification.changes import FoundChanges, changes
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,

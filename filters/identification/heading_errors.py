@@ -1,6 +1,6 @@
 """Find errors of the heading that move with time, or twice per turn: a gyro that drifts, a compass beside soft iron.
 
-In the blocks of changes.py, such an error is a Gaussian process: a trend and a random walk over time, and
+In the blocks of blocks.py, such an error is a Gaussian process: a trend and a random walk over time, and
 a sin 2 psi + b cos 2 psi. Its evidence and its posterior mean follow from the covariance of the blocks: C. Rasmussen
 and C. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, sections 2.2 and 5.4.1.
 """
@@ -11,14 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.identification.changes import (
-    MAX_NIS,
-    Blocks,
-    FoundChanges,
-    blocks_about,
-    moved_by_changes,
-    weighed,
-)
+from usbldr.filters.identification.blocks import Blocks, blocks_about, moved_by_changes, weighed
+from usbldr.filters.identification.changes import MAX_NIS, FoundChanges
 from usbldr.filters.identification.identification import STRONG_ODDS
 from usbldr.filters.identification.linearisation import STEPS
 from usbldr.filters.models.parameters import Parameters, SensorChange

@@ -11,19 +11,15 @@ import pytest
 from textbook import log_density
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification import evidence
-from usbldr.filters.identification.changes import (
+from usbldr.filters.identification.blocks import (
     OF_DEAD_RECKONING,
     OF_FIXES,
     OF_WATER,
-    FoundChanges,
     Kind,
-    _Change,
-    _gains,
-    _with,
     blocks_about,
     blocks_of,
-    changes,
 )
+from usbldr.filters.identification.changes import FoundChanges, _Change, _gains, _with, changes
 from usbldr.filters.identification.evidence import change_of_noise, identify
 from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
 from usbldr.filters.identification.lost_reckoning import lost_spans

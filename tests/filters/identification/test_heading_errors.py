@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from textbook import log_density
-from usbldr.filters.identification.changes import blocks_about, blocks_of
+from usbldr.filters.identification.blocks import blocks_about, blocks_of
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.heading_errors import Shape, _fitted, _moved, heading_errors
 from usbldr.filters.identification.linearisation import NO_ERROR
