@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
-from usbldr.filters.frames import rotated, wrapped
+from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.types import Timeline, Vector
@@ -85,11 +85,11 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
     moving = motion_findings(log, timeline, result)
     if any(one.code == "USBL-MOTION" for one in moving):
         return CrossCheck((*steps, *moving))
-    line = _by_best_interpretation(log, timeline, result)
+    line = flipped(log, timeline, result.best.flips)
     identification = _identified(log, line, result)
     if identification is not None and _may_mislead(result, identification):
         result, identification = _by_evidence(log, timeline, result, result.best, identification)
-        line = _by_best_interpretation(log, timeline, result)
+        line = flipped(log, timeline, result.best.flips)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     delay_s = result.best.fit.latency_s
     if identification is not None:
@@ -143,18 +143,6 @@ def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
     return [Finding("TRUTH-CLOCK", text, source, None, offset.late_s, "s")]
 
 
-def _by_best_interpretation(log: Log, timeline: Timeline, result: InterpretationResult) -> Timeline:
-    """Return the timeline as it should be read, and without a rotation too large for the identification."""
-    line = flipped(log, timeline, result.best.flips)
-    *_, significant = heading_offset(result, None)
-    if not (significant and abs(result.best.offset_deg) > THRESHOLDS.max_identified_turn_deg):
-        return line
-    rotation_rad = result.best.fit.rotation_rad
-    if _offset_is_stated(log):
-        return replace(line, dr_yaw_rad=line.dr_yaw_rad + rotation_rad)
-    return replace(line, dr_mps=rotated(rotation_rad, line.dr_mps))
-
-
 def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Identification | None:
     """Return what the log settles about sensor errors and noise; None without a start."""
     *_, mirrored = result.best.flips
@@ -165,9 +153,11 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
 
 
 def _may_mislead(result: InterpretationResult, found: Identification) -> bool:
-    """Return whether errors bend dead reckoning, so that a rotation alone does not show which interpretation fits."""
+    """Return whether errors may bend dead reckoning, so that a rotation alone does not show how to read it."""
+    if not found.evidence:
+        return False
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
-    return bool(bent) and (not result.observable or result.best.flips != result.as_read.flips)
+    return result.best.flips != result.as_read.flips or (bool(bent) and not result.observable)
 
 
 def _by_evidence(
@@ -180,13 +170,11 @@ def _by_evidence(
     tried = [(found.log_evidence, by, found)]
     for one in {one.flips: one for one in (*result.plausible, result.best, result.as_read)}.values():
         by_one = replace(result, best=one)
-        other = (
-            _identified(log, _by_best_interpretation(log, timeline, by_one), by_one) if one.flips != by.flips else None
-        )
+        other = _identified(log, flipped(log, timeline, one.flips), by_one) if one.flips != by.flips else None
         tried += [(other.log_evidence, one, other)] if other else []
     most, best, found_there = min(tried, key=lambda each: (-round(each[0], 1), sum(each[1].flips)))  # of mirror images
     log_odds = most - max((odds for odds, one, _ in tried if one.mirror_class != best.mirror_class), default=most)
-    if log_odds <= math.log(STRONG_ODDS):
+    if log_odds <= math.log(STRONG_ODDS) or (best.flips == result.best.flips and result.observable):
         return result, next(
             (one for _, interpretation, one in tried if interpretation.flips == result.best.flips), found
         )
@@ -219,7 +207,7 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
         return moving
     if identification is not None and _may_mislead(result, identification):
         result, _ = _by_evidence(log, corrected, result, result.as_read, identification)
-    asked = identification is not None and identification.evidence and result.best == result.as_read
+    asked = result.best == result.as_read
     found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
@@ -326,16 +314,13 @@ def _offset_is_stated(log: Log) -> bool:
 def heading_offset(result: InterpretationResult, identification: Identification | None) -> tuple[float, float, bool]:
     """Return how far dead reckoning is to be rotated to fit the fixes, its sigma, and whether it is significant.
 
-    Both in degrees, clockwise. A small one is significant if the log has evidence for it beside other sensor errors;
-    without an identification, by its sigma.
+    Both in degrees, clockwise. It is significant if the log has evidence for it beside other sensor errors; without an
+    identification, by its sigma.
     """
     offset, sd = result.best.offset_deg, result.offset_sd_deg
-    observable = result.heading_sense_known and sd < THRESHOLDS.max_offset_sd_deg
-    significant = observable and abs(offset) > max(THRESHOLDS.min_offset_deg, THRESHOLDS.offset_sigmas * sd)
-    if identification is None or "heading" in identification.contested:
-        return offset, sd, significant
-    gross = significant and abs(offset) > THRESHOLDS.max_identified_turn_deg
+    if identification is None or not identification.evidence or "heading" in identification.contested:
+        observable = result.heading_sense_known and sd < THRESHOLDS.max_offset_sd_deg
+        return offset, sd, observable and abs(offset) > max(THRESHOLDS.min_offset_deg, THRESHOLDS.offset_sigmas * sd)
     if (bias := identification.estimates.get("heading_bias_deg")) is None:
-        return offset, sd, gross
-    offset = (offset if gross else 0.0) - bias.value
-    return offset, bias.sd, result.heading_sense_known and abs(offset) > THRESHOLDS.min_bias_deg
+        return offset, sd, False
+    return -bias.value, bias.sd, result.heading_sense_known and abs(bias.value) > THRESHOLDS.min_bias_deg

@@ -21,7 +21,6 @@ class Thresholds:
     offset_sigmas: float = 2.0  # of that turn, whose sd comes from leaving out stretches and is itself large
     min_bias_deg: float = 2.0  # of a turn that the log has evidence for: a compensated compass deviates by less
     max_offset_sd_deg: float = 10.0  # a turn that is known no better is not reported at all
-    max_identified_turn_deg: float = 10.0  # two sigma of the prior of a heading bias: beyond, its effect is not linear
     gross_sigmas: float = 6.0  # of the scatter of all fixes: a normal error is as large once in 10^8 fixes
     min_outlier_m: float = 3.0  # no nearer fix is called an outlier, however small the others' scatter
     chance: float = 1e-4  # that heavy-tailed noise without gross errors has as many fixes as far out
