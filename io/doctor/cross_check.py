@@ -87,7 +87,7 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         return CrossCheck((*steps, *moving))
     line = flipped(log, timeline, result.best.flips)
     identification = _identified(log, line, result)
-    if identification is not None and _may_mislead(result, identification):
+    if identification is not None:
         result, identification = _by_evidence(log, timeline, result, result.best, identification)
         line = flipped(log, timeline, result.best.flips)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
@@ -152,23 +152,37 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
         return None
 
 
-def _may_mislead(result: InterpretationResult, found: Identification) -> bool:
-    """Return whether errors may bend dead reckoning, so that a rotation alone does not show how to read it."""
-    if not found.evidence:
-        return False
+def _rivals(log: Log, result: InterpretationResult, found: Identification) -> list[Interpretation]:
+    """Return the interpretations of which the evidence decides: what the residual of a rotation alone does not settle.
+
+    Sensor errors may bend dead reckoning, and a convention that is only the default may be another.
+    """
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
-    return result.best.flips != result.as_read.flips or (bool(bent) and not result.observable)
+    by_default = {
+        (role, key) for role, key, _ in result.best.conventions if log.convention(role, key).chosen_by == "default"
+    }
+    read = dict.fromkeys([result.best.flips, result.as_read.flips])
+    rivals = [
+        one
+        for one in {one.flips: one for one in (*result.plausible, result.best, result.as_read)}.values()
+        if bent or one.flips in read or by_default.issuperset(_differing(one, result.as_read))
+    ]
+    return rivals if found.evidence else []
+
+
+def _differing(one: Interpretation, other: Interpretation) -> set[tuple[str, str]]:
+    return {(role, key) for role, key, _ in set(one.conventions) - set(other.conventions)}
 
 
 def _by_evidence(
     log: Log, timeline: Timeline, result: InterpretationResult, by: Interpretation, found: Identification
 ) -> tuple[InterpretationResult, Identification]:
-    """Return the plausible interpretation with the largest evidence, each with its sensor errors, if that is strong.
+    """Return the rival interpretation with the largest evidence, each with its sensor errors, if that is strong.
 
-    ``found`` is the identification by one of them, ``by``; that by which the log was read is always among them.
+    ``found`` is the identification by one of them, ``by``.
     """
     tried = [(found.log_evidence, by, found)]
-    for one in {one.flips: one for one in (*result.plausible, result.best, result.as_read)}.values():
+    for one in _rivals(log, result, found):
         by_one = replace(result, best=one)
         other = _identified(log, flipped(log, timeline, one.flips), by_one) if one.flips != by.flips else None
         tried += [(other.log_evidence, one, other)] if other else []
@@ -205,7 +219,7 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
         return moving
-    if identification is not None and _may_mislead(result, identification):
+    if identification is not None:
         result, _ = _by_evidence(log, corrected, result, result.as_read, identification)
     asked = result.best == result.as_read
     found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]

@@ -173,6 +173,12 @@ def _convention(log: Log, result: InterpretationResult | None, role: str, key: s
     best = getattr(result.best, key)
     if best != value and _names_differ(log, result):
         return f'# {key} = "{value}"', f"CHECK: {who}, but {best} fits the fixes better; {FIXED_ADVICE}"
+    fitting = sorted({str(getattr(one, key)) for one in result.plausible})
+    if best == value and who == "default" and len(fitting) > 1:  # stated, it would look like knowledge
+        return (
+            f'# {key} = "{value}"',
+            f"CHECK: only the default, and the log fits {' and '.join(fitting)} alike; state it",
+        )
     return f'{key} = "{best}"', who if best == value else f"by the fixes, instead of {value} ({who})"
 
 

@@ -61,7 +61,7 @@ def test_a_log_as_read_is_preferred_if_its_sensor_errors_explain_more_than_anoth
     other = next(one for one in result.interpretations if one.mirror_class != result.as_read.mirror_class)
     wrong = replace(result, best=other, plausible=(other,))
     by = wrong.as_read if by_as_read else other
-    found = cross_check._identified(log, cross_check._by_best_interpretation(log, line, replace(wrong, best=by)), wrong)
+    found = cross_check._identified(log, cross_check.flipped(log, line, by.flips), wrong)
 
     assert found is not None
     assert cross_check._may_mislead(wrong, found) or not by_as_read
