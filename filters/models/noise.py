@@ -114,9 +114,10 @@ class Contamination:
     per_scalar: bool = False
 
     def modes(self, R: Array) -> Noise:
-        """Return the two modes."""
+        """Return the two modes, the usual one first."""
         cov = np.array([R, R + self.sd**2 * np.eye(R.shape[-1])])
-        return Noise(np.array([1 - self.share, self.share]), cov, self.per_scalar)
+        order = [0, 1] if self.share <= 0.5 else [1, 0]
+        return Noise(np.array([1 - self.share, self.share])[order], cov[order], self.per_scalar)
 
 
 FARTHEST = 30.0  # [sigma] of readings that a Student's t describes: beyond it they are of another place

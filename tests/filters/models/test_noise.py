@@ -97,6 +97,7 @@ def test_outliers_of_students_t_lie_beyond_about_three_sigma() -> None:
     assert nominal(4.0) < 0.5
     assert Mixture(0.3, 10.0).modes(np.eye(2)).is_nominal.tolist() == [True, False]
     assert Contamination(0.05, 10.0).modes(np.eye(2)).is_nominal.tolist() == [True, False]
+    assert Contamination(0.95, 2.0).modes(np.eye(2)).cov[0, 0, 0] == 5.0  # the usual mode is the first
 
 
 PREDICTED = np.array([[0.3, -0.1], [-0.1, 0.4]])
