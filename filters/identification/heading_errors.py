@@ -1,16 +1,19 @@
-"""Find errors of the heading that move with time, or twice per turn: a gyro that drifts, a compass beside soft iron.
+"""Find errors of dead reckoning that no state of a filter has: of the heading over time and twice per turn, of the DVL.
 
-In the blocks of blocks.py, such an error is a Gaussian process: a trend and a random walk over time, and
-a sin 2 psi + b cos 2 psi. Its evidence and its posterior mean follow from the covariance of the blocks: C. Rasmussen
-and C. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, sections 2.2 and 5.4.1.
+A gyro drifts, a compass is beside soft iron, an axis of a DVL reads too much at any speed. In the blocks of blocks.py,
+such an error is a Gaussian process: a trend and a random walk over time, a sin 2 psi + b cos 2 psi, and a constant
+velocity along each axis. Its evidence and its posterior mean follow from the covariance of the blocks: C. Rasmussen and
+C. Williams, "Gaussian Processes for Machine Learning", MIT Press 2006, sections 2.2 and 5.4.1.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from usbldr.filters.frames import rotated
 from usbldr.filters.identification.blocks import Blocks, blocks_about, moved_by_changes, weighed
 from usbldr.filters.identification.changes import MAX_NIS, FoundChanges
 from usbldr.filters.identification.identification import STRONG_ODDS
@@ -21,6 +24,9 @@ from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.filters.windows import columns_at, integrated
 
 TREND_SD_RAD = math.radians(5.0)  # from the first fix to the last, by judgement: a cheap gyro drifts by 10°/h
+BIAS_SD_MPS = (
+    0.03  # of each axis of a DVL, by judgement: specified are some mm/s; beams that are turned or fouled give more
+)
 LINEARISATIONS = 2  # about the errors that are found
 
 
@@ -30,16 +36,17 @@ class Shape(NamedTuple):
     drifts: bool  # evenly, and as a random walk
     walk: float  # [-] its factor on the stated one
     twice_per_turn: bool
+    dvl_bias: bool
 
     @property
     def log_odds(self) -> float:
         """Against it."""
-        return math.log(STRONG_ODDS) * (self.drifts + (self.walk > 0) + self.twice_per_turn)
+        return math.log(STRONG_ODDS) * (self.drifts + (self.walk > 0) + self.twice_per_turn + self.dvl_bias)
 
 
 OVER_TIME = (False, 0.0), (True, 0.0), (True, 3.0), (True, 10.0), (True, 30.0)
-SHAPES = tuple(Shape(*of_time, twice) for twice in (False, True) for of_time in OVER_TIME)[1:]
-FLEXIBLE = Shape(drifts=True, walk=10.0, twice_per_turn=True)  # its evidence chooses the point and the noise
+SHAPES = tuple(Shape(*time, *others) for others in itertools.product((False, True), repeat=2) for time in OVER_TIME)[1:]
+FLEXIBLE = Shape(drifts=True, walk=10.0, twice_per_turn=True, dvl_bias=True)  # its evidence chooses point and noise
 
 
 class _Fit(NamedTuple):
@@ -55,11 +62,12 @@ class _Fit(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """How the errors move blocks, about their point, for one radian: at each block's begin or in all."""
+    """How the errors move blocks, about their point, for one radian or m/s: at each block's begin or in all."""
 
     blocks: Blocks
     by_step: Array  # (2 B, B - 1)
     twice_per_turn: Array  # (2 B, 2)
+    dvl_bias: Array  # (2 B, 2)
 
 
 def heading_errors(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
@@ -83,11 +91,12 @@ def heading_errors(timeline: Timeline, given: Parameters, blocks: Sequence[Block
 def _moved(timeline: Timeline, blocks: Blocks) -> _Moved:
     line, psi = freed(timeline, dict(zip(STEPS, blocks.about, strict=True))), timeline.dr_yaw_rad
     (rate,) = drift_rates(line, ["heading_bias"])
-    rates = np.hstack([np.sin(2 * psi)[:, None] * rate, np.cos(2 * psi)[:, None] * rate])
-    at_fixes = columns_at(timeline.fix_time_s, line.time_s, integrated(line.time_s, rates)).reshape(-1, 2, 2)
+    axes = [-rotated(line.dr_yaw_rad, axis) for axis in np.eye(2)]
+    rates = np.hstack([np.sin(2 * psi)[:, None] * rate, np.cos(2 * psi)[:, None] * rate, *axes])
+    at_fixes = columns_at(timeline.fix_time_s, line.time_s, integrated(line.time_s, rates)).reshape(-1, 4, 2)
     rows: Indices = blocks.first[:, None] + np.arange(int(blocks.first[1]))
-    twice = at_fixes[rows].mean(axis=1).swapaxes(1, 2).reshape(-1, 2)
-    return _Moved(blocks, moved_by_changes(blocks, blocks.first[1:])[:, :, 0], twice)
+    constant = at_fixes[rows].mean(axis=1).swapaxes(1, 2).reshape(-1, 4)
+    return _Moved(blocks, moved_by_changes(blocks, blocks.first[1:])[:, :, 0], constant[:, :2], constant[:, 2:])
 
 
 def _fitted(timeline: Timeline, given: Parameters, moved: _Moved, shape: Shape, off: Vector | None = None) -> _Fit:
@@ -98,16 +107,24 @@ def _fitted(timeline: Timeline, given: Parameters, moved: _Moved, shape: Shape, 
     trend, walk = dt_s / dt_s.sum() * TREND_SD_RAD, np.sqrt(dt_s) * shape.walk * errors.heading_walk_rad
     steps_rad = np.column_stack([trend, np.diag(walk)]) * shape.drifts
     twice_rad = errors.deviation_rad * shape.twice_per_turn
-    columns = np.hstack([moved.by_step @ steps_rad, moved.twice_per_turn * twice_rad])
+    bias_mps = BIAS_SD_MPS * shape.dvl_bias
+    columns = np.hstack([moved.by_step @ steps_rad, moved.twice_per_turn * twice_rad, moved.dvl_bias * bias_mps])
     z = blocks.residual_m if off is None else blocks.residual_m + columns @ off
     explained, evidence = weighed(z, cov_m2 + columns @ columns.T)
     weights: Vector = columns.T @ explained
     _, likelihood = weighed(z - columns @ weights, cov_m2)
-    after = np.append(0.0, np.cumsum(steps_rad @ weights[:-2]))
+    after = np.append(0.0, np.cumsum(steps_rad @ weights[:-4]))
     between = (after + np.append(0.0, after[:-1])) / 2  # it steps from block to block
-    a, b = (twice_rad * weights[-2:]).tolist()
+    constant = SensorChange(
+        0.0,
+        0.0,
+        0.0,
+        twice_per_turn_rad=tuple((twice_rad * weights[-4:-2]).tolist()),
+        dvl_bias_mps=tuple((bias_mps * weights[-2:]).tolist()),
+        gradual=True,
+    )
     changes = tuple(
-        SensorChange(start_s, turned_rad, 0.0, twice_per_turn_rad=(a, b), gradual=True)
+        constant._replace(start_s=start_s, heading_bias_rad=turned_rad)
         for start_s, turned_rad in zip([float(timeline.time_s[0]), *t[1:].tolist()], between.tolist(), strict=True)
     )
     return _Fit(shape, moved, weights, changes, float(z @ explained) / len(z), evidence, likelihood)

@@ -202,7 +202,7 @@ class Identification:
         """Return when sensors changed -> what the change is, and what to check."""
         before, texts = SensorChange(0.0, 0.0, 0.0), dict[float, str]()
         if gradual := [one for one in self.parameters.changes if one.gradual]:
-            texts[gradual[0].start_s] = _heading_errors_text(gradual)
+            texts[gradual[0].start_s] = _gradual_text(gradual)
         for one in self.parameters.changes:
             if before.lost:
                 texts[before.start_s] = (
@@ -260,8 +260,8 @@ class Identification:
         )
 
 
-def _heading_errors_text(changes: Sequence[SensorChange]) -> str:
-    """Return how headings drift, or differ twice per turn."""
+def _gradual_text(changes: Sequence[SensorChange]) -> str:
+    """Return how headings drift or differ twice per turn, and what the DVL adds at any speed."""
     turned = {one.start_s: -math.degrees(one.heading_bias_rad) for one in changes}
     shown_s = dict.fromkeys((max(turned, key=lambda time_s: abs(turned[time_s])), changes[-1].start_s))
     read = " and ".join(f"{turned[time_s]:+.1f}° at {time_s:.0f} s" for time_s in shown_s)
@@ -271,7 +271,12 @@ def _heading_errors_text(changes: Sequence[SensorChange]) -> str:
         texts.append(
             f"the compass has a deviation of ({-sine_deg:.1f}) sin 2H + ({cosine_deg:.1f}) cos 2H deg at heading H"
         )
-    return f"{'; '.join(texts)} (check the compass: iron or currents near it, warm-up of a gyro)"
+    check = ["the compass: iron or currents near it, warm-up of a gyro"] if texts else []
+    if any(bias_mps := changes[0].dvl_bias_mps):
+        starboard, forward = bias_mps
+        texts.append(f"the DVL reads {forward:+.3f} m/s forward and {starboard:+.3f} m/s to starboard at any speed")
+        check.append("the DVL: fouled beams, tilt, bottom lock")
+    return f"{'; '.join(texts)} (check {'; '.join(check)})"
 
 
 def _change_of_water_text(before: SensorChange, after: SensorChange) -> str:

@@ -168,6 +168,7 @@ class SensorChange(NamedTuple):
     fix_sd_scale: float = 1.0  # factor on their sigmas
     current_mps: tuple[float, float] = (0.0, 0.0)  # east and north: the DVL measures through the water
     twice_per_turn_rad: tuple[float, float] = (0.0, 0.0)  # (a, b): headings read a sin 2 psi + b cos 2 psi too much
+    dvl_bias_mps: tuple[float, float] = (0.0, 0.0)  # starboard and forward: velocities read so much more at any speed
     gradual: bool = False  # the heading has turned evenly since the change before
 
 

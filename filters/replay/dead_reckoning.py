@@ -199,7 +199,8 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
     turned = _turned_rad(timeline, changed)
     scale = np.array([0.0, *(one.dvl_scale for one in changed)])[since][:, None]
     current_mps = np.array([(0.0, 0.0), *(one.current_mps for one in changed)])[since]
-    current_mps = rotated(turned - timeline.dr_yaw_rad, current_mps)  # along the vehicle's axes
+    added_mps = rotated(turned - timeline.dr_yaw_rad, current_mps)  # along the vehicle's axes
+    added_mps -= np.array([(0.0, 0.0), *(one.dvl_bias_mps for one in changed)])[since]
     since = np.searchsorted([one.start_s for one in changed], timeline.fix_time_s, side="right")
     shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])[since]
     late_s = np.array([0.0, *(one.fix_late_s for one in changed)])[since]
@@ -213,8 +214,8 @@ def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Time
         fix_away_m=None if timeline.fix_away_m is None else timeline.fix_away_m - shift_m,
         yaw_rad=timeline.yaw_rad - turned,
         dr_yaw_rad=timeline.dr_yaw_rad - turned,
-        dvl_mps=timeline.dvl_mps / (1 + scale) + current_mps,
-        dr_mps=timeline.dr_mps / (1 + scale) + current_mps,
+        dvl_mps=timeline.dvl_mps / (1 + scale) + added_mps,
+        dr_mps=timeline.dr_mps / (1 + scale) + added_mps,
     )
 
 

@@ -1,4 +1,4 @@
-"""A compass that drifts, or errs twice per turn: its error is found, and other errors are not taken for one."""
+"""A compass that drifts or errs twice per turn, a DVL with a bias: found, and other errors are not taken for one."""
 
 from dataclasses import replace
 
@@ -12,9 +12,10 @@ from usbldr.filters.identification.heading_errors import Shape, _fitted, _moved,
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
-from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Vector
+from usbldr.filters.windows import columns_at
 from weaving import Faults, apart_m, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
@@ -30,6 +31,14 @@ OVER_TIME = {
 
 def headings_off(by_rad: Vector, dive: Timeline = DIVE) -> Timeline:
     return replace(dive, yaw_rad=dive.yaw_rad + by_rad, dr_yaw_rad=dive.dr_yaw_rad + by_rad)
+
+
+def stop_and_go() -> Timeline:
+    """The dive at 0 to 1.2 m/s: at a constant speed a bias is a scale and a mount."""
+    share = np.cos(DIVE.time_s / 30)[:, None] ** 2
+    slow = replace(DIVE, dvl_mps=DIVE.dvl_mps * share, dr_mps=DIVE.dr_mps * share)
+    moved_m = columns_at(DIVE.fix_time_s, DIVE.time_s, displacement_m(slow) - displacement_m(DIVE))
+    return replace(slow, fix_m=DIVE.fix_m + moved_m)
 
 
 def found(line: Timeline) -> tuple[SensorChange, ...]:
@@ -70,6 +79,18 @@ def test_a_deviation_twice_per_turn_is_that_of_the_compass() -> None:
     assert not any(one.heading_bias_rad for one in changes)
 
 
+def test_a_bias_of_the_dvl_is_found_and_taken_off() -> None:
+    added, dive = np.array([0.02, -0.04]), stop_and_go()
+    biased = replace(dive, dvl_mps=dive.dvl_mps + added, dr_mps=dive.dr_mps + added)
+
+    identified = identify(biased, ASSUMED)
+
+    assert identified.parameters.changes[0].dvl_bias_mps == pytest.approx(added, abs=0.01)
+    assert "the DVL reads -0.0" in next(iter(identified.change_texts.values()))
+    freed, clean = run("adf", biased, identified.parameters), run("adf", dive, ASSUMED)
+    assert apart_m(freed, clean).mean() < 0.2 < 0.5 * apart_m(run("adf", biased, ASSUMED), clean).mean()
+
+
 @pytest.mark.parametrize(
     "line",
     [
@@ -80,26 +101,27 @@ def test_a_deviation_twice_per_turn_is_that_of_the_compass() -> None:
         weaving_dive(Faults(usbl_latency_s=2.0)),
         weaving_dive(Faults(dvl_scale=0.05)),
         weaving_dive(Faults(), wander_m=0.5),
+        stop_and_go(),
     ],
-    ids=["none", "few fixes", "bias", "deviation", "latency", "scale", "fixes wander"],
+    ids=["none", "few fixes", "bias", "deviation", "latency", "scale", "fixes wander", "stop and go"],
 )
 def test_other_errors_are_no_drift(line: Timeline) -> None:
     assert found(line) == ()
 
 
-def test_the_evidence_is_the_density_of_a_drift_and_a_deviation() -> None:
+def test_the_evidence_is_the_density_of_a_drift_a_deviation_and_a_bias() -> None:
     """The covariance is written out from the motion of each block by an error that grows as min(t, t')."""
     blocks = blocks_about(headings_off(OVER_TIME["even"]), ASSUMED, NO_ERROR, 1.0)
     moved = _moved(DIVE, blocks)
     t = blocks.time_s[blocks.first]
 
-    one, none = (_fitted(DIVE, ASSUMED, moved, Shape(on, 3.0 * on, on)) for on in (True, False))
+    one, none = (_fitted(DIVE, ASSUMED, moved, Shape(on, 3.0 * on, on, on)) for on in (True, False))
 
     q = (3.0 * ASSUMED.errors.heading_walk_rad) ** 2
     trend = moved.by_step @ np.diff(t) / (t[-1] - t[0]) * np.radians(5.0)
     walked = moved.by_step @ np.diag(q * np.diff(t)) @ moved.by_step.T
     twice = moved.twice_per_turn @ moved.twice_per_turn.T * ASSUMED.errors.deviation_rad**2
-    cov = blocks.cov_m2 + walked + np.outer(trend, trend) + twice
+    cov = blocks.cov_m2 + walked + np.outer(trend, trend) + twice + moved.dvl_bias @ moved.dvl_bias.T * 0.03**2
     expected = log_density(blocks.residual_m, cov) - log_density(blocks.residual_m, blocks.cov_m2)
     assert one.evidence - none.evidence == pytest.approx(expected, rel=1e-6)
 
