@@ -309,7 +309,7 @@ def clock_step_findings(log: Log, timeline: Timeline, flips: Collection[tuple[bo
         gaps_s = np.diff(time_s)
         last = int(np.argmax(gaps_s))
         step_s = float(gaps_s[last] - np.median(gaps_s))
-        if step_s < THRESHOLDS.min_clock_offset_s or section.clock_step_s:
+        if step_s < THRESHOLDS.min_clock_step_s or section.clock_step_s:
             continue
         table = log.tables[sensor].assign(time_s=time_s - np.where(np.arange(len(time_s)) > last, step_s, 0.0))
         try:

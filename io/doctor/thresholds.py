@@ -28,6 +28,7 @@ class Thresholds:
 
     # Gross configuration errors, which are taken off before all else
     gross_residual_ratio: float = 0.5  # of the residual: more must vanish before another clock or unit is reported
+    min_clock_step_s: float = 1.0  # a shorter step moves a vehicle by less than its fixes scatter
     clock_step_residual_ratio: float = 0.7  # half of the squared residual must vanish before a clock step is reported
     max_clock_offset_s: float = 60.0  # the search ends here: beyond, too few fixes overlap the dead reckoning
     max_far_offset_s: float = 1800.0  # of a second search; hours are a time zone, and such sensors do not overlap

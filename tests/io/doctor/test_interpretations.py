@@ -213,6 +213,7 @@ def warned(log: Path, config: str = "none") -> dict[str, Finding]:
         ("dvl", True, STEP_S),
         ("compass", False, STEP_S),
         ("usbl", True, STEP_S),
+        ("compass", True, 3),
         *((each, True, 3600) for each in TOPICS),
     ],
 )
