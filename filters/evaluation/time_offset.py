@@ -16,6 +16,7 @@ WIDEST_S = 1800.0  # [s] of the second search: hours are a time zone, and such s
 LEAST_APART_M = 10.0  # [m] a clock that is off by more than a minute moves a vehicle by more
 FAR_RATIO = 0.25  # of the distance of the same points: among so many offsets half of it may vanish by chance
 STEP_S = 1.0  # [s] of the search: a vehicle moves a metre or two in it
+FAR_STEP_S = 4.0  # [s] of the second search, for distances of tens of metres
 POINTS = 1000  # [points] of the track that the search uses: more do not change where its minimum is
 PARTS = 8  # [-] of the track, left out one by one
 LEAST_POINTS = 40  # [points] five in each part
@@ -71,20 +72,20 @@ def time_offset(time_s: Vector, track_m: Array, truth: Truth) -> TimeOffset | No
     """
     known = np.isfinite(track_m).all(axis=1)
     time_s, track_m = time_s[known], track_m[known]
-    near = _offset(time_s, track_m, truth, FARTHEST_S)
+    near = _offset(time_s, track_m, truth, FARTHEST_S, STEP_S)
     left_m = np.inf if near is None else near.corrected_m if near.notable else near.rms_m
     if left_m < LEAST_APART_M:
         return near
-    far = _offset(time_s, track_m, truth, WIDEST_S)
+    far = _offset(time_s, track_m, truth, WIDEST_S, FAR_STEP_S)
     clear = far is not None and far.notable and far.corrected_m < FAR_RATIO * min(far.rms_m, left_m)
     return far if clear else near
 
 
-def _offset(time_s: Vector, track_m: Array, truth: Truth, farthest_s: float) -> TimeOffset | None:
+def _offset(time_s: Vector, track_m: Array, truth: Truth, farthest_s: float, step_s: float) -> TimeOffset | None:
     """Return the offset that explains most, up to the farthest; distances are those of the points that it keeps."""
     some = np.unique(np.linspace(0, max(len(time_s) - 1, 0), min(POINTS, len(time_s))).astype(np.intp))
     t, points_m = time_s[some], track_m[some]
-    offsets_s = np.arange(-farthest_s, farthest_s + STEP_S, STEP_S)
+    offsets_s = np.arange(-farthest_s, farthest_s + step_s, step_s)
     tried = {float(s): rms for s in offsets_s if (rms := _rms_m(t, points_m, truth, s)) is not None}
     unmoved_m = _rms_m(time_s, track_m, truth, 0.0)
     if unmoved_m is None or not tried:
