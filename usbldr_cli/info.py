@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MAX_COLUMNS_SHOWN = 12  # [columns] of those that no sensor uses
 MAX_TOPICS_SHOWN = 40  # [rows] shown of a longer list without --all
+NO_SENSOR = "no topic is a sensor that usbldr knows"
 
 
 @click.command()
@@ -60,7 +61,24 @@ def _survey(log: str, request: "Request") -> "Survey":
     from usbldr.io.reading.survey import survey, survey_of
     from usbldr.io.session import is_simulated, open_log
 
-    return survey_of(open_log(log, request)) if is_simulated(log) else survey(Path(log), request)
+    if is_simulated(log):
+        return survey_of(open_log(log, request))
+    found = survey(Path(log), request)
+    return found if found.roles or found.fault else _proposing(found, request)
+
+
+def _proposing(found: "Survey", request: "Request") -> "Survey":
+    """Return the survey of a log without sensors, with what to do if the names of its fields look like sensors."""
+    from dataclasses import replace
+
+    from usbldr.io.doctor.proposed_columns import proposed_columns
+    from usbldr.io.messages.roles import Roles
+    from usbldr.io.settings.sensor_sections import Configuration
+
+    proposed = proposed_columns(found.topics, Roles({}, {}, ()), request, Configuration())
+    fields = f"fields of {' and '.join(dict.fromkeys(one.topic.name for one in proposed.values()))}"
+    text = f"{NO_SENSOR}, but {fields} look like {', '.join(proposed)}; run usbldr init {found.path.name}"
+    return replace(found, fault=text) if proposed else found
 
 
 def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
@@ -88,7 +106,7 @@ def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
     if found.fault:
         lines += ["", f"cannot be replayed as is: {found.fault}"]
     elif not found.roles and found.complete:
-        lines += ["", "no topic is a sensor that usbldr knows"]
+        lines += ["", NO_SENSOR]
     return "\n".join(map(printable, lines))
 
 

@@ -24,7 +24,7 @@ from usbldr.io.messages.field_names import (
 )
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES, Roles
-from usbldr.io.messages.topic_names import NO_SENSOR, names_ship, suggested_sensors
+from usbldr.io.messages.topic_names import GPS_ITSELF, NO_SENSOR, names_ship, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request
 from usbldr.io.settings.sensor_sections import Configuration
@@ -173,6 +173,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         since_1970 = [one for one in clocks if keys_since_1970(cells[one.name])]  # a date beside it may have a zone
         columns = [*(since_1970[:1] or clocks), *others]
     of_all = bool(topic.first_row) and not suggested_sensors(topic.name)  # one table of all sensors
+    columns = [one for one in columns if one.rule.dimension or role in (_of_flag(one.name) or {role})]
     acoustic = any(OF_USBL.search(words_of(path)) for path in paths)
     named = {one.rule.key for one in columns if role in suggested_sensors(words_of(one.name))}
     plain = {"lat_deg", "lon_deg"} - named if of_all and role == "gps" and not acoustic else set[str]()  # lat, lon
@@ -203,6 +204,12 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         key for key in FIX_FLAGS & found.keys() if key in found and not is_number(cells.get(found[key].name, "0"))
     }
     return {key: column for key, column in found.items() if key not in others} if complete else {}
+
+
+def _of_flag(name: str) -> set[str]:
+    """Return the sensors that the name of a flag suggests; a "fix" is one of GPS or USBL."""
+    sensors = suggested_sensors(words_of(name))
+    return sensors | {"usbl"} if "gps" in sensors and not re.search(GPS_ITSELF, words_of(name)) else sensors
 
 
 def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:

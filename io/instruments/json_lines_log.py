@@ -3,8 +3,9 @@
 Sources: docs/dvl/dvl-json-protocol.md of waterlinked/docs, and the API of Underwater GPS. A line may begin with the
 time at which it was logged. Else reports of velocities are timed by their transmission; what has no time of its own
 takes that of the line before. Any other object is a topic by what it calls its topic, channel, type or sensor, or by
-the topic or sensor before it, as mosquitto_sub prints it. It is timed by a field that is called a time, in any unit
-since 1970 or as a date; without any time they are taken as 1 s apart. An object may fill several lines.
+the topic or sensor before it, as mosquitto_sub prints it, or by the sensor that its file is named for. It is timed by a
+field that is called a time, in any unit since 1970 or as a date; without any time they are taken as 1 s apart. An
+object may fill several lines.
 """
 
 import json
@@ -96,6 +97,7 @@ def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, 
             bad, first_bad = bad + 1, first_bad or number
             continue
         kind = _topic(value, before)
+        kind = name_of(file.stem) if kind == "object" and suggested_sensors(file.stem) else kind
         logged = prefixed_ns(before)
         last = logged if logged != NO_TIME else _own_time(value, last)
         if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:

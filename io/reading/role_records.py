@@ -29,7 +29,7 @@ def read_roles(
     """
     while True:
         kept = {
-            role: _Collected(reader.path, role, choice, more_fields.get(role), tilted)
+            role: _Collected(reader.path, role, choice, more_fields.get(role), tilted, _is_shared(choice, choices))
             for role, choice in choices.items()
         }
         wanted: dict[str, list[str]] = {}
@@ -52,13 +52,26 @@ def read_roles(
     return {role: kept.pop(role).raws() for role in list(kept)}, evidence
 
 
+def _is_shared(choice: TopicChoice, choices: Mapping[str, TopicChoice]) -> bool:
+    """Return whether records of a topic may hold other sensors alone: rows of a table, or JSON objects."""
+    by_columns = [one for one in choices.values() if one.topic == choice.topic and one.layout.by_columns]
+    several = len({frozenset(one.layout.required.values()) for one in by_columns}) > 1
+    return choice.topic.is_shared or (choice.topic.encoding == "json" and choice.layout.by_columns and several)
+
+
 class _Collected:
     """The records of a sensor, as far as they have been read."""
 
     def __init__(
-        self, log: Path, role: str, choice: TopicChoice, more_fields: Sequence[str] | None, tilted: bool
+        self,
+        log: Path,
+        role: str,
+        choice: TopicChoice,
+        more_fields: Sequence[str] | None,
+        tilted: bool,
+        is_shared: bool,
     ) -> None:
-        self.topic, self._layout = choice.topic, choice.layout
+        self.topic, self._layout, self._is_shared = choice.topic, choice.layout, is_shared
         self._log, self._role, self._tilted = log, role, tilted
         self._paths = wanted_paths(choice.topic, choice.layout)
         self._evidence_fields = [f for f in more_fields or () if choice.topic.has(f)]
@@ -76,7 +89,7 @@ class _Collected:
 
     def add(self, block: Records) -> None:
         """Add a block of records."""
-        block = self._filled(block) if self.topic.is_shared else block
+        block = self._filled(block) if self._is_shared else block
         raw = self._raw(block, self._paths)
         if self._role in ("compass", SHIP_HEADING):
             self._add_attitudes(raw)
@@ -91,7 +104,7 @@ class _Collected:
         self.count += len(block.received_ns)
 
     def _filled(self, block: Records) -> Records:
-        """Return the rows of a table of several sensors that have a value of this one; all if none has."""
+        """Return the records of several sensors that have a value of this one; all if none has."""
         own = set(self._paths.values()) - {self._layout.stamp, self._layout.frame, self._paths.get("device")}
         values = [column for path, column in block.columns.items() if path in own]
         rows = np.any([column != "" if column.dtype.kind == "U" else ~np.isnan(column) for column in values], axis=0)

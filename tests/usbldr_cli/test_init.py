@@ -1,6 +1,7 @@
 """usbldr init: what it writes is what the log was made by, and replay accepts it unchanged."""
 
 import datetime
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -10,13 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from commands import findings, output_of, run
+from commands import drafted, findings, output_of, run
 from curved import curved_dive, in_radians
 from logs import MAP, refusal
-from recordings import SECOND, T0, Row, define, point, short_dive, write_csv, write_mcap
+from recordings import SECOND, T0, Row, define, point, saved, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.reading.read import Request, read_log
+from usbldr.io.settings.toml_text import inline
 
 MIRRORED: dict[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED", "gravity": -9.8}
 
@@ -493,6 +495,39 @@ def test_plain_names_in_one_table_of_all_sensors_are_proposed_if_they_are_the_on
     stated = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     columns = {**stated.get("dvl", {}).get("columns", {}), **stated["gps"].get("columns", {})}
     assert {key: name for key, name in columns.items() if key != "time_unix_s"} == found
+
+
+@pytest.mark.parametrize("parted", [False, True])
+def test_fields_of_json_objects_are_proposed_each_for_its_sensor(tmp_path: Path, parted: bool) -> None:
+    """With the DVL's flag for the DVL alone; objects may be of one sensor each, or files."""
+    parts = [
+        {"dvl": {"vx": 1.0, "vy": 0.1, "lock": False}},
+        {"compass": {"heading_deg": 1.5}},
+        {"usbl": {"lat": 45.0, "lon": 7.0}},
+        {"gps": {"lat": 45.0, "lon": 7.0}},
+    ]
+    rows = [(part, {"ts": T0 / SECOND + k, **part}) for k in range(60) for part in parts]
+    rows[0][1]["dvl"] = {**parts[0]["dvl"], "lock": True}
+    for part, row in rows:
+        with (tmp_path / f"{next(iter(part)) if parted else 'dive'}.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+    log = tmp_path if parted else tmp_path / "dive.jsonl"
+
+    told = run("info", log)
+    found = tomllib.loads(drafted(log))
+
+    assert (told.return_value, "; run usbldr init" in told.stdout) == (3, True)
+    assert {role: found[role]["columns"] for role in ("dvl", "compass", "usbl", "gps")} == {
+        "dvl": {"x": "dvl.vx", "y": "dvl.vy", "valid": "dvl.lock"},
+        "compass": {"heading": "compass.heading_deg"},
+        **{role: {"lat_deg": f"{role}.lat", "lon_deg": f"{role}.lon"} for role in ("usbl", "gps")},
+    }
+    if not parted:
+        columns = {role: found[role]["columns"] for role in ("compass", "gps")}
+        toml = "".join(f"[{role}]\ncolumns = {inline(one)}\n" for role, one in columns.items())
+        read = read_log(log, Request(str(saved(tmp_path / "some.toml", toml)), topics={"dvl": "none", "usbl": "none"}))
+        assert [len(read.tables[role]) for role in columns] == [60, 60]
+        assert {"COMPASS-INVALID", "GPS-INVALID", "SAME-STAMP"}.isdisjoint(one.code for one in read.findings)
 
 
 def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_quantity(csv, tmp_path):
