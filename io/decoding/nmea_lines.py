@@ -4,7 +4,7 @@ A line may hold several, and may begin with the time at which it was logged.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from functools import reduce
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from usbldr.io.reader import Nanoseconds
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
 WORD_LINE = re.compile(r"(?<![\w.,:+-])([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$")
 """A line that begins with a word in place of an address, as instruments send it: "USBLLONG,1600000000.5,2,"."""
+NUMBER = re.compile(r"(?:^|,)\s*[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?\s*(?:,|$)")
 LOST = "\0" * 8  # zeros as of a lost sector of a disk; binary data between the sentences have fewer
 CHECKSUM = re.compile(r"\*.?[0-9A-Fa-f]")  # more of them than sentences: the beginning of one was lost
 SUBTYPE = re.compile(r"[A-Z_]{2,}")
@@ -43,7 +44,7 @@ class FoundSentence(NamedTuple):
 
 
 def scan_lines(
-    lines: Iterable[str], received_ns: Nanoseconds | None, form: re.Pattern[str], day_first: bool | None = None
+    lines: Sequence[str], received_ns: Nanoseconds | None, form: re.Pattern[str], day_first: bool | None = None
 ) -> tuple[list[FoundSentence], list[int], int]:
     """Return the sentences, the lines of those with a wrong checksum or cut, and how many lines hold no sentence.
 
@@ -52,9 +53,10 @@ def scan_lines(
     found: list[FoundSentence] = []
     wrong: list[int] = []
     without, last = 0, NO_TIME
+    addresses = {each[1] for line in lines for each in SENTENCE.finditer(line)} if form is SENTENCE else set[str]()
     for number, line in enumerate(lines):
         begin, count, cut = 0, len(found) + len(wrong), received_ns is None and not line.endswith("\n")
-        matches, addressed = _in_line(line, form)
+        matches, addressed = _in_line(line, form, addresses)
         for match in matches:
             name, body, checksum = match.groups()
             content = f"{name},{body}"
@@ -86,15 +88,24 @@ def scan_lines(
     return found, wrong, without
 
 
-def _in_line(line: str, form: re.Pattern[str]) -> tuple[list[re.Match[str]], bool]:
-    """Return the sentences of a line, and whether they have an address; else it begins with a word.
-
-    Among sentences with an address it has small letters and a checksum: else it is what is left of an address.
-    """
+def _in_line(line: str, form: re.Pattern[str], addresses: Collection[str]) -> tuple[list[re.Match[str]], bool]:
+    """Return the sentences of a line, and whether they have an address; else it begins with a word."""
     if found := list(SENTENCE.finditer(line)):
         return found, True
-    words = WORD_LINE.finditer(line) if form is WORD_LINE or "*" in line else ()
-    return [word for word in words if form is WORD_LINE or (word[3] and not word[1].isupper())], False
+    words = WORD_LINE.finditer(line) if form is WORD_LINE or addresses else ()
+    return [word for word in words if form is WORD_LINE or _is_whole(word, addresses)], False
+
+
+def _is_whole(word: re.Match[str], addresses: Collection[str]) -> bool:
+    """Return whether a word among sentences with an address is not what is left of one.
+
+    With a checksum it has small letters; without one it stands before numbers, and ends no address and no known kind.
+    """
+    name, body, checksum = word.groups()
+    if checksum:
+        return not name.isupper()
+    left = name.startswith("P") or any(one.endswith(name) for one in (*addresses, *SENTENCE_KINDS))
+    return NUMBER.search(body) is not None and not left and name[2:] not in SENTENCE_KINDS
 
 
 def _is_checksum(digits: str, content: bytes) -> bool:

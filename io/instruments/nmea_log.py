@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.decoding.nmea_lines import SENTENCE, WORD_LINE
+from usbldr.io.decoding.nmea_lines import NUMBER, SENTENCE, WORD_LINE
 from usbldr.io.decoding.nmea_sentences import Sentences, SentenceSet, find_sentences
 from usbldr.io.file_access.open_file import HEAD_BYTES, begin_of, head_lines, text_lines
 from usbldr.io.findings import Finding
@@ -26,7 +26,6 @@ SENTENCE_TOPIC_WORDS = re.compile(
 
 
 REST = re.compile(r"(?:^|\*)[0-9A-Fa-f]{1,2}\s*$")  # of a line whose beginning was lost
-NUMBER = re.compile(r"(?:^|,)\s*[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?\s*(?:,|$)")
 
 
 def form_of(head: bytes) -> re.Pattern[str] | None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import logs
-from logs import MAP, codes, logged_nmea
+from logs import MAP, codes, counts, logged_nmea
 from recordings import SECOND, T0, saved, saved_lines, sentence
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -154,6 +154,15 @@ def test_lines_of_a_dvl_are_read_beside_sentences_with_an_address(tmp_path: Path
     counts = {"/wrz": 9 * each, "/HCHDT": 9 + by_words, "/GPGGA": 9}
     assert {topic.name: topic.count for topic in log.topics()} == counts
     assert f": {2 - by_words} of " in next(found.text for found in log.findings() if found.code == "NMEA-CHECKSUM")
+
+
+def test_lines_of_instruments_without_a_checksum_are_read_beside_sentences(tmp_path: Path) -> None:
+    """Not what is left of an address, nor words."""
+    some = [USBLLONG, WRZ.partition("*")[0], *[RECORDED_GGA] * 5, "PGGA,075617.34,7002.9,N", "started, version 2,x"]
+    log = open_log(saved_lines(tmp_path / "a.log", (f"{1600000000 + k} {one}" for k in range(9) for one in some)))
+
+    assert counts(log) == {"/USBLLONG": 9, "/wrz": 9, "/GPGGA": 45}
+    assert "a.log: 18 lines hold no NMEA sentence" in [one.text for one in log.findings()]
 
 
 def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
