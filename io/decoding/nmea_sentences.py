@@ -15,7 +15,15 @@ import numpy as np
 from usbldr.io.decoding.date_order import date_orders
 from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS, UNKNOWN, SentenceValues, decode_sentences
 from usbldr.io.decoding.nmea_lines import SENTENCE, FoundSentence, scan_lines
-from usbldr.io.decoding.nmea_times import NO_TIME, SLASHED, on_nearest_date, times_from_sentences
+from usbldr.io.decoding.nmea_times import (
+    DAY,
+    NO_TIME,
+    SECOND,
+    SLASHED,
+    on_nearest_date,
+    prefixed_ns,
+    times_from_sentences,
+)
 from usbldr.io.findings import Finding
 from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
 
@@ -23,6 +31,7 @@ TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
 SAMPLE = 20  # [sentences] from which the fields of a kind are taken
 DATE_END = 40  # [letters] of a line in which the date before a sentence stands
 FEW = 20  # [sentences] that may be logged at one time: a short file
+SAME_CLOCK_NS = 60 * SECOND  # [ns] between a computer's clock and UTC, by judgement: farther apart is a time zone
 MOVE_CLOCK = "correct it by clock_offset_s under [[file]]"
 SATELLITES = frozenset(("GP", "GN", "GL", "GA", "GB", "BD", "GQ", "GI"))
 """Talkers by which a receiver says whose satellites it used: fixed by NMEA 0183."""
@@ -124,8 +133,8 @@ def find_sentences(
     checked = {row.name for row in found if row.checked}
     rows = [row for row in found if row.checked or row.name not in checked]  # those without checksum are cut
     topic = "" if received_ns is None else source  # a file is none
-    wrong += [row.line for row in found if not row.checked and row.name in checked]
-    findings = _counted(source, topic, rows, wrong, without)
+    bare = [row for row in found if not row.checked and row.name in checked]
+    findings = _counted(source, topic, rows, wrong, bare, without)
     findings += [order.finding(source, MOVE_CLOCK)] if order and order.example else []
     if not rows:
         return SentenceSet({}, tuple(findings))
@@ -134,7 +143,7 @@ def find_sentences(
     logged, clock = (np.array([getattr(row, name) for row in rows]) for name in ("logged", "clock"))
     if received_ns is None and len(rows) >= FEW and np.all(logged == logged[0]):
         logged = np.full(len(rows), NO_TIME)  # a number that stays the same is none
-    received, more = _received(source, logged, clock, time, midnight)
+    received, more = _received(source, logged, clock, time, midnight, [row.content for row in rows])
     own = np.where(midnight != NO_TIME, midnight + time, on_nearest_date(time, received))
     by_name: dict[str, Sentences] = {}
     names = dict.fromkeys(row.name for row in rows)
@@ -185,35 +194,63 @@ def _receiver_times(rows: Sequence[FoundSentence]) -> tuple[Nanoseconds, Nanosec
 
 
 def _received(
-    source: str, logged: Nanoseconds, clock: Nanoseconds, time: Nanoseconds, midnight: Nanoseconds
+    source: str,
+    logged: Nanoseconds,
+    clock: Nanoseconds,
+    time: Nanoseconds,
+    midnight: Nanoseconds,
+    contents: Sequence[str],
 ) -> tuple[Nanoseconds, list[Finding]]:
-    """Return the log times (n,): if no line holds any, those from the sentences, else from the times of day before."""
+    """Return the log times (n,): if no line holds any, those from the sentences, else from the times of day before.
+
+    These come first if each line has one, and they are those of the sentences' clock. Without a date the first one is
+    taken that a sentence begins with as seconds since 1970, as those of PNORBT7 do.
+    """
     known = logged != NO_TIME
     if known.any():
         return np.where(known, logged, logged[known][0]), []
+    both = (time != NO_TIME) & (clock != NO_TIME)
     of_sentences = bool(np.any(time != NO_TIME))
+    if both.any() and np.all(clock != NO_TIME):
+        apart_ns = np.median(((clock - time)[both] + DAY // 2) % DAY - DAY // 2)
+        of_sentences = bool(abs(apart_ns) > SAME_CLOCK_NS)
     try:
         received, dated = times_from_sentences(time if of_sentences else clock, midnight)
     except ValueError:
         text = f"{source}: neither its lines nor its sentences contain a time; they are taken as 1 s apart"
         return np.arange(len(logged), dtype=np.int64) * 1_000_000_000, [Finding("NMEA-TIME", text)]
-    which = "the time they contain" if of_sentences else "the time of day before them"
-    text = f"lines without log time: sentences are timed by {which}, the others evenly between"
+    by_sentences = "lines without log time: sentences are timed by the time they contain, the others evenly between"
+    text = by_sentences if of_sentences else "lines are timed by the time of day before them"
     findings = [Finding("NMEA-TIME", f"{source}: {text}")]
-    if not dated:
+    stated = ((k, prefixed_ns(content.split(",")[1])) for k, content in enumerate(contents)) if not dated else ()
+    if first := next(((k, stated_ns) for k, stated_ns in stated if stated_ns != NO_TIME), None):
+        row, stated_ns = first
+        received = received + on_nearest_date(received[row : row + 1] % DAY, np.array([stated_ns])) - received[row]
+        name = contents[row].partition(",")[0]
+        findings.append(Finding("NMEA-DATE", f"{source}: the only date is that of {name}'s seconds since 1970"))
+    elif not dated:
         text = f"{source}: no sentence contains a date; the first day is taken as 1970-01-01; state date under [[file]]"
         findings.append(Finding("NMEA-DATE", text))
     return received, findings
 
 
 def _counted(
-    source: str, topic: str, rows: Sequence[FoundSentence], wrong: Sequence[int], without: int
+    source: str,
+    topic: str,
+    rows: Sequence[FoundSentence],
+    wrong: Sequence[int],
+    bare: Sequence[FoundSentence],
+    without: int,
 ) -> list[Finding]:
-    total, unchecked = len(rows) + len(wrong), sum(not row.checked for row in rows)
+    total, unchecked = len(rows) + len(wrong) + len(bare), sum(not row.checked for row in rows)
     findings: list[Finding] = []
     if wrong:
         text = f"{source}: {len(wrong)} of {total} sentences are cut or have a wrong checksum"
         text += f", the first in {'message' if topic else 'line'} {min(wrong) + 1}; left out"
+        findings.append(Finding("NMEA-CHECKSUM", text, topic, lost_data=True))
+    if bare:
+        text = f"{source}: {len(bare)} of {total} sentences have no checksum, while others of their name have one"
+        text += f" ({bare[0].name} in {'message' if topic else 'line'} {bare[0].line + 1}): they may be cut; left out"
         findings.append(Finding("NMEA-CHECKSUM", text, topic, lost_data=True))
     if unchecked:
         findings.append(

@@ -139,6 +139,9 @@ OF_DAY = [f"[23:59:{57 + k // 10}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for 
 OF_DAY += [f"[00:00:{k // 10 - 3:02d}.{k % 10}00] {sentence(f'HEHDT,{k}.0,T')}" for k in TENTHS if k >= 30]
 BODIES = (f"GPGGA,1226{k:02d}.00,4500.0,N,00700.0,E,1,10,0.8,1.0,M,48.0,M,," for k in range(40, 60))
 SAME = [f"COM3 1234567890 {sentence(body)}" for body in BODIES]  # a number that is no time
+IN_LINES = [f"[12:26:{40 + k / 10:06.3f}] {sentence(f'HEHDT,{k}.0,T')}" for k in range(10, 30, 2)]
+IN_LINES.insert(3, f"[12:26:41.500] {sentence('PACME,122641.10,1')}")
+IN_LINES.insert(7, f"[12:26:42.300] {sentence('PACME,1600000002.1,1')}")
 BY_DAY = {"NMEA-TIME": "timed by the time of day before them", "NMEA-DATE": "no sentence contains a date"}
 
 
@@ -154,16 +157,32 @@ def scs(form: str, day: int) -> list[str]:
     [
         (SAME, "1970-01-01T12:26:40", np.arange(20) * SECOND, {"NMEA-DATE": "", "NMEA-TIME": ""}),
         (OF_DAY, "1970-01-01T23:59:57", np.array(TENTHS) * (SECOND // 10), BY_DAY),
+        (
+            IN_LINES,
+            "2020-09-13T12:26:40",
+            np.arange(10, 30, 2) * SECOND // 10,
+            {
+                "NMEA-TIME": "lines are timed by the time of day before them",
+                "NMEA-DATE": "the only date is that of PACME",
+            },
+        ),
         (scs("{m:02}/{d:02}/{y}", 13), "2020-09-13T23:59:58.1", np.arange(4) * SECOND, {}),
         (scs("{d}/{m}/{y}", 13), "2020-09-13T23:59:58.1", np.arange(4) * SECOND, {}),
         (scs("{m:02}/{d:02}/{y}", 5), "2020-09-05T23:59:58.1", np.arange(4) * SECOND, {"DATE-ORDER": ""}),
     ],
-    ids=["a number that stays the same", "of the day", "month first", "day first", "either"],
+    ids=[
+        "a number that stays the same",
+        "of the day",
+        "beside times in sentences",
+        "month first",
+        "day first",
+        "either",
+    ],
 )
 def test_lines_are_timed_by_what_stands_before_their_sentences(tmp_path, lines, first, spaced_ns, said):
     log = open_log(saved_lines(tmp_path / "a.nmea", lines))
 
-    (topic,) = log.topics()
+    topic = log.topics()[0]
     times = read_whole(log, {topic.name: ["1"]})[topic.name].received_ns
     np.testing.assert_array_equal(times, np.datetime64(first, "ns").astype(int) + spaced_ns)
     found = {one.code: one.text for one in log.findings()}
@@ -180,6 +199,8 @@ def test_lines_are_timed_by_what_stands_before_their_sentences(tmp_path, lines, 
          "ship.nmea: 1 of 3 sentences are cut or have a wrong checksum, the first in line 2; left out"),
         ([sentence("HEHDT,12.5,T"), sentence("HEHDT,north,T")], "compass", "UNDECODED",
          "/HEHDT: 1 sentences do not have the fields of their type; left out"),
+        ([RECORDED_GGA, RECORDED_GGA.partition("*")[0]], "gps", "NMEA-CHECKSUM",
+         "ship.nmea: 1 of 2 sentences have no checksum, while others of their name have one (GPGGA in line 2)"),
         ([RECORDED_GGA.partition("*")[0]], "gps", "NMEA-UNCHECKED",
          "ship.nmea: 1 of 1 sentences have no checksum"),
         ([sentence(f"GPTHS,10.0,{mode}") for mode in "AV"], "compass", "COMPASS-INVALID",
