@@ -51,7 +51,7 @@ AXES_OF_PLACES = (  # the doctor finds the frame
     Rule("", "north_m", "length", "y(_enu|_ned)?"),
 )
 YAW = Rule(
-    "compass", "heading_deg", "angle", "yaw|kurs|psi|(attitude|euler|rpy|rph)_(z|2)"
+    "compass", "heading_deg", "angle", "yaw(_enu)?|kurs|psi|(attitude|euler|rpy|rph)_(z|2)"
 )  # whose sense the doctor finds
 COMPLETE = {**NEEDED, "compass": (*NEEDED["compass"], frozenset(QUATERNION))}
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
@@ -276,4 +276,6 @@ def _proposal(
     words = {"axes": (axes, BY_NAMES)} if "forward_mps" in found else {}
     if "x" in columns and "east_m" in found and (frame := _frame(found["east_m"])):
         words["frame"] = (frame, BY_NAMES)
+    if "heading_deg" in found and words_of(found["heading_deg"].unit.label).endswith("_enu"):
+        words["convention"] = ("ENU", BY_NAMES)
     return Proposal(topic, columns, others, words)

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping
 
 GPS_ITSELF = r"gps|gnss|navsat|global_position"
-HINTS: Mapping[str, str] = {
-    "dvl": r"dvl|doppler|velocity_report|bottom_?(track|lock)|nortek|a50|a125",
+HINTS: Mapping[str, str] = {  # PX4 and ArduSub take a DVL for visual odometry
+    "dvl": r"dvl|doppler|velocity_report|bottom_?(track|lock)|nortek|a50|a125|vehicle_visual_odometry",
     "compass": r"[ck]ompass|(?:^|[/_ ])kurs|heading|hdg|hdt|ahrs|imu|gyro|euler|(?:^|[/_ ])att(?:itude)?(?:[/_ ]|$)",
     "usbl": r"usbl|ssbl|seatrac|evologics|modem|ugps|acoustic|ranger|hipap|waterlinked/fix|positions/|subsonus|"
     r"trackpoint|easytrak|posidonia|micron_?nav|rovl|beacon|transponder|(?:^|[/_ ])apos(?:[/_ ]|$)",
@@ -15,7 +15,7 @@ HINTS: Mapping[str, str] = {
 """Words of topic names that suggest a role."""
 
 NO_SENSOR = re.compile(
-    r"(^|[/_])(usbldr|filtered|odometry|odom|ekf|ukf|estimate|estimated|"
+    r"(^|[/_])(usbldr|filtered|(?<!vehicle_visual_)odometry|odom|ekf|ukf|estimate|estimated|"
     r"ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
 )
 """Words of topic names that suggest computed values, or simulated ones beside the sensors."""

@@ -20,6 +20,8 @@ FOREIGN_TEXTS: Mapping[str, str] = {
     "with a line of names",
     r"\S+,F[DE],([0-9A-F]{1,2},)+mavlink_\w+_t,": "telemetry as Mission Planner writes it as text; read the .tlog file "
     "that it was made from",
+    r"\d{4}-\d\d-\d\d [\d:.]+: \w+ \{\w+ : ": "what mavlogdump prints; read the .BIN or .tlog file "
+    "that it was made from",
     r"\[\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d[^\r\n]*\w=\S": "a log of a program's messages; write their values as CSV, "
     "with a line of names",
 }

@@ -23,6 +23,8 @@ NAME_THEM = "name its columns with the key columns of a sensor's section"
 IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d(?::?\d\d)?)?")
 """A date and time."""
+OF_BOOT = re.compile(r"(^|_)(boot|uptime|power_on)(_|$)")
+"""Words of times since power-on."""
 
 
 class TimeColumn(NamedTuple):
@@ -37,13 +39,15 @@ def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn]) -> Seq
     """Return those of columns named as times whose first cells (by column) state a date, else all of them.
 
     If none is named so: the columns of dates and times, whatever their names, of dates that are day numbers, and of
-    times since 1970 in the unit of their names.
+    times since 1970 in the unit of their names; else those since power-on (time_boot_us).
     """
     if not named:
         dates = [name for name, cell in cells.items() if ISO.fullmatch(cell)]
         dates = dates or [name for name, cell in cells.items() if is_date(name) and keys_since_1970(cell)]
         since = [NamedColumn(name, RULES[0], named_unit(name)) for name in cells]
-        since = [one for one in since if one.known and _since_1970(one, cells[one.name])]
+        since = [one for one in since if one.known]
+        of_boot = [one for one in since if OF_BOOT.search(words_of(one.name)) and is_number(cells[one.name])]
+        since = [one for one in since if _since_1970(one, cells[one.name])] or of_boot
         return [NamedColumn(name, RULES[0], NamedUnit(name)) for name in dates] or since
     first = [(column, cells.get(column.name, "")) for column in named]
     return [column for column, cell in first if ISO.fullmatch(cell) or _since_1970(column, cell)] or named

@@ -77,6 +77,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
     [
         ("a50", "time,vx,vy,status,time_of_validity\n200,1.5,0.5,0,{us}\n", {"time_unix_us": "time_of_validity"}),
         ("dvl_0", "timestamp,velocity[0],velocity[1]\n{us},1.5,0.5\n", {"x": "velocity[0]", "y": "velocity[1]"}),
+        ("1_vehicle_visual_odometry_0", "timestamp,velocity[0],velocity[1]\n{us},1.5,0.5\n", {"y": "velocity[1]"}),
         ("DVL1000.bt", "dateTime,timestamp,velocityX,velocityY\n13/09/2020 14:26:40,{s}.5,1.5,0.5\n",
          {"time_unix_s": "timestamp", "x": "velocityX"}),
         ("nortek", "timestampPosix,velocityX,velocityY,xVelocityIsValid,yVelocityIsValid,varX\n{s},1.5,0.5,1,1,0\n",
@@ -92,11 +93,28 @@ def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, col
     assert columns.items() <= tomllib.loads(drafted(tmp_path))["dvl"]["columns"].items()
 
 
+def test_a_yaw_that_is_named_for_its_axes_is_proposed_with_them(tmp_path: Path) -> None:
+    yaws = "".join(f"{T0_S + k},{0.1 * k:.1f}\n" for k in range(30))
+    write_csv(tmp_path, dvl=DVL, usbl=FIX, log=f"t [s],yaw_enu [rad]\n{yaws}")
+
+    found = tomllib.loads(drafted(tmp_path))["compass"]
+
+    assert found["columns"] == {"time_unix_s": "t [s]", "heading": "yaw_enu [rad]"}
+    assert found["convention"] == "ENU"
+
+
+def test_times_since_power_on_are_times_in_the_unit_of_their_name(tmp_path: Path) -> None:
+    log = read_log(saved(tmp_path / "compass.csv", "time_boot_us,Heading (deg)\n3900000000,10.5\n3900500000,11.5\n"))
+
+    assert columns(log, ["compass.time_s"]) == {"compass.time_s": [0.0, 0.5]}
+
+
 @pytest.mark.parametrize(
     ("begin", "said"),
     [
         (b"FTP NEW 2 \r\nVER 16.1.0\r\n", "is a Hypack raw file"),
         (b"\xed\xa1\xda\x01" + bytes(90), "is an LCM log"),
+        (b"2026-05-14 09:30:00.00: ATT {TimeUS : 120000000, Roll : 0.0}\n", "is what mavlogdump prints; read the .BIN"),
         (b"-- PostgreSQL database dump\nSET client_encoding = 'UTF8';\n", "is a dump of a database"),
     ],
 )
