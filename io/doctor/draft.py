@@ -17,6 +17,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
+from usbldr.io.messages.field_names import ALONG_EARTH, earth_velocities
 from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import SENSORS, Roles, TopicChoice
 from usbldr.io.reader import TopicInfo
@@ -112,6 +113,8 @@ def _draft(path: Path, request: Request) -> Draft:
     absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""
     absent += "; without it, only --filter usbl works" if missing and "usbl" in present else ""
     unread |= dict.fromkeys(missing, absent)
+    if "dvl" in missing and (earth := next(filter(None, (earth_velocities(topic.unused) for topic in topics)), [])):
+        unread["dvl"] = f"{absent}; {', '.join(earth)} are {ALONG_EARTH}"
     unread = {role: why.replace(f"; {PROPOSED}", "") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})

@@ -112,6 +112,7 @@ OTHER = re.compile(
 """Words of columns that are no measurement of these sensors."""
 
 
+ALONG_EARTH = "velocities along north and east; usbldr needs those that the DVL measures along its own axes"
 WRAPPED = re.compile(r"(?<=[a-z0-9]{2}_)(data|value)$")
 """The last word of a field of a message that wraps a number, as std_msgs/Float64: the words before say what it is."""
 TARGET = re.compile(r"(^|_)target(_|$)")  # of a USBL system; of a controller it is where the vehicle should be
@@ -206,6 +207,13 @@ def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None
         if certain and re.search(f"(^|_)({rule.words}){neutral}$", words):
             return NamedColumn(name, rule, unit)
     return None
+
+
+def earth_velocities(names: Iterable[str]) -> list[str]:
+    """Return the columns of velocities along north and east, empty if there are not both."""
+    velocities = [name for name in names if named_unit(name).dimension == "velocity"]
+    found = [[n for n in velocities if words_of(named_unit(n).label).endswith(axis)] for axis in ("north", "east")]
+    return [*found[0], *found[1]] if all(found) else []
 
 
 def rules_for(names: Iterable[str], place: str) -> Sequence[Rule]:

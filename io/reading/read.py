@@ -3,7 +3,7 @@
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -22,6 +22,7 @@ from usbldr.io.conventions.usbl import OF_HEAD_COLUMNS
 from usbldr.io.conventions.usbl_head import ship_choices
 from usbldr.io.findings import Finding
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
+from usbldr.io.messages.field_names import ALONG_EARTH, earth_velocities
 from usbldr.io.messages.layouts import blocks
 from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import SENSORS
@@ -121,7 +122,7 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
         findings=tuple(dict.fromkeys([*reader.findings(), *findings])),  # sensors of one topic say the same of it
         altitude=altitude,
         attitude=None if sensors.attitude is None else _attitude_table(sensors.attitude, start_ns),
-        unread=_unread(path, topics, alone=not tables),
+        unread=_unread(path, topics, tables),
         raws=sensors.raws,
     )
     say(*(line for role, one in log.provenance.items() for line in provenance_lines(role, one)))
@@ -129,11 +130,16 @@ def read(opened: OpenedLog, request: Request, raw_fields: Mapping[str, Sequence[
     return examined(log)
 
 
-def _unread(path: Path, topics: Sequence[TopicInfo], alone: bool) -> dict[str, str]:
-    """Return topics that give no records, and why; beside no sensor at all, also those of a computed track."""
+def _unread(path: Path, topics: Sequence[TopicInfo], sensors: Collection[str]) -> dict[str, str]:
+    """Return topics that give no records, and why.
+
+    Beside no sensor at all, also those of a computed track; without a DVL, tables with velocities along earth axes.
+    """
     found = {topic.name: f"cannot be read: {topic.problem}" for topic in topics if topic.problem}
     judged = f"is a track: usbldr evaluate LOG --estimate {path.name} judges it beside the sensors of LOG"
-    tracks = (topic.name for topic in topics if alone and topic.count and message_layout_of("truth", topic))
+    tracks = (topic.name for topic in topics if not sensors and topic.count and message_layout_of("truth", topic))
+    earth = {topic.table: one for topic in topics if "dvl" not in sensors and (one := earth_velocities(topic.unused))}
+    found |= {name: f"has {', '.join(one)}: {ALONG_EARTH}" for name, one in earth.items()}
     return found | dict.fromkeys(tracks, judged)
 
 

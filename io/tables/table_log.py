@@ -32,7 +32,8 @@ from usbldr.io.tables.date_times import (
     week_and_time,
     with_iso_times,
 )
-from usbldr.io.tables.text_table import listed
+from usbldr.io.tables.long_tables import long_columns, widened
+from usbldr.io.tables.text_table import TextTable, listed
 from usbldr.io.tables.time_columns import ISO, TimeColumn, is_date
 from usbldr.io.tables.topic_sheets import (
     FirstRow,
@@ -119,9 +120,22 @@ class TableLog:
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
         self._columns: dict[tuple[str, str], Column] = {}
         self._read = cache(self._read_column)
+        tables = [self._widened(one) for one in tables]
         self._all = [one for one in tables if one.rows > 1 or (not one.rows and _own_sheet(one))] or tables
         sizes = {table.file: table.file.stat().st_size for table in tables}
         self._budget = UnpackingBudget(path, sum(sizes.values()))
+
+    def _widened(self, table: Table) -> Table:
+        """Return a long table (topic, field, value) with a column for each name, any other as it is."""
+        if (long := long_columns(list(table.columns))) is None:
+            return table
+        with reading(table.file, self.format):
+            cells = {name: _cells(read()) for name, read in table.columns.items()}
+        wide = widened(read := TextTable(cells, range(table.rows), {}), long)
+        if wide is read:
+            return table
+        reads = {name: lambda cells=cells: np.array(cells, dtype=object) for name, cells in wide.columns.items()}
+        return Table(table.file, table.topic, len(wide.lines), reads, texts=frozenset(reads))
 
     def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "TableLog":
         """Return this log with the columns that the configuration states."""

@@ -17,6 +17,7 @@ from logs import MAP, refusal
 from recordings import SECOND, T0, Row, define, point, saved, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.messages.field_names import ALONG_EARTH
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.settings.toml_text import inline
 
@@ -528,6 +529,16 @@ def test_fields_of_json_objects_are_proposed_each_for_its_sensor(tmp_path: Path,
         read = read_log(log, Request(str(saved(tmp_path / "some.toml", toml)), topics={"dvl": "none", "usbl": "none"}))
         assert [len(read.tables[role]) for role in columns] == [60, 60]
         assert {"COMPASS-INVALID", "GPS-INVALID", "SAME-STAMP"}.isdisjoint(one.code for one in read.findings)
+
+
+def test_velocities_along_north_and_east_are_no_dvls(tmp_path: Path) -> None:
+    rows = [f"{T0 // SECOND + k},{k},{k / 9},0.1,0.2,45.0,7.{k:03}" for k in range(60)]
+    names = "Time [s],Heading [deg],Depth [m],vel_north [m/s],vel_east [m/s],usbl_lat [deg],usbl_lon [deg]"
+    log = saved(tmp_path / "log.csv", "\n".join([names, *rows]))
+
+    said = asked_in(log, tmp_path / "found.toml")[0], str(run("replay", log, "--filter", "adf").exception)
+
+    assert all("vel_north [m/s], vel_east [m/s]" in one and ALONG_EARTH in one for one in said)
 
 
 def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_quantity(csv, tmp_path):

@@ -94,13 +94,15 @@ WIDE = pd.DataFrame(
 )
 
 
+@pytest.mark.parametrize("form", ["csv", "parquet"])
 @pytest.mark.parametrize("order", ["time_s", "name"])
 @pytest.mark.parametrize("names", [("name", "value"), ("_field", "_value"), ("Series", "Value")])
-def test_a_long_table_is_the_wide_one(tmp_path: Path, order: str, names: tuple[str, str]) -> None:
+def test_a_long_table_is_the_wide_one(tmp_path: Path, order: str, names: tuple[str, str], form: str) -> None:
     long = WIDE.melt("time_s", var_name="name", value_name="value").dropna().sort_values(order, kind="stable")
-    text = long.rename(columns=dict(zip(("name", "value"), names, strict=True))).to_csv(index=False)
+    frame, file = long.rename(columns=dict(zip(("name", "value"), names, strict=True))), tmp_path / f"dive.{form}"
+    (frame.to_csv if form == "csv" else frame.to_parquet)(file, index=False)
 
-    log = logged_csv(tmp_path, "", dive=text)
+    log = read_log(file)
 
     np.testing.assert_array_equal(log.tables["dvl"][["forward_mps", "starboard_mps"]], WIDE.iloc[:, 1:3])
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [1.5] * 4)
