@@ -109,6 +109,13 @@ def through_water(log: Log, seed: int) -> Log:
     return examined(replace(log, tables={**log.tables, "dvl": changed}))
 
 
+def biased(log: Log, seed: int) -> Log:
+    """Return a log whose DVL reads 0.02 m/s too much forward and 0.03 m/s to starboard, at any speed."""
+    table = log.tables["dvl"]
+    changed = table.assign(forward_mps=table["forward_mps"] + 0.02, starboard_mps=table["starboard_mps"] + 0.03)
+    return replace(log, tables={**log.tables, "dvl": changed})
+
+
 def seldom(role: str, every: int, fault: str) -> Damage:
     """Return the damage by a fault as `usbldr drill` writes it, of a sensor of which every nth record is kept."""
 
@@ -184,6 +191,7 @@ FAULTS: dict[str, tuple[Damage, float]] = {  # and for how long the first fixes 
     ),
     "DVL scale 5 % from the middle on": (drill("scale dvl:1.05@50%:"), 0.0),
     "DVL scale 2 % after a quarter": (drill("scale dvl:1.02@25%:"), 0.0),
+    "DVL reads 0.02 m/s too much forward, 0.03 to starboard": (biased, 0.0),
     "fixes shift by 8 m after 60 %": (fixes(lambda t, z, rng: z + (t > 480.0)[:, None] * [6.4, -4.8]), 0.0),
     "fixes 3 s later from the middle on": (later, 0.0),
     "a DVL of 1 Hz, 10 % spikes of 2 m/s": (seldom("dvl", 5, "spike dvl:2m/s@0.1"), 0.0),
