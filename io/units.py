@@ -34,12 +34,12 @@ _SPELLINGS: Mapping[str, str] = {
     "km/h": "kmh kph km_h",
     "ft/s": "ft_s",
     "knots": "knot kn kt kts",
-    "deg": "degs degree degrees ° degt °t degtrue deg_true deg_north deg_east deg_n deg_e degreestrue degreet "
+    "deg": "degs degree degrees grad ° degt °t degtrue deg_true deg_north deg_east deg_n deg_e degreestrue degreet "
     "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
     "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",
     "rad": "rads radian radians",
-    "gon": "gons grad grads gradian gradians",
+    "gon": "gons grads gradian gradians",
     "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
     "hPa": "mbar millibar millibars",
     "dbar": "decibar decibars",

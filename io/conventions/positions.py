@@ -26,6 +26,7 @@ MAX_POSITION_M = 2e7  # half around the earth
 MAX_POSITION_SD_M = 1e6  # a larger stated sigma means unknown
 VARIANCES = ("cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
 IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
+FIX_2D, FIX_3D = 2, 3  # fixed: types of fixes of MAVLink and ArduPilot; a status of ROS ends at 2, of NMEA 3 is rare
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
 FULL_CIRCLE = 360.0  # fixed: degrees
@@ -100,10 +101,12 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
     """Return by cause which positions (n,) are invalid by themselves; in the frame latlon, x and y are degrees."""
     a, b = _pair(raw)
     latlon = frame == "latlon" or "lat_deg" in raw.layout.required
-    quality = raw.number("gga_quality")
+    quality, status = raw.number("gga_quality"), raw.number("status")
+    of_types = raw.topic.is_table and bool(np.any(status == FIX_3D))
+    least, why = (FIX_2D, f"2, as {FIX_3D} is a type of fix") if of_types else (0, "0")
     causes = {
         "not a number": ~(np.isfinite(a) & np.isfinite(b)),
-        "without fix (status below 0)": raw.number("status") < 0,
+        f"without fix (status below {why})": status < least,
         "of negative variance": _negative_variance(raw),
         "estimated, entered by hand or simulated (quality 6, 7 or 8)": np.isin(quality, ESTIMATED_QUALITIES),
         "flagged invalid": raw.flagged_invalid,
@@ -113,7 +116,7 @@ def place_causes(raw: RawRecords, frame: str = "") -> dict[str, Mask]:
         by_name = np.char.startswith(fix_names, "no")
         ubx_type, flags = raw.number("ubx_fix_type"), raw.number("ubx_flags")
         by_ubx = ~np.isnan(ubx_type) & (~np.isin(ubx_type, UBX_FIXES) | (flags % 2 == 0))  # the lowest flag: valid
-        by_type = (raw.number("fix_type") < 2) | by_ubx | np.isin(raw.number("imc_fix_type"), IMC_NO_FIXES)
+        by_type = (raw.number("fix_type") < FIX_2D) | by_ubx | np.isin(raw.number("imc_fix_type"), IMC_NO_FIXES)
         causes["without fix (by its quality)"] = (raw.number("quality") == 0) | (quality == 0) | by_type | by_name
         causes["at latitude and longitude 0"] = (a == 0) & (b == 0)
         causes[BEYOND_DEG] = (np.abs(a) > 90) | (np.abs(b) > 360)

@@ -46,8 +46,8 @@ RULES: Sequence[Rule] = (
     Rule("dvl", "up_mps", "velocity", "(?<!up_)v?(down|downward)", -1.0),
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
     Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
-    Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock"),
-    Rule("", "valid", None, "(fix|position|gps|gnss)_valid"),
+    Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock|^(dvl_)?bottom_track"),
+    Rule("", "valid", None, "(fix|position|gps|gnss)_valid|^((gps|gnss|usbl)_)?fix"),
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
     Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
@@ -58,8 +58,6 @@ RULES: Sequence[Rule] = (
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
     Rule("", "lon_deg", "angle", "lon|long|lng|longitude"),
-    Rule("", "lat_deg", "angle", "breite(ngrad)?", alone=False),  # of degrees; German also for a width and a length
-    Rule("", "lon_deg", "angle", "(lange|laenge)(ngrad)?", alone=False),
     Rule("", "east_m", "length", "east(ing)?"),
     Rule("", "north_m", "length", "north(ing)?"),
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
@@ -71,8 +69,11 @@ RULES: Sequence[Rule] = (
     ),
     Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
 )
-DIRECTION = Rule("compass", "heading_deg", "angle", "azimuth|bearing|course")
+DIRECTION = Rule("compass", "heading_deg", "angle", "azimuth|bearing|course|kurs")
 """A heading in a table of the vehicle's attitude; the direction of a transponder or of a motion in others."""
+FIX_TYPE = Rule("", "fix_type", None, "^status")
+"""A status in a table of ArduPilot's GPS messages, which these columns tell:"""
+OF_ARDUPILOT = re.compile("nsats|gwk|gms")
 NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
     "angle": "angle|dms|ddm|dmm?|dd",
@@ -155,16 +156,17 @@ ENGLISH: Mapping[str, str] = {
         "heading": "steuerkurs cap rumbo rumo prua koers kompass_kurs kompasskurs kompassretning",
         "heading_true": "kurs_rw",
         "true": "rw rettvisende rattvisande vrai verdadero verdadeiro vera vero waar ware",
-        "forward": "voraus forover fremover framover framat avant avante adelante avance avanti vooruit",
-        "aft": "achteraus arriere atras akterut",
+        "forward": "voraus vorwarts vorwaerts forover fremover framover framat avant avante adelante avance avanti "
+        "vooruit",
+        "aft": "achteraus ruckwarts rueckwaerts arriere atras akterut",
         "starboard": "steuerbord rechts styrbord tribord estribor boreste dritta stuurboord",
         "port": "backbord links babord babor bombordo sinistra bakboord",
         "up": "aufwarts oben oppover haut arriba",
         "down": "abwarts unten nedover bas abajo",
         "velocity": "geschwindigkeit fart hastighet vitesse velocidad velocidade velocita snelheid",
         "depth": "tiefe tauchtiefe dybde djup dyp profondeur profundidad profundidade profondita diepte immersion",
-        "latitude": "breddegrad latitud latitudine breedtegraad",
-        "longitude": "lengdegrad longitud longitudine lengtegraad",
+        "latitude": "breite breitengrad bredde breddegrad latitud latitudine breedtegraad",
+        "longitude": "lange laenge langengrad laengengrad lengde lengdegrad longitud longitudine lengtegraad",
         "pressure": "druck trykk tryck pression presion pressao pressione",
         "east": "ost",
         "north": "nord norte",
@@ -219,11 +221,12 @@ def earth_velocities(names: Iterable[str]) -> list[str]:
 def rules_for(names: Iterable[str], place: str) -> Sequence[Rule]:
     """Return the rules of a table: an azimuth, bearing or course is the heading if attitudes are there and no fixes.
 
-    ``place``: the name of its file or topic.
+    ``place``: the name of its file or topic. ArduPilot's status is a type of fix.
     """
     words = [words_of(place), *map(words_of, names)]
+    rules = (FIX_TYPE, *RULES) if any(map(OF_ARDUPILOT.fullmatch, words)) else RULES
     fixes = "usbl" in suggested_sensors(place) or any(NO_ATTITUDE.search(one) or OF_USBL.search(one) for one in words)
-    return (DIRECTION, *RULES) if not fixes and any(map(OF_ATTITUDE.search, words)) else RULES
+    return (DIRECTION, *rules) if not fixes and any(map(OF_ATTITUDE.search, words)) else rules
 
 
 def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[str, Sequence[NamedColumn]]]:

@@ -21,8 +21,9 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
 BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
-GOOD = ("y", "yes", "true", "a", "active", "ok", "good", "valid")
-BAD = ("n", "no", "false", "v", "void", "bad", "invalid", "fail", "failed", "error")
+GOOD = ("y", "yes", "true", "a", "active", "ok", "good", "valid", "lock", "locked", "fix", "rtk fixed", "rtk float")
+BAD = ("n", "no", "false", "v", "void", "bad", "invalid", "fail", "failed", "error", "lost", "unlocked", "none")
+BAD += ("no fix", "nofix", "no_fix", "no gps", "no lock", "no_lock", "not locked", "no bottom", "no bottom lock")
 FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}
 SAME_SECOND_NS = 1_000_000_000  # [ns] by judgement: lines without times are logged as near those with a time
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
@@ -137,7 +138,10 @@ class RawRecords:
     @property
     def flagged_invalid(self) -> Mask:
         """Which fixes (n,) their own flag calls invalid, or a word of their status, whose numbers are no flags."""
-        return (self.number("valid") == 0) | np.isin(self.words("status"), BAD)
+        by_words: Mask = np.any(
+            [np.isin(self.words(name), BAD) for name in ("status", "fix_type", "gga_quality")], axis=0
+        )
+        return (self.number("valid") == 0) | by_words
 
 
 def numbers_of(texts: Column) -> Vector:

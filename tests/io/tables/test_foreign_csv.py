@@ -191,6 +191,13 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "parts of units": ("dive", "vFwd_mm_s,vStbd_mm_s,hdg_cdeg\n1500,250,3050", AHEAD),
     "Prometheus": ("dive", '"fwd_mps {a=""dvl"", b=""1""}","{__name__=""stbd_mps"",a=""1""}","hdg_deg {a: ""1""}"\n'
                    "1.5,0.25,30.5", AHEAD),
+    "Bredde and Lengde": ("x", "HiPAP Bredde,HiPAP Lengde\n45,-30", {"usbl.east_m": [0]}),
+    **{brand: ("x", f"{brand} Latitude (deg),{brand} Longitude (deg)\n45,-30", {"usbl.east_m": [0]})
+       for brand in ("HiPAP", "muPAP", "GAPS", "SeaTrac", "EvoLogics", "S2C", "TrackLink", "EasyTrak", "ScoutPro", "BAC")},
+    "bottom track": ("dive", "Forward (m/s),Starboard (m/s),Bottom Track,Heading [deg]\n1,0,lost,9\n1,0,locked,9",
+                     {"dvl.valid": [False, True]}),
+    "German degrees": ("dive", "Vorwärts [m/s],Rechts [m/s],Steuerkurs (Grad)\n1.5,0.25,30.5", AHEAD),
+    "a course beside velocities": ("dive", "Voraus [m/s],Steuerbord [m/s],Kurs (Grad)\n1.5,0.25,30.5", AHEAD),
     "gyrocompasses": ("dive", "Forward (m/s),Starboard (m/s),Gyro 1 [deg]\n1.5,0.25,30.5", AHEAD),
     "degrees with colons": ("gps", "Lat_dms,Lon_dms\n045:30:00.0S,030:15:00.0W", SOUTH_WEST),
     "short": ("dive", "Fwd_Spd_mps,Stbd_Spd_mps,Hdg_deg\n1.5,0.25,30.5", AHEAD),
@@ -300,7 +307,8 @@ def test_a_column_of_targets_beside_fixes_is_theirs(tmp_path: Path, header: str,
         ("OK BAD good", [1, 3], ""),
         ("A V A", [1, 3], ""),
         ("1 0 2", [1, 2, 3], ""),
-        ("OK LOST BAD", [1, 2], "used: lost;"),
+        ("OK WEAK BAD", [1, 2], "used: weak;"),
+        ("OK LOST LOCKED", [1, 3], ""),
     ],
 )
 def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, used: list[int], unknown: str) -> None:
@@ -311,6 +319,22 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
     assert log.tables["usbl"]["east_m"].tolist() == used
     assert unknown in codes(log).get("FLAG-WORDS", "")
     assert ("FLAG-WORDS" in codes(log)) == bool(unknown)
+
+
+@pytest.mark.parametrize(
+    ("names", "cells", "used"),
+    [
+        ("Status,NSats", "1,9 0,9 2,9", [3]),
+        ("Status", "1 0 3 2", [3, 4]),
+        ("Fix", "No_Fix 3D 0 1", [2, 4]),
+    ],
+)
+def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, cells: str, used: list[int]) -> None:
+    rows = "\n".join(f"{cell},{k},2" for k, cell in enumerate(cells.split(), start=1))
+
+    log = logged_csv(tmp_path, "", gps=timed(f"{names},Latitude [deg],Longitude [deg]\n{rows}"))
+
+    assert log.tables["gps"]["lat_deg"].tolist() == used
 
 
 @pytest.mark.parametrize(
