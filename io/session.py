@@ -163,7 +163,8 @@ def replay(
         )
     if able.is_filter and used.start is None and not len(starting_fixes(timeline, used).time_s):
         alone = "" if "usbl" in log.tables else "; without fixes this is dead reckoning: --filter dr needs no start"
-        raise LogError(f"{log.path}: {NO_START_TEXT}{alone}")
+        unread = "".join(f"; {finding.text}" for finding in log.findings if finding.code == "TOPIC-UNREAD")
+        raise LogError(f"{log.path}: {NO_START_TEXT}{alone}{unread}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
     placed = log.truth is not None or log.settings.map is not None or "gps" in log.tables
     nowhere = able.anchored and anchor is None and settings.dr_from == "start" and not placed

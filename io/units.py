@@ -83,6 +83,10 @@ _ANGLE = re.compile(
 )
 """Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""
 _BRACKETS = re.compile(r"(.*[^\s_])[\s_]*[\[(]([^\[\]()]*[^\d\s\[\]()][^\[\]()]*)[\])]\s*")
+_ZONE_BEHIND = re.compile(
+    r"(.+?)\s*([\[(][^\[\]()]+[\])])[\s,]*((?:wgs\W?84\W*)?utm\b.*|utm\d.*|wgs\W?84)", re.IGNORECASE
+)
+"""A name with its grid behind the unit: Easting (m) UTM26N."""
 _OF_R = re.compile(r"(.*[^.])\.\.([a-z]+(?:\.[a-z]+)?)\.", re.IGNORECASE)
 """A name with brackets as R's make.names() leaves it: Heading..deg."""
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
@@ -123,6 +127,8 @@ def named_unit(name: str) -> NamedUnit:
         labels = dict(re.findall(r'(\w+)\s*[=:]\s*"?([^",]*)', series[2]))
         metric = labels.pop("__name__", series[1])
         return named_unit(" ".join([*labels.values(), metric]))
+    if zone := _ZONE_BEHIND.fullmatch(name):
+        return named_unit(f"{zone[1]} {zone[3]} {zone[2]}")
     brackets = _BRACKETS.fullmatch(name) or _OF_R.fullmatch(name)
     if brackets and brackets[2].strip().lower() in _NOTES:
         return named_unit(brackets[1])

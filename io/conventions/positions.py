@@ -16,6 +16,7 @@ from usbldr.io.geodesy import Origin, to_geodetic, to_plane
 from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import GpsSection
+from usbldr.io.tables.csv_sheets import FULL_CIRCLE
 
 UNDERWATER_M = 1.0  # an antenna so deep receives nothing, and waves are smaller
 LONGEST_STILL_S = 5.0  # a receiver that repeats a fix to the last digit for longer has no new one
@@ -29,7 +30,6 @@ IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
 FIX_2D, FIX_3D = 2, 3  # fixed: types of fixes of MAVLink and ArduPilot; a status of ROS ends at 2, of NMEA 3 is rare
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
-FULL_CIRCLE = 360.0  # fixed: degrees
 MINUTES, TEN_MILLIONTHS = "ddmm.mmmm", "1e-7deg"  # fixed: notations of latitudes and longitudes
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
@@ -64,7 +64,7 @@ def _notation(raw: RawRecords) -> str:
     if usual_lat > 90_00:
         whole = (places <= [90e7, 180e7]) & (places == np.trunc(places))
         return TEN_MILLIONTHS if whole.all() else ""
-    minutes = (places <= [90_00, 180_00]) & (np.fmod(places, 100) < 60)
+    minutes = (places <= [90_00, 180_00]) & (np.fmod(places, 100) <= 60)  # 59.99999 is written as 60.000
     return MINUTES if usual_lat > FULL_CIRCLE and minutes.all() else ""
 
 

@@ -18,7 +18,6 @@ from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.draft import WHY_HEAD, Draft
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, ships_gps, usbl_lines
 from usbldr.io.doctor.interpretations import reinterpret
-from usbldr.io.doctor.proposed_columns import time_of
 from usbldr.io.doctor.sensor_errors import explanation_text
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.geodesy import to_geodetic
@@ -30,6 +29,7 @@ from usbldr.io.reading.opening import ConfigurationFile
 from usbldr.io.settings.configuration import own_configuration, parse_configuration
 from usbldr.io.settings.toml_text import comment, inline, quoted
 from usbldr.io.tables.text_table import listed
+from usbldr.io.tables.time_columns import time_of
 
 COMMENT_COLUMN = 40  # where the comments of a file begin, so that its keys can be read
 MAX_TOPICS = 20  # of those that no sensor uses

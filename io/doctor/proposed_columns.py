@@ -30,9 +30,8 @@ from usbldr.io.reading.opening import Request
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
 from usbldr.io.tables.csv_sheets import CANONICAL, side_columns
-from usbldr.io.tables.time_columns import ISO, SINCE_NS, dated_columns, keys_since_1970, named_epoch, of_gps
+from usbldr.io.tables.time_columns import dated_columns, keys_since_1970, time_key
 from usbldr.io.tables.unnamed_columns import is_number
-from usbldr.io.units import NamedUnit
 
 NAMES_OF_AXES = {
     "x": "u|surge|langs|along(_track|ship)?|longitudinal|(fore|forward|fwd)_aft",
@@ -60,7 +59,6 @@ QUATERNIONS = tuple(
     for key, number in zip(QUATERNION, (1, 2, 3, 0), strict=True)  # the scalar comes first, as PX4 writes it
 )
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
-OWN_CLOCK_S = 1e6  # [s] since power-on, of a column without a unit: eleven days; a larger number may count milliseconds
 BY_NAMES = "by the names of its columns"
 FIX_FLAGS = {"fix_type", "fix_status", "quality"}  # whose numbers say whether there is a fix; words say something else
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
@@ -194,7 +192,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
             if topic.first_row and column.rule.key in found and column.rule.dimension:
                 return {}  # two columns of one quantity
             found.setdefault(column.rule.key, column)
-    if topic.first_row and not timed and _time_key(topic, found) is None:
+    if topic.first_row and not timed and time_key(topic, found.get("time")) is None:
         return {}
     complete = [needed for needed in COMPLETE[role] if needed <= found.keys()]
     others = frozenset[str]().union(*COMPLETE[role]).difference(*complete[:1])  # columns of another kind of position
@@ -210,38 +208,6 @@ def _of_flag(name: str) -> set[str]:
     """Return the sensors that the name of a flag suggests; a "fix" is one of GPS or USBL."""
     sensors = suggested_sensors(words_of(name))
     return sensors | {"usbl"} if "gps" in sensors and not re.search(GPS_ITSELF, words_of(name)) else sensors
-
-
-def _time_key(topic: TopicInfo, found: Mapping[str, NamedColumn]) -> str | None:
-    """Return the key of ``columns`` for the time of a table by its unit and first value, None if they do not tell."""
-    column = found.get("time")
-    cell = dict(topic.first_row).get(column.name, "") if column else ""
-    if column is None or ISO.fullmatch(cell) or not is_number(cell):
-        return "time_unix_s" if ISO.fullmatch(cell) else None
-    if _counts_us(column, cell):
-        return "time_unix_us"
-    if of_gps(column, cell):
-        return None
-    if epoch := named_epoch(column, cell):
-        return epoch
-    units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
-    longest_s = SINCE_NS / 1e9 if column.known else OWN_CLOCK_S
-    own_clock = "time_s" if "time_s" in units and abs(float(cell)) < longest_s else None
-    return next((key for key in keys_since_1970(cell) if key in units), own_clock)
-
-
-def time_of(topic: TopicInfo) -> tuple[str, str]:
-    """Return the key of ``columns`` and the column of a table's time by its first row, whatever the columns' names."""
-    for name, cell in topic.first_row:
-        column = NamedColumn(name, RULES[0], NamedUnit(name))
-        if (ISO.fullmatch(cell) or keys_since_1970(cell)) and (key := _time_key(topic, {"time": column})):
-            return key, name
-    return "time_unix_s", "?"
-
-
-def _counts_us(column: NamedColumn, cell: str) -> bool:
-    """Return whether a time counts microseconds since power-on, as PX4 does: a whole number too large for seconds."""
-    return words_of(column.name) == "timestamp" and cell.isdigit() and OWN_CLOCK_S <= int(cell) < SINCE_NS / 1e6
 
 
 def _frame(east: NamedColumn) -> str:
@@ -262,7 +228,7 @@ def _proposal(
         found = {key: column for key, column in found.items() if key not in ("x_mps", "y_mps", "z_mps")}
     for key, column in found.items():
         if key == "time" and topic.first_row and not clock:
-            columns[str(_time_key(topic, found))] = column.name
+            columns[str(time_key(topic, found.get("time")))] = column.name
         elif key == "time" and not clock:
             keys = [one for one, unit_ns in TIME_UNITS_NS.items() if column.known and unit_ns == column.factor]
             if keys and not topic.has("header.stamp"):

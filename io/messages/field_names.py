@@ -76,7 +76,7 @@ FIX_TYPE = Rule("", "fix_type", None, "^status")
 OF_ARDUPILOT = re.compile("nsats|gwk|gms")
 NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
-    "angle": "angle|dms|ddm|dmm?|dd",
+    "angle": "angle|dms|ddm|dmm?|dd|d{2,3}mm(_?mm*)?",
     "length": "position|pos|coordinate|distance",
 }
 """Words behind a quantity that add nothing: its dimension, and for velocities over the bottom that they are some."""
@@ -127,7 +127,7 @@ NO_ATTITUDE = re.compile(
     r"(^|_)(usbl|ssbl|gps|gnss|r|range|slant|dist(ance)?|target|beacon|transponder|tp|elevation|el|depression|travel|"
     r"lat(itude)?|lon|longitude|east(ing)?|north(ing)?|heading|hdg|yaw|ship|vessel)(_|$)|^(pos(ition)?_)?[xy](_m)?$"
 )
-UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?(?:([ns])(?:orth|outh)?)?)?(?=_|$)")
+UTM = re.compile(r"(?:(?:^|_)wgs_?84)?(?:^|_)utm(?:_?zone)?(?:_?(\d{1,2})_?(?:([ns])(?:orth|outh)?(?:ern)?)?)?(?=_|$)")
 """A grid in the name of an easting or northing, its zone and hemisphere, in the words of the name."""
 
 
@@ -192,15 +192,18 @@ def utm_code(text: str) -> str:
     """Return the code of the grid that a text names, "EPSG:32631" of "UTM 31N"; empty if it names none."""
     if code := re.search(r"\bEPSG:(\d{4,5})\b", text):
         return code[0]
-    zones = [zone for zone in UTM.finditer(words_of(text)) if zone[2] and 0 < int(zone[1]) <= 60]
+    words = re.sub(r"(utm)_((?:nor|sou)th)_zone_(\d+)", r"\1_\3_\2", words_of(text))  # UTM North, Zone 26
+    zones = [zone for zone in UTM.finditer(words) if zone[2] and 0 < int(zone[1]) <= 60]
     return f"EPSG:32{6 if zones[0][2] == 'n' else 7}{int(zones[0][1]):02d}" if zones else ""
 
 
-def named_column(name: str, rules: Sequence[Rule] = RULES) -> NamedColumn | None:
-    """Return what a column holds, None if its name does not tell."""
+def named_column(
+    name: str, rules: Sequence[Rule] = RULES, others: Sequence[re.Pattern[str]] = (OTHER, SHIP)
+) -> NamedColumn | None:
+    """Return what a column holds, None if its name does not tell, or has words of ``others``."""
     unit = named_unit(name)
     words = WRAPPED.sub("", UTM.sub("", words_of(unit.label))).strip("_")
-    if any(other.search(part) for other in (OTHER, SHIP) for part in (words, words_of(name))):
+    if any(other.search(part) for other in others for part in (words, words_of(name))):
         return None
     for rule in rules:
         certain = unit.dimension == rule.dimension or (rule.alone and unit.dimension is None)

@@ -28,6 +28,7 @@ from usbldr.io.provenance import Convention, Provenance
 from usbldr.io.reader import Reader, TopicInfo
 from usbldr.io.reading.opening import OpenedLog, Request
 from usbldr.io.reading.role_records import read_roles
+from usbldr.io.reading.unread_positions import unread_positions
 from usbldr.io.settings.layout_files import LayoutEntry, LayoutFile
 from usbldr.io.settings.sensor_sections import Configuration, GpsSection
 
@@ -44,7 +45,9 @@ def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -
     taken = [one.sensor for one in columns]
     more, found = columns_of_layouts(opened.layouts, others, {**stated, **request.topics}, taken)
     roles = choose_roles(path, others, request.topics, stated, (*columns, *more))
-    return replace(roles, findings=(*found, *roles.findings))
+    left = {role for role, name in {**stated, **request.topics}.items() if name == "none"}
+    unread = unread_positions(others, {"usbl", "gps"} - roles.chosen.keys() - roles.unresolved.keys() - left)
+    return replace(roles, findings=(*found, *roles.findings, *unread))
 
 
 def plane_origin(configuration: Configuration, raws: Mapping[str, RawRecords]) -> Origin | None:

@@ -36,6 +36,8 @@ ANGLES: Mapping[str, tuple[float, float]] = {
     "heading_deg": (4 * np.pi, 400.0),
 }
 """Angles that are degrees if their sizes are between these: beyond radians of half a circle, or of two whole ones."""
+FULL_CIRCLE = 360.0  # fixed: degrees
+OF_MINUTES = re.compile("ddmm", re.IGNORECASE)  # a latitude of degrees and minutes
 STAMPS = ("header.stamp.sec", "header.stamp.secs")  # with the nanoseconds beside it, which are added to it
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
@@ -154,7 +156,7 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         found = {
             sensor: {key: same for key, same in columns.items() if key in ANGLES or not same[0].rule.dimension}
             for sensor, columns in found.items()
-            if _in_degrees(columns, cells) and (sensor != "compass" or not others)
+            if (_in_degrees(columns, cells) or _in_minutes(columns, cells)) and (sensor != "compass" or not others)
         }
         if not found:
             return {}
@@ -224,6 +226,13 @@ def _is_degrees(key: str, cell: str) -> bool:
     return is_number(cell) and least < abs(float(cell)) <= most
 
 
+def _in_minutes(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str]) -> bool:
+    """Return whether a place is named ddmm, and its latitude, beyond a full circle, cannot be degrees."""
+    names = [columns[key][0].name for key in ("lat_deg", "lon_deg") if key in columns]
+    places = [abs(float(cells[name])) for name in names if is_number(cells.get(name, "")) and OF_MINUTES.search(name)]
+    return len(places) == 2 and FULL_CIRCLE < places[0] <= 90_00 and places[1] <= 180_00
+
+
 def _in_degrees(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str]) -> bool:
     """Return whether angles whose names state no unit can, by the cells that show it, be nothing else than degrees.
 
@@ -238,7 +247,7 @@ def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str
     """Return why the columns of a sensor cannot be read, empty if they can; "45° 12.5' N" and sides state a unit."""
     for key, same in columns.items():
         by_cell = same[0].rule.dimension == "angle" and states_degrees(cells.get(same[0].name, ""))
-        by_value = key in ANGLES and (bool(sides) or _in_degrees(columns, cells))
+        by_value = key in ANGLES and (bool(sides) or _in_degrees(columns, cells) or _in_minutes(columns, cells))
         if not (same[0].known or by_cell or by_value):
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""
             return f"has a column {same[0].name} without a known unit ({units}); write it behind the name"

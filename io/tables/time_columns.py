@@ -11,6 +11,7 @@ from typing import NamedTuple
 from usbldr.io.gps_time import WEEK_S
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.messages.field_names import RULES, TIME_OF_WEEK, NamedColumn, words_of
+from usbldr.io.reader import TopicInfo
 from usbldr.io.tables.cf_times import clock_of
 from usbldr.io.tables.text_table import MAX_CHARACTERS
 from usbldr.io.tables.unnamed_columns import is_number
@@ -18,6 +19,7 @@ from usbldr.io.units import NamedUnit, named_unit, unit_of
 
 SECOND_NS = 1_000_000_000  # fixed: nanoseconds
 SINCE_NS, UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9  # fixed: the years 2000 and 2100, in ns since 1970
+OWN_CLOCK_S = 1e6  # [s] since power-on, of a column without a unit: eleven days; a larger number may count milliseconds
 DAY_DECIMALS = 5  # of a day: a second; seconds of a log's own clock have fewer, in general
 NAME_THEM = "name its columns with the key columns of a sensor's section"
 IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
@@ -147,3 +149,34 @@ def keys_since_1970(cell: str) -> list[str]:
     keys = [key for key in keys if key != "time_ntp"]  # four years before LabVIEW's: only a name tells
     times_ns = {key: (value - AT_1970.get(key, 0)) * TIME_UNITS_NS[key] for key in keys}
     return sorted((key for key in keys if SINCE_NS <= times_ns[key] < UNTIL_NS), key=times_ns.__getitem__)
+
+
+def time_key(topic: TopicInfo, column: NamedColumn | None) -> str | None:
+    """Return the key of ``columns`` for the time of a table by its unit and first value, None if they do not tell."""
+    cell = dict(topic.first_row).get(column.name, "") if column else ""
+    if column is None or ISO.fullmatch(cell) or not is_number(cell):
+        return "time_unix_s" if ISO.fullmatch(cell) else None
+    if _counts_us(column, cell):
+        return "time_unix_us"
+    if of_gps(column, cell):
+        return None
+    if epoch := named_epoch(column, cell):
+        return epoch
+    units = {key for key, ns in TIME_UNITS_NS.items() if not column.known or ns == column.factor}
+    longest_s = SINCE_NS / 1e9 if column.known else OWN_CLOCK_S
+    own_clock = "time_s" if "time_s" in units and abs(float(cell)) < longest_s else None
+    return next((key for key in keys_since_1970(cell) if key in units), own_clock)
+
+
+def time_of(topic: TopicInfo) -> tuple[str, str]:
+    """Return the key of ``columns`` and the column of a table's time by its first row, whatever the columns' names."""
+    for name, cell in topic.first_row:
+        column = NamedColumn(name, RULES[0], NamedUnit(name))
+        if (ISO.fullmatch(cell) or keys_since_1970(cell)) and (key := time_key(topic, column)):
+            return key, name
+    return "time_unix_s", "?"
+
+
+def _counts_us(column: NamedColumn, cell: str) -> bool:
+    """Return whether a time counts microseconds since power-on, as PX4 does: a whole number too large for seconds."""
+    return words_of(column.name) == "timestamp" and cell.isdigit() and OWN_CLOCK_S <= int(cell) < SINCE_NS / 1e6

@@ -193,7 +193,11 @@ UNDERSTOOD = {  # what is understood: file, text, columns
                    "1.5,0.25,30.5", AHEAD),
     "Bredde and Lengde": ("x", "HiPAP Bredde,HiPAP Lengde\n45,-30", {"usbl.east_m": [0]}),
     **{brand: ("x", f"{brand} Latitude (deg),{brand} Longitude (deg)\n45,-30", {"usbl.east_m": [0]})
-       for brand in ("HiPAP", "muPAP", "GAPS", "SeaTrac", "EvoLogics", "S2C", "TrackLink", "EasyTrak", "ScoutPro", "BAC")},
+       for brand in ("HiPAP", "muPAP", "GAPS", "SeaTrac", "EvoLogics", "S2C", "TrackLink", "EasyTrak", "BAC")},
+    "degrees and minutes with signs": ("gps", "gps_lat_ddmm,gps_lon_dddmm\n-4530.000,-3015.000\n-4460.000,-3000.000",
+                                       {"gps.lat_deg": pytest.approx([-45.5, -45]), "gps.lon_deg": [-30.25, -30]}),
+    "a grid behind the unit": ("x", 'USBL Easting (m) UTM26N,USBL Northing (m) UTM26N\n263553.9,4987329.5',
+                               {"usbl.east_m": [263553.9]}),
     "bottom track": ("dive", "Forward (m/s),Starboard (m/s),Bottom Track,Heading [deg]\n1,0,lost,9\n1,0,locked,9",
                      {"dvl.valid": [False, True]}),
     "German degrees": ("dive", "Vorwärts [m/s],Rechts [m/s],Steuerkurs (Grad)\n1.5,0.25,30.5", AHEAD),
@@ -288,6 +292,19 @@ def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_pat
 
     assert list(log.tables["dvl"]["valid"]) == [True, False]
     assert log.convention("compass", "sd_deg").value == 0.7
+
+
+@pytest.mark.parametrize(("name", "level"), [("Foo", "error"), ("Vessel GPS", "warning"), ("EKF", ""), ("Foo_m", "")])
+def test_a_position_that_no_sensor_uses_is_named(tmp_path: Path, name: str, level: str) -> None:
+    text = timed(
+        f"Heading (deg),{name} Lat [deg],{name} Lon [deg]\n30,45,-30\n31,45,-30".replace("_m Lat [deg]", " Width")
+    )
+    usbl = {"usbl": f"time_ns,east_m,north_m\n{T0},1,2\n"} if "GPS" in name else {}
+
+    found = [one for one in logged_csv(tmp_path, "", dive=text, **usbl).findings if one.code == "TOPIC-UNREAD"]
+
+    assert [one.level if one.lost_data else "warning" for one in found] == [level] * bool(level)
+    assert all(f'lat_deg = "{name} Lat [deg]", lon_deg = "{name} Lon [deg]" }};' in one.text for one in found)
 
 
 @pytest.mark.parametrize("name", ["Beacon", "BeaconID", "Target", "transponder_no"])
