@@ -95,11 +95,15 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
             if DOUBLE.search(text):
                 return float(DOUBLE.sub("e", text))
             if (unit := unit_of(text))[2:] == own:
-                return float(unit.label)
+                return float(unit.label) * factor
             return stated_degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
 
     column = named_column(name)
-    own = (column.rule.dimension, 1.0) if column and column.unit.factor == 1 else ()  # "1.5 m/s" as Grafana writes it
+    unit = unit_of(next(filter(None, texts), "")) if column and not column.unit.unit else None  # "995.6 mm/s"
+    factor = unit.factor if unit and column and unit.dimension == column.rule.dimension else 1.0
+    own = (
+        (column.rule.dimension, factor) if column and column.unit.factor == 1 else ()
+    )  # "1.5 m/s" as Grafana writes it
     sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number
 
     return _parsed(texts, name, number, float("nan"), "a number")

@@ -24,7 +24,7 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
 from usbldr.io.tables.time_columns import SECOND_NS, TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
-from usbldr.io.units import spellings, states_degrees
+from usbldr.io.units import spellings, states_degrees, unit_of
 
 PROPOSED = "name them with the key columns of the sensor's section in usbldr.toml; usbldr init writes a draft"
 NO_HEADER = f"has no header: its first line holds values, so its columns are 1, 2, ...; {PROPOSED}"
@@ -246,7 +246,9 @@ def _in_degrees(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str
 def _fault(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str], sides: Mapping[str, str]) -> str:
     """Return why the columns of a sensor cannot be read, empty if they can; "45° 12.5' N" and sides state a unit."""
     for key, same in columns.items():
-        by_cell = same[0].rule.dimension == "angle" and states_degrees(cells.get(same[0].name, ""))
+        cell, dimension = cells.get(same[0].name, ""), same[0].rule.dimension
+        by_cell = dimension == "angle" and states_degrees(cell)
+        by_cell |= not same[0].unit.unit and dimension is not None and unit_of(cell).dimension == dimension
         by_value = key in ANGLES and (bool(sides) or _in_degrees(columns, cells) or _in_minutes(columns, cells))
         if not (same[0].known or by_cell or by_value):
             units = spellings(same[0].rule.dimension) if same[0].rule.dimension else ""

@@ -198,6 +198,7 @@ UNDERSTOOD = {  # what is understood: file, text, columns
                                        {"gps.lat_deg": pytest.approx([-45.5, -45]), "gps.lon_deg": [-30.25, -30]}),
     "a grid behind the unit": ("x", 'USBL Easting (m) UTM26N,USBL Northing (m) UTM26N\n263553.9,4987329.5',
                                {"usbl.east_m": [263553.9]}),
+    "units in cells": ("dive", "Forward,Starboard,Heading (deg)\n1500 mm/s,250 mm/s,30.5", AHEAD),
     "bottom track": ("dive", "Forward (m/s),Starboard (m/s),Bottom Track,Heading [deg]\n1,0,lost,9\n1,0,locked,9",
                      {"dvl.valid": [False, True]}),
     "German degrees": ("dive", "Vorwärts [m/s],Rechts [m/s],Steuerkurs (Grad)\n1.5,0.25,30.5", AHEAD),
