@@ -22,8 +22,23 @@ Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"
 
 BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
 GOOD = ("y", "yes", "true", "a", "active", "ok", "good", "valid", "lock", "locked", "fix", "rtk fixed", "rtk float")
-BAD = ("n", "no", "false", "v", "void", "bad", "invalid", "fail", "failed", "error", "lost", "unlocked", "none")
-BAD += ("no fix", "nofix", "no_fix", "no gps", "no lock", "no_lock", "not locked", "no bottom", "no bottom lock")
+NO_FIX = ("no fix", "nofix", "no_fix", "no gps", "no lock", "no_lock", "not locked", "no bottom", "no bottom lock")
+BAD = (
+    "n",
+    "no",
+    "false",
+    "v",
+    "void",
+    "bad",
+    "invalid",
+    "fail",
+    "failed",
+    "error",
+    "lost",
+    "unlocked",
+    "none",
+    *NO_FIX,
+)
 FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}
 SAME_SECOND_NS = 1_000_000_000  # [ns] by judgement: lines without times are logged as near those with a time
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
