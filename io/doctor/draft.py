@@ -113,8 +113,9 @@ def _draft(path: Path, request: Request) -> Draft:
     absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""
     absent += "; without it, only --filter usbl works" if missing and "usbl" in present else ""
     unread |= dict.fromkeys(missing, absent)
-    if "dvl" in missing and (earth := next(filter(None, (earth_velocities(topic.unused) for topic in topics)), [])):
-        unread["dvl"] = f"{absent}; {', '.join(earth)} are {ALONG_EARTH}"
+    earth = [names for topic in topics if (names := earth_velocities(topic.unused))]
+    if "dvl" in missing and earth:
+        unread["dvl"] = f"{absent}; {', '.join(earth[0])} are {ALONG_EARTH}"
     unread = {role: why.replace(f"; {PROPOSED}", "") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})

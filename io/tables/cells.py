@@ -1,5 +1,6 @@
 """The cells of a column as integer nanoseconds, numbers or angles, and the rows whose cells are none."""
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
@@ -87,7 +88,7 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
 
     def number(text: str) -> float:
         try:
-            return float("nan" if NO_VALUE.fullmatch(text) else WORDS.get(text.lower(), text))
+            value = float("nan" if NO_VALUE.fullmatch(text) else WORDS.get(text.lower(), text))
         except ValueError:
             if THOUSANDS.fullmatch(text):
                 whole, _, decimals = text.replace(",", ".").rpartition(".")
@@ -97,13 +98,14 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
             if (unit := unit_of(text))[2:] == own:
                 return float(unit.label) * factor
             return stated_degrees(text[:-1] + " E" if sided and text[-1:] in "Ee" else text)
+        if factor != 1 and not math.isnan(value):
+            raise ValueError  # other cells state their unit, and this one may have another
+        return value
 
     column = named_column(name)
     unit = unit_of(next(filter(None, texts), "")) if column and not column.unit.unit else None  # "995.6 mm/s"
     factor = unit.factor if unit and column and unit.dimension == column.rule.dimension else 1.0
-    own = (
-        (column.rule.dimension, factor) if column and column.unit.factor == 1 else ()
-    )  # "1.5 m/s" as Grafana writes it
+    own = (column.rule.dimension, factor) if column and column.unit.factor == 1 else ()  # "1.5 m/s", as of Grafana
     sided = len(texts) > 1 and all(text[-1:].upper() in ("", "E", "W") for text in texts)  # "5E" is else half a number
 
     return _parsed(texts, name, number, float("nan"), "a number")

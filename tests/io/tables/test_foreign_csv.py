@@ -491,6 +491,10 @@ NO_VALUES = (
 )
 
 
+def test_a_cell_without_a_unit_beside_cells_with_one_is_no_number() -> None:
+    assert list(numbers(["1500 mm/s", "250"], "Forward").faults) == [1]
+
+
 @pytest.mark.parametrize("word", NO_VALUES)
 def test_words_for_no_value_are_none(word: str) -> None:
     read = numbers(["1.5", word], "x")
