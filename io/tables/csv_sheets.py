@@ -18,7 +18,16 @@ import numpy as np
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
-from usbldr.io.messages.field_names import DIRECTION, KEYS, RULES, NamedColumn, named_column, sensors_by_name
+from usbldr.io.messages.field_names import (
+    DIRECTION,
+    KEYS,
+    RULES,
+    SHIP,
+    NamedColumn,
+    named_column,
+    sensors_by_name,
+    words_of,
+)
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
@@ -136,7 +145,8 @@ def _sensor(stem: str, header: set[str]) -> str | None:
     if name in OWN_COLUMNS:
         return name
     fitting = [s for s, kind in OWN_COLUMNS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
-    named = [sensor for sensor in fitting if sensor in name] or fitting
+    of_ship = ["gps"] if "gps" in fitting and SHIP.search(words_of(name)) else []
+    named = [sensor for sensor in fitting if sensor in name] or of_ship or fitting
     return named[0] if len(named) == 1 else None
 
 

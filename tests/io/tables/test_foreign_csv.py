@@ -19,6 +19,7 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.messages.field_names import sensors_by_name
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cells import numbers
+from usbldr.io.tables.csv_sheets import sheet_of
 from usbldr.io.tables.csv_text import read_texts
 from usbldr.io.tables.date_times import with_iso_times
 from usbldr.io.units import named_unit
@@ -489,6 +490,12 @@ NO_VALUES = (
     *("NA", "n/a", "#N/A", "null", "None", "-", "---", "", "#NV", "#DIV/0!", "-nan(ind)", "-nan", "1.#QNAN", "-1.#IND"),
     *("<NA>", "NaT", "(null)", "?", "***", "no data", "invalid"),
 )
+
+
+def test_a_table_of_a_ship_is_one_of_its_receiver() -> None:
+    ship, other = (sheet_of(stem, ["time_ns", "lat_deg", "lon_deg"]) for stem in ("ship", "b"))
+    assert ship
+    assert (ship.type, other) == ("usbldr/gps", None)
 
 
 def test_a_cell_without_a_unit_beside_cells_with_one_is_no_number() -> None:
