@@ -5,9 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from numpy.lib.stride_tricks import sliding_window_view
 
 from usbldr.filters.types import Indices, Truth, Vector
 from usbldr.io.conventions import positions
+from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2
 from usbldr.io.conventions.spikes import SPIKE_RATIO
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
@@ -17,6 +19,8 @@ from usbldr.io.provenance import Provenance
 
 ON_THE_PLANE = (("cov_xx", "cov_xy", "cov_yy"), ("cov_ee_m2", "cov_en_m2", "cov_nn_m2"))
 VARIANCES = ("variance", "variance_deg2", "variance_rad2", "covariance", "cov_xx", "cov_yy", "cov_ee_m2", "cov_nn_m2")
+LEAST_JUMP_M = 5.0  # [m] of a truth: corrections of a receiver are smaller, and do little harm
+BESIDE = 3  # [rows] of a truth before and after one: their median endures single rows that lie off
 UNKNOWN_VARIANCE = -1.0  # fixed: by the conventions of ROS
 MAX_SEPARATION_M = 50_000.0  # no dive goes so far, and the plane is not accurate beyond
 
@@ -35,17 +39,23 @@ def truth_overlap_findings(truth: Truth, tables: Mapping[str, pd.DataFrame], sta
 
 
 def truth_jump_findings(truth: Truth | None) -> list[Finding]:
-    """Report rows of a truth between which it moves faster than any vehicle, and further than it usually scatters.
+    """Report rows of a truth between which its velocity changes more than any vehicle's, and than it usually scatters.
 
-    Rows that repeat the position before them are no evidence of when the vehicle was there.
+    The usual velocity is the running median. Rows that repeat the position before them are no evidence of when the
+    vehicle was there.
     """
     if truth is None or len(truth.time_s) < 2:
         return []
     new = np.insert(np.any(np.diff(truth.position_m, axis=0) != 0, axis=1), 0, True)
-    t, step_m = truth.time_s[new], np.linalg.norm(np.diff(truth.position_m[new], axis=0), axis=1)
+    t, moved_m = truth.time_s[new], np.diff(truth.position_m[new], axis=0)
+    dt_s, step_m = np.maximum(np.diff(t), 1e-3), np.linalg.norm(moved_m, axis=1)  # two rows may have one time
     jump = np.zeros(len(t) + 1, dtype=np.bool_)  # to each row from the one before it; none at the ends
     if len(step_m):
-        jump[1:-1] = step_m > MAX_SPEED_MPS * np.diff(t) + SPIKE_RATIO * np.median(step_m)
+        around = np.pad(moved_m / dt_s[:, None], ((BESIDE, BESIDE), (0, 0)), mode="edge")
+        usual_mps = np.median(sliding_window_view(around, 2 * BESIDE + 1, axis=0), axis=2)
+        off_m = np.linalg.norm(moved_m - usual_mps * dt_s[:, None], axis=1)
+        reached_m = np.minimum(MAX_ACCELERATION_MPS2 * dt_s, MAX_SPEED_MPS) * dt_s
+        jump[1:-1] = off_m > np.maximum(reached_m + SPIKE_RATIO * np.median(off_m), LEAST_JUMP_M)
     single = np.flatnonzero(jump[:-1] & jump[1:])
     stays = np.setdiff1d(np.flatnonzero(jump), [*single, *(single + 1)])
     if not jump.any():
@@ -59,7 +69,7 @@ def truth_jump_findings(truth: Truth | None) -> list[Finding]:
         worst = single[np.argmax(step_m[single - 1])]
         off = f"{len(single)} single truth row{'s lie' if len(single) > 1 else ' lies'} off both neighbours"
         parts.append(f"{off}, at most by {step_m[worst - 1]:.0f} m at {t[worst]:.1f} s")
-    text = f"{truth.source}: {' and '.join(parts)}, faster than any vehicle ({MAX_SPEED_MPS:g} m/s)"
+    text = f"{truth.source}: {' and '.join(parts)}, as no vehicle moves"
     far_m, row = max((float(step_m[k - 1]), int(k)) for k in np.flatnonzero(jump))
     return [Finding("TRUTH-JUMP", f"{text}: {_without(t, stays)}", truth.source, float(t[row]), far_m, "m")]
 

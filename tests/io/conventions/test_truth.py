@@ -285,17 +285,19 @@ def moved(*jumps: tuple[slice | list[int], float]) -> Array:
 @pytest.mark.parametrize(
     ("position_m", "text"),
     [
-        (moved((slice(2), 61.0)), "the truth jumps by 61 m between 1.0 and 2.0 s, faster than any vehicle (20 m/s): "
+        (moved((slice(2), 61.0)), "the truth jumps by 61 m between 1.0 and 2.0 s, as no vehicle moves: "
          "score what follows with --start 2"),
-        (moved((slice(50, None), 61.0)), "the truth jumps by 61 m between 49.0 and 50.0 s, faster than any vehicle "
-         "(20 m/s): score what comes before with --end 49"),
+        (moved((slice(50, None), 61.0)), "the truth jumps by 61 m between 49.0 and 50.0 s, as no vehicle "
+         "moves: score what comes before with --end 49"),
+        (moved((slice(50, None), 9.0)), "the truth jumps by 9 m between 49.0 and 50.0 s, as no vehicle "
+         "moves: score what comes before with --end 49"),
         (moved(([20, 45], 61.0), ([40], 100.0)), "3 single truth rows lie off both neighbours, at most by 100 m at "
-         "40.0 s, faster than any vehicle (20 m/s): errors near there are the truth's; leave these rows out of it"),
+         "40.0 s, as no vehicle moves: errors near there are the truth's; leave these rows out of it"),
         (moved((slice(20, 50), 200.0), ([10], 100.0)), "the truth jumps 2 times, at most by 200 m between 19.0 and "
-         "20.0 s and 1 single truth row lies off both neighbours, at most by 100 m at 10.0 s, faster than any vehicle "
-         "(20 m/s): errors near there are the truth's; leave these rows out of it"),
+         "20.0 s and 1 single truth row lies off both neighbours, at most by 100 m at 10.0 s, as no vehicle "
+         "moves: errors near there are the truth's; leave these rows out of it"),
     ],
-    ids=["a jump at first", "a jump at last", "outliers", "jumps and an outlier"],
+    ids=["a jump at first", "a jump at last", "a small jump", "outliers", "jumps and an outlier"],
 )  # fmt: skip
 def test_jumps_and_outliers_are_one_finding_that_says_what_to_do(position_m: Array, text: str) -> None:
     assert said(position_m) == [f"slam.txt: {text}"]
