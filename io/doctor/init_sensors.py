@@ -67,10 +67,10 @@ def _clock(found: Identification | None, key: str, name: str, stated_s: float) -
 def _mount(log: Log, result: InterpretationResult | None, found: Identification | None) -> ConfigLine:
     if result is None or not result.heading_sense_known:
         return "mount_deg = 0.0", "not observable"
-    offset_deg, sd_deg, significant = heading_offset(result, found)
+    apart = _names_differ(log, result)
+    offset_deg, sd_deg, significant = heading_offset(result, None if apart else found)  # of the log as its names say
     if significant:
         why = f"CHECK: fitted to the fixes, ±{max(sd_deg, 0.1):.1f}; or a heading bias (bias_deg)"
-        apart = _names_differ(log, result)
         why += "; only with the axes, convention and frame that fit the fixes better" * apart
         return f"{'# ' * apart}mount_deg = {wrapped(offset_deg, 180.0):.1f}", why
     return (
