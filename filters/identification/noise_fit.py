@@ -118,9 +118,9 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
     """Return the parameters that explain the fixes best, given the sensor errors of the member.
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
-    dead reckoning grows or stays. Before it grows, what scatters is tried as an error of the fixes alone: a slow one,
-    or one that lasts for seconds, as the roll of a ship gives it. If dead reckoning is at fault, a slow error of the
-    fixes cannot be distinguished from it, and remains as given.
+    dead reckoning grows or stays. Before it grows, what scatters is tried as an error of the fixes that lasts for
+    seconds, as the roll of a ship gives it. If dead reckoning is at fault, a slow error of the fixes cannot be
+    distinguished from it, and remains as given.
     """
 
     def searched(about: Parameters, among: Sequence[TunableParameter], start: Parameters) -> _Found:
@@ -135,8 +135,7 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
     found = searched(given, USBL, member.parameters)
     if found.parameters.process.position_m > given.process.position_m:
         waves = replace(given, errors=replace(given.errors, usbl_bias_s=WAVES_S))
-        of_fixes = [searched(about, still, about) for about in (given, waves)]
-        found = max(found, *of_fixes, key=lambda one: one.value)
+        found = max(found, searched(waves, still, waves), key=lambda one: one.value)
     if found.parameters.process.position_m > CONTRADICTED * given.process.position_m:
         found = searched(given, [one for one in USBL if one.name not in CORRELATED], given)
     return _grown(given, found.parameters, [one for one in USBL if one.name in GROWING])

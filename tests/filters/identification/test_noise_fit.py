@@ -217,21 +217,6 @@ def test_gross_errors_are_found_with_their_share_and_size(share: float, sd_m: fl
     assert found.sd == pytest.approx(sd_m, rel=0.25)
 
 
-def test_a_slow_error_of_the_fixes_is_mostly_no_walk_of_dead_reckoning() -> None:
-    """Of 3 m and 150 s: in 20 minutes it has eight values, which a random walk may have by chance."""
-    found: list[Parameters] = []
-    for seed in range(8):
-        line, rng = weaving_dive(Faults(), seed=seed, seconds=1200), np.random.default_rng(seed)
-        slow_m = [rng.normal(0.0, 3.0, 2)]
-        for kept in np.exp(-np.diff(line.fix_time_s) / 150.0):
-            slow_m.append(kept * slow_m[-1] + 3.0 * np.sqrt(1 - kept**2) * rng.normal(size=2))
-        found.append(usbl_noise(replace(line, fix_m=line.fix_m + slow_m), replace(PLAIN, usbl=Contamination())))
-
-    assert sum(one.process.position_m == STATED.position_m for one in found) >= 5
-    assert np.median([one.errors.usbl_bias_m for one in found]) == pytest.approx(3.0, rel=0.3)
-    assert np.median([one.errors.usbl_bias_s for one in found]) == pytest.approx(150.0, rel=0.4)
-
-
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
     stated = Contamination()
     found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), replace(PLAIN, usbl=stated))
