@@ -152,22 +152,29 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
         return None
 
 
-def _rivals(log: Log, result: InterpretationResult, found: Identification) -> list[Interpretation]:
-    """Return the interpretations of which the evidence decides: what the residual of a rotation alone does not settle.
+def _rivals(
+    log: Log, result: InterpretationResult, by: Interpretation, found: Identification
+) -> list[Interpretation]:
+    """Return the interpretations beside one that is identified, of which the evidence decides; none of its mirror class.
 
-    Sensor errors may bend dead reckoning, and a convention that is only the default may be another.
+    Sensor errors may bend dead reckoning, and a convention that is only the default may be another. What leaves too
+    much has another cause.
     """
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
     by_default = {
         (role, key) for role, key, _ in result.best.conventions if log.convention(role, key).chosen_by == "default"
     }
-    read = dict.fromkeys([result.best.flips, result.as_read.flips])
-    rivals = [
+    read, residuals_m = {result.best.flips, result.as_read.flips}, (by.residual_m, result.best.residual_m)
+    most_m = THRESHOLDS.max_rival_residual * min(residuals_m)
+    possible = [
         one
-        for one in {one.flips: one for one in (*result.plausible, result.best, result.as_read)}.values()
-        if bent or one.flips in read or by_default.issuperset(_differing(one, result.as_read))
+        for one in (*result.plausible, result.best, result.as_read)
+        if one.residual_m < most_m
+        and (bent or one.flips in read or by_default.issuperset(_differing(one, result.as_read)))
     ]
-    return rivals if found.evidence else []
+    by_class = {one.mirror_class: one for one in sorted(possible, key=lambda one: -sum(one.flips))}
+    by_class.pop(by.mirror_class, None)
+    return list(by_class.values()) if found.evidence and max(residuals_m) < most_m else []
 
 
 def _differing(one: Interpretation, other: Interpretation) -> set[tuple[str, str]]:
@@ -182,11 +189,10 @@ def _by_evidence(
     ``found`` is the identification by one of them, ``by``.
     """
     tried = [(found.log_evidence, by, found)]
-    for one in _rivals(log, result, found):
-        by_one = replace(result, best=one)
-        other = _identified(log, flipped(log, timeline, one.flips), by_one) if one.flips != by.flips else None
+    for one in _rivals(log, result, by, found):
+        other = _identified(log, flipped(log, timeline, one.flips), replace(result, best=one))
         tried += [(other.log_evidence, one, other)] if other else []
-    most, best, found_there = min(tried, key=lambda each: (-round(each[0], 1), sum(each[1].flips)))  # of mirror images
+    most, best, found_there = max(tried, key=lambda each: each[0])
     log_odds = most - max((odds for odds, one, _ in tried if one.mirror_class != best.mirror_class), default=most)
     if log_odds <= math.log(STRONG_ODDS) or (best.flips == result.best.flips and result.observable):
         return result, next(

@@ -10,6 +10,7 @@ class Thresholds:
     # Axes, heading sense and map frame, by what is left between dead reckoning and fixes
     clearly_better_ratio: float = 0.8  # of the RMS residual: less is left by an interpretation that replaces another
     fitting_sigmas: float = 5.0  # of a fix's white noise: if the best leaves more, gross_residual_ratio decides
+    max_rival_residual: float = 10.0  # [-] of the best one's: no sensor error bends a track so far from its fixes
     min_gps_spread_m: float = 3.0  # GPS that moves less is no evidence of the map's handedness
     gps_mirror_ratio: float = 0.5  # of two distances of the track from GPS: one must be this much smaller to decide
     min_gravity_mps2: float = 5.0  # [m/s^2] half of gravity: less along z is a tilted or broken accelerometer
