@@ -18,7 +18,7 @@ typedef struct {
 /* A history with a fix that it takes for one of the DECISIONS. */
 typedef struct {
     Past past;
-    double value[2], cov[3], cross[MAX_STATES][2];  /* innovation, its covariance without noise, that with the states */
+    double value[2], cov[3], cross[2][MAX_STATES];  /* innovation, its covariance without noise, that with the states */
     double share[MAX_MODES], inverse[MAX_MODES][3], of_fix; /* of each mode in the likelihood; its log */
     double added_m2; /* to the variances of the position (CORRECT) or the offset (BEGINS) */
     int parent, decision, order;
@@ -83,18 +83,18 @@ static void weigh(const Search *s, const SearchArrays *a, int f, Candidate *c) {
 /* What a history may take fix f for: DECISIONS candidates. */
 static void branch(const Search *s, const SearchArrays *a, int f, int parent, const Past *past, const double *mean,
                    double *cov, Candidate *of) {
-    int n = s->n, offset = n - 4;
+    int n = s->n, offset = n - 4, used = past->in_run ? n : offset; /* the others are 0 */
     const double *H = a->H + (size_t)f * 2 * n, *kind = a->kinds + 3 * past->kind;
-    double e[2], S[3] = {0}, shared[2][2] = {{0}}, inverse[3], dt_s = a->changes[3 * f], cross[MAX_STATES][2] = {{0}};
+    double e[2], S[3] = {0}, shared[2][2] = {{0}}, inverse[3], dt_s = a->changes[3 * f], cross[2][MAX_STATES] = {{0}};
     for (int k = 0; k < 2; k++) {
         e[k] = a->residual[2 * f + k];
-        for (int i = 0; i < n; i++) e[k] -= H[k * n + i] * mean[i];
-        for (int i = 0; i < n; i++)
-            for (int j = 0; j < n; j++) cross[j][k] += row_of(cov, n, i)[j] * H[k * n + i];
+        for (int i = 0; i < offset; i++) e[k] -= H[k * n + i] * mean[i]; /* H of a run's states is 0 */
+        for (int i = 0; i < offset; i++)
+            for (int j = 0; j < used; j++) cross[k][j] += row_of(cov, n, i)[j] * H[k * n + i];
     }
-    for (int i = 0; i < n; i++) {
-        S[0] += H[i] * cross[i][0], S[1] += H[i] * cross[i][1], S[2] += H[n + i] * cross[i][1];
-        for (int k = 0; k < 2; k++)
+    for (int i = 0; i < offset; i++) {
+        S[0] += H[i] * cross[0][i], S[1] += H[i] * cross[1][i], S[2] += H[n + i] * cross[1][i];
+        for (int k = 0; k < 2 && past->in_run; k++)
             for (int l = 0; l < 2; l++) shared[k][l] += H[k * n + i] * row_of(cov, n, i)[offset + l];
     }
     inverted(S, a->R + 4 * (size_t)f, inverse);
@@ -116,13 +116,13 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
         c->value[0] = e[0], c->value[1] = e[1];
         c->cov[0] = S[0] + added, c->cov[1] = S[1], c->cov[2] = S[2] + added;
         if (d != CONTINUES)
-            for (int i = offset; i < n; i++) c->cross[i][0] = c->cross[i][1] = 0.0;
+            for (int i = offset; i < n; i++) c->cross[0][i] = c->cross[1][i] = 0.0;
         for (int k = 0; k < 2; k++) {
             if (d == CORRECT) c->cross[k][k] += apart_m2;
-            if (d == BEGINS) c->cross[offset + k][k] = begun_m2;
+            if (d == BEGINS) c->cross[k][offset + k] = begun_m2;
             if (d != CONTINUES) continue;
             c->value[k] -= mean[offset + k];
-            for (int i = 0; i < n; i++) c->cross[i][k] += row_of(cov, n, i)[offset + k];
+            for (int i = 0; i < n; i++) c->cross[k][i] += row_of(cov, n, i)[offset + k];
         }
         if (d == CONTINUES) {
             const double *x = row_of(cov, n, offset) + offset, *y = row_of(cov, n, offset + 1) + offset;
@@ -197,6 +197,7 @@ static int choose(const Search *s, Candidate **list, int count) {
 /* Mean and covariance of the parent, corrected by the fix: the moments of the modes' mixture. */
 static void correct(const Search *s, const Candidate *c, double *mean, double *cov) {
     int n = s->n, offset = n - 4, rate = n - 2, first = c->decision == CORRECT ? 0 : offset;
+    int used = c->decision == CORRECT ? offset : n;
     double g[2] = {0}, G[3] = {0};
     if (c->decision != CONTINUES) {
         for (int i = offset; i < n; i++)
@@ -213,10 +214,11 @@ static void correct(const Search *s, const Candidate *c, double *mean, double *c
         G[0] += p * (w[0] * w[0] - M[0]), G[1] += p * (w[0] * w[1] - M[1]), G[2] += p * (w[1] * w[1] - M[2]);
     }
     G[0] -= g[0] * g[0], G[1] -= g[0] * g[1], G[2] -= g[1] * g[1];
-    for (int i = 0; i < n; i++) {
-        const double *C = c->cross[i], left[2] = {C[0] * G[0] + C[1] * G[1], C[0] * G[1] + C[1] * G[2]};
-        mean[i] += C[0] * g[0] + C[1] * g[1];
-        for (int j = 0; j < n; j++) row_of(cov, n, i)[j] += left[0] * c->cross[j][0] + left[1] * c->cross[j][1];
+    for (int i = 0; i < used; i++) {
+        const double *x = c->cross[0], *y = c->cross[1], left[2] = {x[i] * G[0] + y[i] * G[1], x[i] * G[1] + y[i] * G[2]};
+        double *row = row_of(cov, n, i);
+        mean[i] += x[i] * g[0] + y[i] * g[1];
+        for (int j = 0; j < used; j++) row[j] += left[0] * x[j] + left[1] * y[j];
     }
 }
 
