@@ -19,6 +19,7 @@ from damaged_formats import FORMATS
 from recordings import FIX, SECOND, T0, short_dive, write_mcap
 from usbldr.filters.errors import MAX_SENTENCE, LogError
 from usbldr.io.decoding.collected import read_whole
+from usbldr.io.doctor import cross_check
 from usbldr.io.findings import Finding
 from usbldr.io.recordings.mcap_log import McapLog
 from usbldr_cli import main as program
@@ -62,8 +63,9 @@ def test_names_show_as_they_are_and_do_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_no_text_of_any_format_reaches_the_terminal_as_it_is(form: str) -> None:
+def test_no_text_of_any_format_reaches_the_terminal_as_it_is(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of the names of topics and fields is overwritten, also where a checksum or a length no longer fits."""
+    monkeypatch.setattr(cross_check, "_identified", lambda *_: None)  # takes a second, and names the same topics
     with recorded(form) as (file, path, whole, _):
         for topic, fields in FORMATS[form].wanted.items():
             for name in {*re.split(r"[/.\[\]]", topic), *fields[-1].split(".")} - {""}:
