@@ -225,7 +225,7 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
     if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
         return moving
-    if identification is not None:
+    if identification is not None and result.best != result.as_read:  # else only doctor asks, as it takes time
         result, _ = _by_evidence(log, corrected, result, result.as_read, identification)
     asked = result.best == result.as_read
     found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
