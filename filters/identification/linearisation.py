@@ -22,6 +22,7 @@ from usbldr.filters.replay.dead_reckoning import (
     displacement_m,
     drift_rates,
     freed,
+    until,
     velocity_mps,
 )
 from usbldr.filters.types import Array, Mask, Timeline, Vector
@@ -32,6 +33,9 @@ Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
 LEVER, HEAD, RANGE = "dvl-lever", "usbl-heading", "usbl-range"
 DVL_CLOCK, COMPASS_CLOCK = "dvl-clock", "compass-clock"
 STEEP = 1 / 3  # [-] horizontal by vertical distance, below which that derivative is not linear within metres
+CLOCKS = ("dvl_clock", "compass_clock")
+DRIFTS = (*STATES["scale"], *STATES["heading"], *STATES["deviation"], *STATES["current"])  # that move dead reckoning
+MARGIN_S = 5.0  # of epochs behind the last fix, beyond what clocks and their steps need
 CLOCK_STEPS_S = 0.5, -0.5  # of the central difference of the displacement by a clock
 KEYS: Mapping[str, tuple[str, ...]] = {
     "scale": STATES["scale"],
@@ -114,17 +118,21 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
     """
     states = PASS_STATES
     about = dict(zip(STEPS, point, strict=True))
+    latest_s = float(timeline.fix_time_s[:fixes].max(initial=0.0)) - min(about["usbl_latency"], 0.0)
+    timeline = until(timeline, latest_s + MARGIN_S + sum(abs(about[clock]) for clock in CLOCKS))
     line, latency_s = freed(timeline, about), about["usbl_latency"]
     gps = np.zeros(len(line.fix_time_s[:fixes]), dtype=np.bool_) if line.fix_is_gps is None else line.fix_is_gps[:fixes]
     valid_s = np.where(gps, timeline.fix_time_s[:fixes], line.fix_time_s[:fixes])
-    drift = dict(zip(states, (integrated(line.time_s, rate) for rate in drift_rates(line, states)), strict=True))
-    for clock in ("dvl_clock", "compass_clock"):
+    rates = zip(DRIFTS, drift_rates(line, DRIFTS), strict=True)
+    drift = {state: integrated(line.time_s, rate) for state, rate in rates}
+    for clock in CLOCKS:
         late, early = (displacement_m(freed(timeline, about | {clock: about[clock] + step})) for step in CLOCK_STEPS_S)
         drift[clock] = (late - early) / (CLOCK_STEPS_S[0] - CLOCK_STEPS_S[1])
     drift["dvl_scale"] = drift["dvl_scale"] / (1 + about["dvl_scale"])
     at_point = sum((drift[state] * value for state, value in about.items() if value and state in drift), np.zeros(2))
-    columns = np.concatenate([drift[state] for state in states], axis=1)
-    H = columns_at(valid_s, line.time_s, columns).reshape(len(valid_s), -1, 2).swapaxes(1, 2)
+    H = np.zeros((len(valid_s), 2, len(states)))
+    for state, columns in drift.items():
+        H[:, :, states.index(state)] = columns_at(valid_s, line.time_s, columns)
     V_at = columns_at(valid_s, line.time_s, velocity_mps(line))
     yaw = np.interp(valid_s, line.time_s, line.dr_yaw_rad)
     stamped, valid = (t - np.clip(t, line.time_s[0], line.time_s[-1]) for t in (timeline.fix_time_s[:fixes], valid_s))

@@ -20,6 +20,7 @@ COLUMNS: Mapping[str, tuple[str, str, str, str]] = {
     "compass": ("yaw_rad", "dr_yaw_rad", "yaw_count", "yaw_sd_rad"),
 }
 """Those of a timeline by sensor: its records, what dead reckoning takes of them, how many, and their sigmas."""
+OF_EPOCHS = ("time_s", *(name for names in COLUMNS.values() for name in names))
 START_FIXES = 5  # whose median tolerates two outliers
 MAJORITY = 4.0  # [-] by judgement, a power: a third of the fixes is right in one log of 17, a half in one of two
 LEAST_START_SD_M = 3.0  # by judgement: a gross first fix must not look certain
@@ -101,11 +102,13 @@ def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], 
 
 def _until_first_fixes(timeline: Timeline, time_s: Vector) -> Timeline:
     """Return dead reckoning up to the epoch behind the last of the first fixes: the rest does not move the start."""
-    last_s = float(np.max(time_s[:START_FIXES]))
-    epochs = slice(int(np.searchsorted(timeline.time_s, last_s)) + 1)
-    return replace(
-        timeline, time_s=timeline.time_s[epochs], dr_mps=timeline.dr_mps[epochs], dr_yaw_rad=timeline.dr_yaw_rad[epochs]
-    )
+    return until(timeline, float(np.max(time_s[:START_FIXES])))
+
+
+def until(timeline: Timeline, time_s: float) -> Timeline:
+    """Return dead reckoning and records up to the epoch behind a time; the slow grid is unchanged."""
+    epochs = slice(int(np.searchsorted(timeline.time_s, time_s)) + 1)
+    return replace(timeline, **{name: getattr(timeline, name)[epochs] for name in OF_EPOCHS})
 
 
 def fix_sensitivity(V_mps: Vector, names: Sequence[str]) -> Array:

@@ -152,13 +152,11 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
         return None
 
 
-def _rivals(
-    log: Log, result: InterpretationResult, by: Interpretation, found: Identification
-) -> list[Interpretation]:
-    """Return the interpretations beside one that is identified, of which the evidence decides; none of its mirror class.
+def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: Identification) -> list[Interpretation]:
+    """Return the interpretations between which and an identified one the evidence decides; none is its mirror image.
 
-    Sensor errors may bend dead reckoning, and a convention that is only the default may be another. What leaves too
-    much has another cause.
+    Sensor errors may bend dead reckoning, and a convention that is only the default may be another. If one of them
+    leaves far larger residuals, no sensor error is the cause.
     """
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
     by_default = {

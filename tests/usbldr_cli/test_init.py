@@ -398,7 +398,7 @@ def test_columns_of_binary_tables_without_units_are_proposed_as_those_of_csv_fil
 @pytest.mark.parametrize("name", ["time", "datenum"])
 def test_day_numbers_of_matlab_are_proposed_as_such(csv: Path, tmp_path: Path, name: str) -> None:
     tables = tables_of(csv)
-    since_midnight_s = int(tables["dvl"]["time"][0]) % 86_400 * (name == "datenum")  # of a whole day only the name tells
+    since_midnight_s = int(tables["dvl"]["time"][0]) % 86_400 if name == "datenum" else 0  # a whole day may be a number
     for sheet, column, per_second in (("dvl", "time", 1), ("ahrs", "stamp", 10**3), ("usbl", "time_ns", SECOND)):
         tables[sheet][column] = tables[sheet][column] - since_midnight_s * per_second
     tables["dvl"][name] = tables["dvl"].pop("time") / 86_400 + datetime.date(1970, 1, 1).toordinal() + 366
