@@ -35,7 +35,6 @@ from usbldr.filters.identification.conclusions import (
 )
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
 from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member
-from usbldr.filters.identification.heading_errors import heading_errors
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     LEVER_OR_LATENCY,
@@ -55,6 +54,7 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.identification.lost_reckoning import cost, lost_spans, without_both
 from usbldr.filters.identification.noise_fit import estimate_compass_noise, estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.unmodelled_errors import unmodelled_errors
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
 from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.replay.dead_reckoning import without_changes
@@ -105,7 +105,9 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
         noise = FoundChanges()
     timeline = unchanged.timeline
     usual, blocks = blocks_of(timeline.with_fixes(~outliers), stated)
-    changed = [one for one in (*changes(usual, stated, blocks), heading_errors(usual, stated, blocks)) if one.changes]
+    changed = [
+        one for one in (*changes(usual, stated, blocks), unmodelled_errors(usual, stated, blocks)) if one.changes
+    ]
     possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
     shifted = [one for one in possible if any(any(change.fix_shift_m) for change in one.changes)]
     shifts_s = [change.start_s for one in shifted for change in one.changes]

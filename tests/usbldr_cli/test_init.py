@@ -508,10 +508,10 @@ def test_fields_of_json_objects_are_proposed_each_for_its_sensor(tmp_path: Path,
             file.write(json.dumps(row) + "\n")
     log = tmp_path if parted else tmp_path / "dive.jsonl"
 
-    told = run("info", log)
+    info = run("info", log)
     found = tomllib.loads(drafted(log))
 
-    assert (told.return_value, "; run usbldr init" in told.stdout) == (3, True)
+    assert (info.return_value, "; run usbldr init" in info.stdout) == (3, True)
     assert {role: found[role]["columns"] for role in ("dvl", "compass", "usbl", "gps")} == {
         "dvl": {"x": "dvl.vx", "y": "dvl.vy", "valid": "dvl.lock"},
         "compass": {"heading": "compass.heading_deg"},

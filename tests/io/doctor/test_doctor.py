@@ -15,8 +15,10 @@ from commands import drafted, findings, finished, output_of, report_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv
+from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import Identification, SensorErrorEvidence
 from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.types import Timeline
 from usbldr.io.doctor.cross_check import convention_warnings, cross_check
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.reader import Records
@@ -471,7 +473,8 @@ def test_a_transponder_ahead_is_a_lever_arm_and_no_latency_until_it_is_stated(tm
     assert not set(cured) & SENSOR_ERRORS
 
 
-def test_settings_are_parsed_once_and_messages_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_is_parsed_decoded_and_identified_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Axes that the residuals settle are not asked of the sensor errors."""
     log = written(tmp_path, dvl="FRD", toml="[dvl]\nmount_deg = 30.0\n")
     parse, decode, calls = tomllib.loads, McapLog.blocks, Counter[str]()
 
@@ -483,9 +486,14 @@ def test_settings_are_parsed_once_and_messages_decoded_once(tmp_path: Path, monk
         calls["decode"] += 1
         return decode(self, wanted)
 
+    def counted_identify(timeline: Timeline, given: Parameters) -> Identification:
+        calls["identify"] += 1
+        return identify(timeline, given)
+
     monkeypatch.setattr(tomllib, "loads", counted_parse)
     monkeypatch.setattr(McapLog, "blocks", counted_decode)
+    monkeypatch.setattr("usbldr.io.doctor.cross_check.identify", counted_identify)
 
     assert "DVL-AXES" in findings(log)
 
-    assert calls == {"parse": 1, "decode": 1}
+    assert calls == {"parse": 1, "decode": 1, "identify": 1}

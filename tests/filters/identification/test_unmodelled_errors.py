@@ -8,8 +8,8 @@ import pytest
 from textbook import log_density
 from usbldr.filters.identification.blocks import blocks_about, blocks_of
 from usbldr.filters.identification.evidence import identify
-from usbldr.filters.identification.heading_errors import Shape, _fitted, _moved, heading_errors
 from usbldr.filters.identification.linearisation import NO_ERROR
+from usbldr.filters.identification.unmodelled_errors import Shape, _fitted, _moved, unmodelled_errors
 from usbldr.filters.models.noise import Contamination
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
@@ -42,7 +42,7 @@ def stop_and_go() -> Timeline:
 
 
 def found(line: Timeline) -> tuple[SensorChange, ...]:
-    return heading_errors(*_with_blocks(line)).changes
+    return unmodelled_errors(*_with_blocks(line)).changes
 
 
 def _with_blocks(line: Timeline):

@@ -70,7 +70,7 @@ class _Moved(NamedTuple):
     dvl_bias: Array  # (2 B, 2)
 
 
-def heading_errors(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
+def unmodelled_errors(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
     """Return the likeliest error as changes of the heading; none if the evidence is not strong."""
     if not blocks:
         return FoundChanges()
