@@ -252,6 +252,15 @@ def test_if_every_method_fails_each_fault_is_said_once(dive: Path) -> None:
     assert second.startswith(": no dvl data")
 
 
+def test_dives_without_a_truth_are_compared_by_their_fixes(dive: Path, tmp_path: Path) -> None:
+    output_of("replay", dive, "--filter", "ekf", "--truth", "none", "-o", tmp_path / "run")
+
+    for log in (dive, tmp_path / "run"):
+        options = () if log != dive else ("--truth", "none", "-f", "usbl")
+        assert "--fixes" in refusal(LogError, output_of, "compare", log, *options)
+    assert "dive" in output_of("compare", "--fixes", tmp_path / "run")
+
+
 def noise_of(white, slow=0.1):
     return {"white": {"sd": white, "sd_of_sd": 0.02}, "slow": {"sd": slow, "sd_of_sd": 0.05}, "time_constant_s": 60.0}
 

@@ -161,7 +161,8 @@ def _score_job(source: _Source, method: str, choices: RunChoices) -> tuple[JobRe
     require(log, method_named(method).sensors)
     settings = choices.settings(log.start_ns)
     if log.truth is None:
-        raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC")
+        other = "or replay each log and compare their fixes: usbldr compare --fixes RUN..."
+        raise LogError(f"{log.path}: no truth to measure errors against: name one with --truth FILE|TOPIC, {other}")
     trajectory = replay(log, dive_timeline, method, settings)
     report = evaluate(log, dive_timeline, trajectory, settings)
     context = ScoringContext(
