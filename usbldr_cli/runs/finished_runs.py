@@ -46,7 +46,7 @@ def _row(folder: Path) -> ComparisonRow:
         report: Any = json.loads(file.read_text(encoding="utf-8"))
         metrics = report["metrics"]
         if metrics is None:
-            raise LogError(f"{folder}: this run has no truth, so there are no errors to compare; --fixes compares its fixes")
+            raise LogError(f"{folder}: this run has no truth, so no errors to compare; --fixes compares its fixes")
         log, truth, window = report["log"], report["truth"], report["window"]
         context = ScoringContext(
             log=log["name"],
