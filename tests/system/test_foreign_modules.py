@@ -92,6 +92,8 @@ sys.path.append(sys.argv[1])
 from damage import recorded
 from damaged_formats import FORMATS
 from commands import run
+from usbldr.io.doctor import cross_check
+cross_check._identified = lambda *_: None  # takes a second, and imports nothing
 for form in FORMATS:
     with recorded(form) as (_, path, _, _):
         for command in ("info", "doctor"):
