@@ -19,7 +19,7 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
-from usbldr.filters.identification.identification import CONTRADICTED
+from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.noise import TO_SD, BankNoise, Gaussian
@@ -119,8 +119,8 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
     dead reckoning grows or stays. Before it grows, what scatters is tried as an error of the fixes that lasts for
-    seconds, as the roll of a ship gives it. If dead reckoning is at fault, a slow error of the fixes cannot be
-    distinguished from it, and remains as given.
+    seconds, as the roll of a ship gives it, and as a slow one, if the evidence for this is strong: in a short log the
+    two are one another. If dead reckoning is at fault, a slow error remains as given.
     """
 
     def searched(about: Parameters, among: Sequence[TunableParameter], start: Parameters) -> _Found:
@@ -135,7 +135,9 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
     found = searched(given, USBL, member.parameters)
     if found.parameters.process.position_m > given.process.position_m:
         waves = replace(given, errors=replace(given.errors, usbl_bias_s=WAVES_S))
-        found = max(found, searched(waves, still, waves), key=lambda one: one.value)
+        slow = searched(given, still, given)
+        slow = slow._replace(value=slow.value - math.log(STRONG_ODDS))
+        found = max(found, slow, searched(waves, still, waves), key=lambda one: one.value)
     if found.parameters.process.position_m > CONTRADICTED * given.process.position_m:
         found = searched(given, [one for one in USBL if one.name not in CORRELATED], given)
     return _grown(given, found.parameters, [one for one in USBL if one.name in GROWING])

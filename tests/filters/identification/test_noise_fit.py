@@ -217,6 +217,26 @@ def test_gross_errors_are_found_with_their_share_and_size(share: float, sd_m: fl
     assert found.sd == pytest.approx(sd_m, rel=0.25)
 
 
+@pytest.mark.parametrize(("slow_m", "walk_m"), [(3.0, 0.0), (0.0, 0.3)])
+def test_a_slow_error_of_the_fixes_is_no_walk_of_dead_reckoning(slow_m: float, walk_m: float) -> None:
+    """An error of 150 s has eight values in 20 minutes, which a random walk may have by chance."""
+    found: list[Parameters] = []
+    for seed in range(6):
+        line, rng = weaving_dive(Faults(), seed=seed, seconds=1200), np.random.default_rng(seed)
+        dt_s = np.diff(line.fix_time_s, prepend=line.fix_time_s[0])
+        error_m = [rng.normal(0.0, slow_m, 2)]
+        for kept in np.exp(-dt_s[1:] / 150.0):
+            error_m.append(kept * error_m[-1] + slow_m * np.sqrt(1 - kept**2) * rng.normal(size=2))
+        error_m += np.cumsum(walk_m * np.sqrt(dt_s)[:, None] * rng.normal(size=(len(dt_s), 2)), axis=0)
+        found.append(usbl_noise(replace(line, fix_m=line.fix_m + error_m), replace(PLAIN, usbl=Contamination())))
+
+    walks_m = [one.process.position_m for one in found]
+    assert sum((walk == STATED.position_m) == (walk_m == 0) for walk in walks_m) >= 5
+    assert np.median(walks_m) == pytest.approx(walk_m or STATED.position_m, rel=0.2)
+    if slow_m:
+        assert np.median([one.errors.usbl_bias_m for one in found]) == pytest.approx(slow_m, rel=0.3)
+
+
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
     stated = Contamination()
     found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), replace(PLAIN, usbl=stated))
