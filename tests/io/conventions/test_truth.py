@@ -313,6 +313,7 @@ NO_JUMPS: dict[str, tuple[Array, Vector]] = {
     },
     "held, then moved on": (np.column_stack([5 * np.floor(HELD_S), 0 * HELD_S]), HELD_S),
     "a gap": (moved((slice(30, None), 900.0)), DIVED_S),
+    "a receiver that is corrected": (moved((slice(30, None), 4.0)), SECONDS),
     **{f"{rows} rows": (STRAIGHT_M[:rows], SECONDS[:rows]) for rows in range(3)},
     "zeros": (np.zeros((60, 2)), SECONDS),
 }
