@@ -259,6 +259,18 @@ def test_fixes_that_were_valid_before_or_after_the_log_are_reckoned_on(latency_s
     assert np.hypot(*off_m.T).max() < 5 * SD_M  # at the ends 2.4 m without
 
 
+@pytest.mark.parametrize(
+    "error", [{"usbl_latency": -9.0}, {"dvl_clock": 7.0}, {"compass_clock": -7.0, "dvl_scale": 0.1}]
+)
+def test_what_is_recorded_after_the_last_fix_says_nothing_of_it(error: Mapping[str, float]) -> None:
+    line, point = weaving_dive(Faults(), seconds=200), tuple((dict.fromkeys(STEPS, 0.0) | error).values())
+
+    first, every = (linearised(line, (0.0, 0.0), fixes, point) for fixes in (60, len(line.fix_time_s)))
+
+    np.testing.assert_array_equal(first.residual_m, every.residual_m[:60])
+    np.testing.assert_array_equal(first.measurement_matrix, every.measurement_matrix[:60])
+
+
 def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
     found = identify(weaving_dive(Faults()).with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
 
