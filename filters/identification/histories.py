@@ -262,7 +262,7 @@ def followed(search: HistorySearch) -> list[Followed]:
         np.array(KINDS),
     )
     arrays = (np.ascontiguousarray(array, np.float64) for array in inputs)
-    KERNEL.run_histories(SEARCH.pack(FAR, *searched, *sizes), *arrays, log_weight, *rows, count)
+    KERNEL.run_histories(KERNEL.variant, SEARCH.pack(FAR, *searched, *sizes), *arrays, log_weight, *rows, count)
     first, parent, decision, gradual = rows
     return [
         Followed(log_weight[f, :N], first[f, :N], parent[f, :N], decision[f, :N], gradual[f, :N] != 0)

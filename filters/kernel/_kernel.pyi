@@ -39,6 +39,7 @@ def run_pass(
     /,
 ) -> None: ...
 def run_histories(
+    variant: int,
     settings: bytes,
     residual: NDArray[float64],
     measurement_matrix: NDArray[float64],

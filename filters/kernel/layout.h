@@ -100,7 +100,7 @@ typedef struct {
 } PassArrays;
 enum { PASS_ARRAYS = 13 };
 
-/* The search for false fixes in a row: histories.c. The last four of n states are those of a run: offset and rate. */
+/* The search for false fixes in a row: histories.h. The last four of n states are those of a run: offset and rate. */
 enum { MAX_HISTORIES = 160, MAX_KINDS = 4 }; /* of MAX_SEARCHED fixes: at most 152 */
 #define SEARCH_FIELDS(FIELD) \
     FIELD(double, far, ) FIELD(double, walk_m2, ) FIELD(double, rate_m2, ) FIELD(double, bias_m2, ) \
@@ -117,15 +117,16 @@ typedef struct {
     int64_t *count;                                         /* (F): how many of them there are */
 } SearchArrays;
 enum { SEARCH_ARRAYS = 14 };
-int run_histories(const Search *, const SearchArrays *);
 
 /* Return GOOD or NO_MEMORY. */
 typedef int RunPass(const Pass *, const PassArrays *);
+typedef int RunHistories(const Search *, const SearchArrays *);
 /* Return how many steps were run, or what went wrong. */
 typedef int Advance(const Filter *, const Step *, int past, int count, const Reading *, const Guard *, double *state,
                     double *estimates, double *records);
 typedef struct {
     Advance *advance;
     RunPass *run_pass;
+    RunHistories *run_histories;
 } Variant;
 #endif

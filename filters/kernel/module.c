@@ -103,18 +103,19 @@ static PyObject *py_run_pass(PyObject *self, PyObject *args) {
     return finished(good, status);
 }
 
-/* run_histories(search, the arrays in the order of SearchArrays) */
+/* run_histories(variant, search, the arrays in the order of SearchArrays) */
 static PyObject *py_run_histories(PyObject *self, PyObject *args) {
     (void)self;
-    int status = GOOD;
+    int variant, status = GOOD;
     Py_buffer part[1 + SEARCH_ARRAYS], *a = part + 1;
-    if (!PyArg_ParseTuple(args, "y*y*y*y*y*y*y*y*y*w*w*w*w*w*w*", &part[0], &a[0], &a[1], &a[2], &a[3], &a[4], &a[5],
+    if (!PyArg_ParseTuple(args, "iy*y*y*y*y*y*y*y*y*w*w*w*w*w*w*", &variant, &part[0], &a[0], &a[1], &a[2], &a[3], &a[4], &a[5],
                           &a[6], &a[7], &a[8], &a[9], &a[10], &a[11], &a[12], &a[13]))
         return NULL;
     const Search *s = part[0].buf;
-    int good = part[0].len == sizeof(Search) && s->n > 6 && s->n <= MAX_STATES && s->F >= 0 && s->modes > 0 &&
-               s->modes <= MAX_MODES && s->kinds > 0 && s->kinds <= MAX_KINDS && s->bias_row >= 2 &&
-               s->bias_row < s->n - 5 && s->histories > 0 && s->recent_bits > 0 && s->recent_bits < 20 && s->cell_m > 0.0;
+    int good = part[0].len == sizeof(Search) && variant >= 0 && variant < COUNT && can_run(variant) && s->n > 6 &&
+               s->n <= MAX_STATES && s->F >= 0 && s->modes > 0 && s->modes <= MAX_MODES && s->kinds > 0 &&
+               s->kinds <= MAX_KINDS && s->bias_row >= 2 && s->bias_row < s->n - 5 && s->histories > 0 &&
+               s->recent_bits > 0 && s->recent_bits < 20 && s->cell_m > 0.0;
     if (good) {
         int octaves = 0;
         while (s->F >> octaves) octaves++;
@@ -129,7 +130,7 @@ static PyObject *py_run_histories(PyObject *self, PyObject *args) {
         const SearchArrays arrays = {a[0].buf, a[1].buf, a[2].buf, a[3].buf,  a[4].buf,  a[5].buf,  a[6].buf,
                                      a[7].buf, a[8].buf, a[9].buf, a[10].buf, a[11].buf, a[12].buf, a[13].buf};
         Py_BEGIN_ALLOW_THREADS
-        status = run_histories(s, &arrays);
+        status = VARIANTS[variant].run->run_histories(s, &arrays);
         Py_END_ALLOW_THREADS
     }
     for (int i = 0; i < 1 + SEARCH_ARRAYS; i++) PyBuffer_Release(&part[i]);
@@ -162,10 +163,10 @@ static void add_structure(PyObject *layout, const char *name, size_t size, const
     Py_XDECREF(both);
 }
 
-enum { CALLS = 7 }; /* counts the changes of the arguments of the functions */
+enum { CALLS = 8 }; /* counts the changes of the arguments of the functions */
 static PyMethodDef METHODS[] = {{"advance", py_advance, METH_VARARGS, "Run steps on a bank; see span.h."},
                                 {"run_pass", py_run_pass, METH_VARARGS, "Run a bank over fixes; see fixes.h."},
-                                {"run_histories", py_run_histories, METH_VARARGS, "Follow false fixes; see histories.c."},
+                                {"run_histories", py_run_histories, METH_VARARGS, "Follow false fixes; see histories.h."},
                                 {NULL, NULL, 0, NULL}};
 static struct PyModuleDef MODULE = {PyModuleDef_HEAD_INIT, "_kernel", NULL, -1, METHODS, NULL, NULL, NULL, NULL};
 

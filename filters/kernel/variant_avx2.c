@@ -3,9 +3,10 @@
 #ifdef X86_VARIANTS
 TARGET("avx2")
 #define W 4
+#include "histories.h"
 #include "steps.h"
 END_TARGET
-const Variant variant_avx2 = {advance, run_pass};
+const Variant variant_avx2 = {advance, run_pass, run_histories};
 #else
 typedef int nothing;
 #endif

@@ -110,8 +110,8 @@ def test_arrays_that_do_not_fit_together_are_refused() -> None:
     assert KERNEL.run_histories is not None
     settings = histories.SEARCH.pack(*[1.0] * 5, 10, 3, 1, 1, 2, 10, 10, 1)
     arrays = [np.zeros(size) for size in (6, 60, 9, 1, 12, 10, 100, 3, *[3 * KERNEL.limits.histories] * 5, 3)]
-    KERNEL.run_histories(settings, *arrays)
+    KERNEL.run_histories(KERNEL.variant, settings, *arrays)
     for short in range(len(arrays)):
         cut = [array[: array.size - (i == short)] for i, array in enumerate(arrays)]
         with pytest.raises(ValueError, match="do not fit together"):
-            KERNEL.run_histories(settings, *cut)
+            KERNEL.run_histories(KERNEL.variant, settings, *cut)

@@ -1,4 +1,6 @@
 /* The likeliest histories of false fixes in a row: identification/histories.py, which is the reference. */
+#ifndef USBLDR_HISTORIES_H
+#define USBLDR_HISTORIES_H
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +27,8 @@ typedef struct {
     uint64_t code; /* those of one code agree */
 } Candidate;
 
-static double *row_of(double *cov, int n, int i) { return cov + (size_t)i * n; }
+/* Rows of a covariance have MAX_STATES numbers, of which those beyond n are 0: whole vectors. */
+static double *row_of(double *cov, int i) { return cov + (size_t)i * MAX_STATES; }
 
 static int octave_of(uint32_t number) { /* 1 + log2, rounded down; 0 of 0 */
     int bits = 0;
@@ -33,26 +36,26 @@ static int octave_of(uint32_t number) { /* 1 + log2, rounded down; 0 of 0 */
     return bits;
 }
 
-static void predict(const Search *s, const double *change, const Past *past, double *mean, double *cov) {
+static void predict_history(const Search *s, const double *change, const Past *past, double *mean, double *cov) {
     int n = s->n, offset = n - 4, rate = n - 2;
     double dt_s = change[0], fade = change[1];
     for (int j = s->bias_row; j < s->bias_row + 2; j++) {
         mean[j] *= fade;
-        for (int i = 0; i < n; i++) row_of(cov, n, j)[i] *= fade;
-        for (int i = 0; i < n; i++) row_of(cov, n, i)[j] *= fade;
+        for (int i = 0; i < n; i++) row_of(cov, j)[i] *= fade;
+        for (int i = 0; i < n; i++) row_of(cov, i)[j] *= fade;
     }
     for (int i = 0; i < 2; i++) {
-        row_of(cov, n, i)[i] += change[2];
-        row_of(cov, n, s->bias_row + i)[s->bias_row + i] += (1 - fade * fade) * s->bias_m2;
+        row_of(cov, i)[i] += change[2];
+        row_of(cov, s->bias_row + i)[s->bias_row + i] += (1 - fade * fade) * s->bias_m2;
     }
     if (!past->in_run) return;
     for (int a = 0; a < 2; a++) {
         mean[offset + a] += dt_s * mean[rate + a];
-        for (int i = 0; i < n; i++) row_of(cov, n, offset + a)[i] += dt_s * row_of(cov, n, rate + a)[i];
+        for (int i = 0; i < n; i++) row_of(cov, offset + a)[i] += dt_s * row_of(cov, rate + a)[i];
     }
     for (int a = 0; a < 2; a++) {
-        for (int i = 0; i < n; i++) row_of(cov, n, i)[offset + a] += dt_s * row_of(cov, n, i)[rate + a];
-        row_of(cov, n, offset + a)[offset + a] += s->walk_m2 * dt_s;
+        for (int i = 0; i < n; i++) row_of(cov, i)[offset + a] += dt_s * row_of(cov, i)[rate + a];
+        row_of(cov, offset + a)[offset + a] += s->walk_m2 * dt_s;
     }
 }
 
@@ -63,7 +66,7 @@ static double inverted(const double *S, const double *R, double *inverse) {
     return det;
 }
 
-static double chi_square(const double *e, const double *inverse) {
+static double squared_distance(const double *e, const double *inverse) {
     return e[0] * (inverse[0] * e[0] + inverse[1] * e[1]) + e[1] * (inverse[1] * e[0] + inverse[2] * e[1]);
 }
 
@@ -71,7 +74,7 @@ static void weigh(const Search *s, const SearchArrays *a, int f, Candidate *c) {
     double chi[MAX_MODES], least = INFINITY, sum = 0.0;
     for (int j = 0; j < s->modes; j++) {
         double det = inverted(c->cov, a->R + 4 * ((size_t)j * s->F + f), c->inverse[j]);
-        chi[j] = chi_square(c->value, c->inverse[j]);
+        chi[j] = squared_distance(c->value, c->inverse[j]);
         c->share[j] = a->probability[j] / sqrt(det);
         if (chi[j] < least) least = chi[j];
     }
@@ -83,22 +86,22 @@ static void weigh(const Search *s, const SearchArrays *a, int f, Candidate *c) {
 /* What a history may take fix f for: DECISIONS candidates. */
 static void branch(const Search *s, const SearchArrays *a, int f, int parent, const Past *past, const double *mean,
                    double *cov, Candidate *of) {
-    int n = s->n, offset = n - 4, used = past->in_run ? n : offset; /* the others are 0 */
+    int n = s->n, offset = n - 4;
     const double *H = a->H + (size_t)f * 2 * n, *kind = a->kinds + 3 * past->kind;
     double e[2], S[3] = {0}, shared[2][2] = {{0}}, inverse[3], dt_s = a->changes[3 * f], cross[2][MAX_STATES] = {{0}};
     for (int k = 0; k < 2; k++) {
         e[k] = a->residual[2 * f + k];
         for (int i = 0; i < offset; i++) e[k] -= H[k * n + i] * mean[i]; /* H of a run's states is 0 */
         for (int i = 0; i < offset; i++)
-            for (int j = 0; j < used; j++) cross[k][j] += row_of(cov, n, i)[j] * H[k * n + i];
+            for (int j = 0; j < MAX_STATES; j++) cross[k][j] += row_of(cov, i)[j] * H[k * n + i];
     }
     for (int i = 0; i < offset; i++) {
         S[0] += H[i] * cross[0][i], S[1] += H[i] * cross[1][i], S[2] += H[n + i] * cross[1][i];
         for (int k = 0; k < 2 && past->in_run; k++)
-            for (int l = 0; l < 2; l++) shared[k][l] += H[k * n + i] * row_of(cov, n, i)[offset + l];
+            for (int l = 0; l < 2; l++) shared[k][l] += H[k * n + i] * row_of(cov, i)[offset + l];
     }
     inverted(S, a->R + 4 * (size_t)f, inverse);
-    int near = chi_square(e, inverse) < s->far, recent = s->recent_bits, all = (1 << recent) - 1;
+    int near = squared_distance(e, inverse) < s->far, recent = s->recent_bits, all = (1 << recent) - 1;
     int starts = past->first == f;
     double usual_m2 = kind[2] * kind[2], begun_m2 = fmax(usual_m2, (e[0] * e[0] + e[1] * e[1]) / 2);
     double apart_m2 = starts && f > 0 ? begun_m2 - usual_m2 : 0.0;
@@ -122,10 +125,10 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
             if (d == BEGINS) c->cross[k][offset + k] = begun_m2;
             if (d != CONTINUES) continue;
             c->value[k] -= mean[offset + k];
-            for (int i = 0; i < n; i++) c->cross[k][i] += row_of(cov, n, i)[offset + k];
+            for (int i = 0; i < n; i++) c->cross[k][i] += row_of(cov, i)[offset + k];
         }
         if (d == CONTINUES) {
-            const double *x = row_of(cov, n, offset) + offset, *y = row_of(cov, n, offset + 1) + offset;
+            const double *x = row_of(cov, offset) + offset, *y = row_of(cov, offset + 1) + offset;
             c->cov[0] += 2 * shared[0][0] + x[0], c->cov[1] += shared[0][1] + shared[1][0] + x[1];
             c->cov[2] += 2 * shared[1][1] + y[1];
         }
@@ -197,14 +200,13 @@ static int choose(const Search *s, Candidate **list, int count) {
 /* Mean and covariance of the parent, corrected by the fix: the moments of the modes' mixture. */
 static void correct(const Search *s, const Candidate *c, double *mean, double *cov) {
     int n = s->n, offset = n - 4, rate = n - 2, first = c->decision == CORRECT ? 0 : offset;
-    int used = c->decision == CORRECT ? offset : n;
     double g[2] = {0}, G[3] = {0};
     if (c->decision != CONTINUES) {
         for (int i = offset; i < n; i++)
-            for (int j = mean[i] = 0; j < n; j++) row_of(cov, n, i)[j] = row_of(cov, n, j)[i] = 0.0;
+            for (int j = mean[i] = 0; j < n; j++) row_of(cov, i)[j] = row_of(cov, j)[i] = 0.0;
         for (int k = 0; k < 2; k++) {
-            row_of(cov, n, first + k)[first + k] += c->added_m2;
-            if (c->decision == BEGINS) row_of(cov, n, rate + k)[rate + k] = s->rate_m2;
+            row_of(cov, first + k)[first + k] += c->added_m2;
+            if (c->decision == BEGINS) row_of(cov, rate + k)[rate + k] = s->rate_m2;
         }
     }
     for (int j = 0; j < s->modes; j++) {
@@ -214,32 +216,34 @@ static void correct(const Search *s, const Candidate *c, double *mean, double *c
         G[0] += p * (w[0] * w[0] - M[0]), G[1] += p * (w[0] * w[1] - M[1]), G[2] += p * (w[1] * w[1] - M[2]);
     }
     G[0] -= g[0] * g[0], G[1] -= g[0] * g[1], G[2] -= g[1] * g[1];
-    for (int i = 0; i < used; i++) {
+    for (int i = 0; i < (c->decision == CORRECT ? offset : n); i++) { /* the others are 0 */
         const double *x = c->cross[0], *y = c->cross[1], left[2] = {x[i] * G[0] + y[i] * G[1], x[i] * G[1] + y[i] * G[2]};
-        double *row = row_of(cov, n, i);
+        double *row = row_of(cov, i);
         mean[i] += x[i] * g[0] + y[i] * g[1];
-        for (int j = 0; j < used; j++) row[j] += left[0] * x[j] + left[1] * y[j];
+        for (int j = 0; j < MAX_STATES; j++) row[j] += left[0] * x[j] + left[1] * y[j];
     }
 }
 
-int run_histories(const Search *s, const SearchArrays *a) {
+static int run_histories(const Search *s, const SearchArrays *a) {
     int n = s->n, count = s->kinds;
-    size_t one = (size_t)(n + n * n), bank = MAX_HISTORIES * one;
-    double *memory = malloc(2 * bank * sizeof(double)), *now = memory, *then = memory + bank;
+    size_t one = (size_t)(n + 1) * MAX_STATES, bank = MAX_HISTORIES * one;
+    double *memory = calloc(2 * bank, sizeof(double)), *now = memory, *then = memory + bank;
     Candidate *candidates = malloc(CANDIDATES * sizeof(Candidate)), *list[CANDIDATES];
     Past past[MAX_HISTORIES] = {{0}};
     int status = memory && candidates ? GOOD : NO_MEMORY;
     for (int h = 0; status == GOOD && h < count; h++) {
         past[h].kind = h;
         memcpy(now + one * (size_t)h, a->mean + (size_t)h * n, sizeof(double) * (size_t)n);
-        memcpy(now + one * (size_t)h + n, a->cov + (size_t)(h * n) * n, sizeof(double) * (size_t)(n * n));
+        for (int i = 0; i < n; i++)
+            memcpy(row_of(now + one * (size_t)h + MAX_STATES, i), a->cov + (size_t)(h * n + i) * n,
+                   sizeof(double) * (size_t)n);
     }
     for (int f = 0; status == GOOD && f < s->F; f++) {
         size_t row = (size_t)f * MAX_HISTORIES;
         int possible = 0;
         for (int h = 0; h < count; h++) {
-            double *mean = now + one * (size_t)h, *cov = mean + n;
-            predict(s, a->changes + 3 * f, past + h, mean, cov);
+            double *mean = now + one * (size_t)h, *cov = mean + MAX_STATES;
+            predict_history(s, a->changes + 3 * f, past + h, mean, cov);
             branch(s, a, f, h, past + h, mean, cov, candidates + DECISIONS * h);
         }
         for (int d = 0; d < DECISIONS; d++) /* in the order of NumPy */
@@ -252,7 +256,7 @@ int run_histories(const Search *s, const SearchArrays *a) {
         for (int h = 0; h < count; h++) {
             double *mean = then + one * (size_t)h;
             memcpy(mean, now + one * (size_t)list[h]->parent, one * sizeof(double));
-            correct(s, list[h], mean, mean + n);
+            correct(s, list[h], mean, mean + MAX_STATES);
             past[h] = list[h]->past;
             a->log_weight[row + h] = past[h].log_weight, a->first[row + h] = past[h].first;
             a->parent[row + h] = list[h]->parent, a->decision[row + h] = list[h]->decision;
@@ -266,3 +270,4 @@ int run_histories(const Search *s, const SearchArrays *a) {
     free(candidates);
     return status;
 }
+#endif
