@@ -14,6 +14,7 @@ import numpy as np
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.filters.windows import columns_at
 from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2
 from usbldr.io.conventions.spikes import AGREEING, MIN_SPIKE_MPS, NOISE_RATIO, median_window
 from usbldr.io.messages.layouts import blocks
@@ -53,8 +54,7 @@ class Fixes(NamedTuple):
         """Make it of F fixes and of n velocities: times, m/s (n, 2) and headings in rad."""
         dvl_s, velocity_mps, yaw_rad = velocities
         way_m: Array = np.cumsum(rotated(-yaw_rad, velocity_mps) * np.gradient(dvl_s)[:, None], axis=0)
-        reached_m = np.column_stack([np.interp(time_s, dvl_s, way_m[:, axis]) for axis in range(2)])
-        return cls(time_s, position_m, stated_m2, yaw_rad, reached_m)
+        return cls(time_s, position_m, stated_m2, yaw_rad, columns_at(time_s, dvl_s, way_m))
 
     def variance_m2(self) -> float:
         """Return the variance of a fix: the stated one, or the larger one that neighbours show."""
