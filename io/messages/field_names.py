@@ -244,7 +244,12 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     if NO_SENSOR.search(place):
         return found
     rules = rules_for(names, place)
-    for column in filter(None, (named_column(name, rules) for name in names)):
+    for name in names:
+        first = re.sub(r"\.\d+$", "", name)  # of which pandas names a second one Time.1
+        column = named_column(first if first in names else name, rules)
+        if column is None:
+            continue
+        column = column._replace(name=name)
         own, file = (_positioning(words) for words in (words_of(column.unit.label), words_of(place)))
         sensor = column.rule.sensor
         if column.rule.dimension != "time" and not sensor:

@@ -5,6 +5,7 @@ several sensors: its column ``sensor`` names each row's sensor, which is the top
 are understood.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -50,6 +51,8 @@ from usbldr.io.tables.topic_sheets import (
 Value = TypeVar("Value")
 WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
+SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
+"""A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +182,12 @@ class CsvLog:
         return one.info(topic, "csv", times, problem, lambda: self._first_row(source))
 
     def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:
+        first = zip(plain_names(source.header), self._begin(source.file)[1], strict=False)
+        if several := [
+            f"{name} ({cell})" for name, cell in first if SEVERAL.fullmatch(cell) and not foreign_time(cell)
+        ]:
+            text = f"{source.file.name} holds several values in the cells of {several[0]}"
+            return f"{text}; write each value in a column of its own"
         if sheet:
             empty = self._begin(source.file)[1] in ([], [""])
             return f"{source.file.name} {'has no rows' if empty else sheet.problem}"
@@ -225,9 +234,11 @@ class CsvLog:
             faults = {**parsed.faults, **faults}
             wholly |= bool(parsed.faults) and parsed.values.dtype.kind == "f" and not np.isfinite(parsed.values).any()
         lines = self._own_rows(source, self._table(source.file).lines)
+        known = [np.isfinite(parsed.values) for parsed in columns.values() if parsed.values.dtype.kind == "f"]
+        blank = {row for row in received.faults if known and not any(column[row] for column in known)}
         if wholly or (faults and len(faults) == len(lines)):
             raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
-        self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+        self._left_out[topic] = {lines[row]: text for row, text in faults.items() if row not in blank}
         good = np.delete(np.arange(len(lines)), list(faults)) if faults else slice(None)
         return Records(received.values[good], {path: parsed.values[good] for path, parsed in columns.items()})
 

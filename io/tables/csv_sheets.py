@@ -31,6 +31,7 @@ from usbldr.io.messages.field_names import (
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
+from usbldr.io.tables.date_times import UNKNOWN_ZONE
 from usbldr.io.tables.time_columns import SECOND_NS, TimeColumn, dated_columns, time_column, time_fault
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees, unit_of
@@ -171,19 +172,21 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         if not found:
             return {}
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
+    stamps = [one for one in stamps if not UNKNOWN_ZONE.search(one.name)] or stamps  # UTC beside local time
+    beside = _times_beside(stamps, found, names)
     named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
     sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
-    untimed = time_fault(stamps, arrivals, cells)
+    untimed = {sensor: time_fault(own, arrivals, cells) for sensor, own in beside.items()}
     faults = {
-        sensor: (_doubled(sensor, {"": stamps, **columns}, time_column(stamps[0], cells)) if stamps else "")
-        or untimed
-        or _fault(columns, cells, sides[sensor])
-        for sensor, columns in found.items()
+        sensor: (_doubled(sensor, {"": own, **found[sensor]}, time_column(own[0], cells)) if own else "")
+        or untimed[sensor]
+        or _fault(found[sensor], cells, sides[sensor])
+        for sensor, own in beside.items()
     }
     refused = {sensor: Sheet(CANONICAL + sensor, {}, problem=why) for sensor, why in faults.items() if why}
-    if untimed:
+    if all(untimed.values()):
         return refused
-    stamp, *arrived = (time_column(one, cells) for one in (*stamps, *arrivals))
+    clocks = {sensor: [time_column(one, cells) for one in (*arrivals, *own)] for sensor, own in beside.items()}
     taken = {same[0].name for columns in found.values() for same in columns.values()}
     own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
     return {
@@ -191,13 +194,30 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         or Sheet(
             CANONICAL + sensor,
             named[sensor] | sides[sensor] | {name: name for name in own[sensor]},
-            arrived[0] if arrived else stamp,
-            stamp,
+            clocks[sensor][0],
+            clocks[sensor][-1],
             texts=frozenset(TEXTS & {*named[sensor], *sides[sensor], *own[sensor]}),
             scale={key: same[0].factor for key, same in columns.items()},
         )
         for sensor, columns in found.items()
     }
+
+
+def _times_beside(
+    stamps: Sequence[NamedColumn], found: Mapping[str, Mapping[str, Sequence[NamedColumn]]], names: Sequence[str]
+) -> Mapping[str, Sequence[NamedColumn]]:
+    """Return sensor -> its columns of times: of tables side by side, the last one before its own columns, else all."""
+    places = [names.index(one.name) for one in stamps]
+    behind = {
+        sensor: {
+            sum(place < names.index(one.name) for place in places) - 1 for same in columns.values() for one in same
+        }
+        for sensor, columns in found.items()
+    }
+    apart = all(len(last) == 1 for last in behind.values()) and {k for (k, *_) in behind.values()} == {
+        *range(len(stamps))
+    }
+    return {sensor: [stamps[min(last)]] if apart else stamps for sensor, last in behind.items()}
 
 
 def side_columns(columns: Mapping[str, str], cells: Mapping[str, str]) -> dict[str, str]:
@@ -274,7 +294,10 @@ def _doubled(sensor: str, columns: Mapping[str, Sequence[NamedColumn]], clock: T
     time = next((key for key, unit_ns in TIME_UNITS_NS.items() if (unit_ns, AT_1970.get(key, 0)) == clock[1:]), "")
     keys = {time: clock.column, **{KEYS.get(key, key): same[0].name for key, same in columns.items() if key}}
     line = ", ".join(f"{key} = {quoted(name)}" for key, name in keys.items())
-    names = ", ".join(column.name for column in doubled[0])
+    labels = [column.name for column in doubled[0]]
+    if twice := next((name for name in labels if labels.count(name) > 1), ""):
+        return f"has several columns {twice}; rename all but one"
+    names = ", ".join(labels)
     return f"has columns for the same quantity ({names}); choose one under [{sensor}]: columns = {{ {line} }}"
 
 

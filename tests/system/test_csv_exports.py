@@ -157,16 +157,20 @@ def test_an_export_is_replayed_after_init_alone(name: str, dive: dict[str, pd.Da
     assert "adf: mean horizontal error 0.2" in line or "adf: mean horizontal error 0.1" in line, line
 
 
-@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("form", ["gaps", "held", "{} Time", "Time.{}"])
 @pytest.mark.long
-def test_one_table_of_all_sensors_is_replayed_whether_empty_cells_or_the_last_values_fill_it(held, dive, tmp_path):
+def test_one_table_of_all_sensors_is_replayed_with_gaps_held_values_or_tables_side_by_side(form, dive, tmp_path):
     tables = [
         table[["t", *names.values()]].set_axis(["t", *names], axis=1)
         for table, names in ((dive[sensor], METRIC[sensor]) for sensor in dive)
     ]
     whole = pd.concat(tables).groupby("t", as_index=False).first()
-    whole = whole.ffill() if held else whole
+    whole = whole.ffill() if form == "held" else whole
     whole["Time"] = whole.pop("t").dt.strftime("%m/%d/%Y %I:%M:%S.%f %p")
+    if "Time" in form:  # each sensor has its own times, and its own count of rows
+        names = ["Time", *map(form.format, ("Compass", "USBL", "GPS") if form[0] == "{" else (1, 2, 3))]
+        renamed = (table.rename(columns={"t": name}) for table, name in zip(tables, names, strict=True))
+        whole = pd.concat([table.reset_index(drop=True) for table in renamed], axis=1)
     whole.to_csv(tmp_path / "survey.csv", index=False)
 
     output_of("init", tmp_path / "survey.csv")
