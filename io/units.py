@@ -23,7 +23,7 @@ _UNITS: Mapping[Dimension, Mapping[str, float]] = {
     "angle": {"deg": 1.0, "rad": DEG_PER_RAD, "gon": DEG_PER_GON, "1e-7deg": 1e-7},
     "length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
     "pressure": PASCALS_PER_UNIT,
-    "time": {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000},
+    "time": {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000, "min": 60 * 10**9, "h": 3600 * 10**9},
 }
 """Factors to m/s, degrees, metres, pascals and nanoseconds."""
 
@@ -49,6 +49,8 @@ _SPELLINGS: Mapping[str, str] = {
     "km": "kilometer kilometers kilometre kilometres",
     "ft": "foot feet fsw",
     "s": "sec secs second seconds",
+    "min": "minute minutes",
+    "h": "hr hrs hour hours",
     "ms": "msec millis milliseconds",
     "us": "µs μs usec micros microseconds",
     "ns": "nsec nanos nanoseconds",

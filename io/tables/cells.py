@@ -19,7 +19,7 @@ from usbldr.io.tables.time_columns import ISO, SECOND_NS
 from usbldr.io.units import stated_degrees, unit_of
 
 NO_VALUE = re.compile(
-    r"|-+|\*+|\?+|<?n/?a>?|\(?null\)?|none|nil|nat|no[ _]?(data|value|fix)|missing|invalid|undefined|"
+    r"|-+|\*+|\?+|\\n|<?n/?a>?|\(?null\)?|none|nil|nat|no[ _]?(data|value|fix)|missing|invalid|undefined|"
     r"#[\w/]+[!?]?|[+-]?nan(\(\w*\))?|[+-]?1\.#\w+",  # errors of spreadsheets; of printf by glibc, and by Microsoft
     re.IGNORECASE,
 )
@@ -87,6 +87,7 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
         return ParsedColumn(np.full(len(texts), np.nan), dict.fromkeys(range(len(texts)), text))
 
     def number(text: str) -> float:
+        text = text.replace("\u2212", "-")  # a minus sign as typographers have it
         try:
             value = float("nan" if NO_VALUE.fullmatch(text) else WORDS.get(text.lower(), text))
         except ValueError:

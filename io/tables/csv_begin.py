@@ -218,6 +218,9 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
         names, rows = joined, rows + 1
     if _ends_in_comment(names, cells_of(clean[rows], separator) if rows < len(clean) else ()):
         names.pop()
+    of_r = [line.startswith(f'"{k}"') and cells_of(line, separator) for k, line in enumerate(clean[rows : rows + 2], 1)]
+    if len(of_r) == 2 and all(cells and len(cells) == len(names) + 1 and cells[-1] for cells in of_r):
+        names.insert(0, "row")  # write.table() gives its names of rows no name
     while len(names) > 1 and not names[-1]:
         names.pop()  # of separators at the end of the line
     if names.count("") > 1:
@@ -242,7 +245,7 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
         for u, one in zip(plain, stated, strict=True)
     ]
     of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
-    if not of_names and (any(units) or not any(cell.strip("-") for cell in cells)):
+    if not of_names and (any(units) or not any(cell.strip("-:") for cell in cells)):
         return [name if named_unit(name).unit else name + unit for name, unit in zip(names, units, strict=True)]
     over, found = "", list[str]()
     for name, cell, unit in zip(names, cells, units, strict=True):
@@ -250,7 +253,8 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
         found.append(over + unit if unit else f"{over} {cell}".strip() if cell not in ("", over) else name)
     named = list(filter(None, found))
     over_several = len(set(names[1:]) - {""}) < len(names[1:])
-    return found if over_several and len(set(named)) == len(named) else None
+    described = list(names) if all(cells) else None  # a line of types or remarks, or the names again
+    return found if over_several and len(set(named)) == len(named) else described
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:

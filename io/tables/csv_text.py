@@ -29,7 +29,7 @@ from usbldr.io.tables.text_table import TextColumn, TextTable, listed
 from usbldr.io.tables.unnamed_columns import unnamed_columns
 
 MOST_BREAKS = 20  # [lines] of a row whose quoted cell has line breaks
-RULE = re.compile(r"[|+\s]*-{3,}[-|+\s]*")
+RULE = re.compile(r"[|+:\s]*-{3,}[-|+:\s]*")
 """A line of dashes, which parts the names of columns from the rows where programs print tables."""
 CLOSING = re.compile(r"\W*(\d+ )?[^\W\d]{3}.*", re.DOTALL)
 """Words behind the last row, as programs write: "(500 rows)", "-- end of file --", "Total: 500 records"."""

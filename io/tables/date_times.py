@@ -7,7 +7,7 @@ time of day without a date counts from 1970-01-01, over midnights. A GPS week be
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
-from itertools import islice, pairwise
+from itertools import islice
 from types import MappingProxyType
 from zoneinfo import available_timezones
 
@@ -20,6 +20,7 @@ from usbldr.io.gps_time import EPOCH_S, LAST_WEEK, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
 from usbldr.io.reader import Nanoseconds
 from usbldr.io.tables.time_columns import ISO
+from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import named_unit
 
 DATE = (
@@ -27,7 +28,7 @@ DATE = (
     r"|[A-Za-z]{3,9} \d{1,2},? \d{4}"
 )
 CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d{1,9}|:\d{3})?)?( ?[AaPp][Mm])?"
-ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}(:?\d{2})?))?"
+ZONE = r"( ?(Z|UTC|GMT|[+-]\d{2}(:?\d{2})?( [A-Z]{3,4})?))?"
 ALL_DIGITS = (
     r"(?P<year>(?:19|20)\d\d)(?:(?P<month>0[1-9]|1[0-2])(?P<day>[0-2]\d|3[01])|(?P<of_year>[0-2]\d\d|3[0-6]\d))"
     r"[T _]?(?P<hour>[01]\d|2[0-3])(?P<minute>[0-5]\d)(?P<second>[0-5]\d(?:[.,]\d{1,9})?)"
@@ -92,6 +93,7 @@ PARTED: Sequence[Sequence[str]] = (
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
 PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)_?(?:sec(?:ond)?)?s?")
+NANOSECONDS = re.compile(r"\d{1,9}")  # of a second
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
@@ -163,8 +165,12 @@ def with_iso_times(
             found[name] = (
                 _on_days(clocks, columns[dates[0]], cells, orders) if one else _without_date(clocks, orders, date)
             )
-    for time, part in pairwise(columns):
-        unit = PART_OF_SECOND.fullmatch(words_of(re.sub(r"[\[(].*", "", part)))
+    names = [*columns, ""]
+    for time, part, behind in zip(names, names[1:], names[2:], strict=False):
+        label = words_of(re.sub(r"[\[(].*", "", part))
+        of_ros2 = time.isdigit() and _are(columns[part], NANOSECONDS)  # without names, and a frame behind
+        of_ros2 = of_ros2 and not is_number(next(iter(columns.get(behind, ())), "0"))
+        unit = PART_OF_SECOND.fullmatch("nano" if of_ros2 else label)
         if (
             unit
             and time not in OWN_TIMES
@@ -314,6 +320,8 @@ def _on_days(
 ) -> list[str]:
     """Return times of day with their dates."""
     short = _are(dates, SHORT_DATE)
+    if sum(map(bool, dates)) * 2 < len(dates):  # a spreadsheet's merged cells: the first row of a day has its date
+        dates = pd.Series(list(dates), dtype="str").replace("", None).ffill().fillna("").tolist()
     days = [SHORT_DATE.sub(r"20\3-\2-\1", day) if short else DIGITS_DATE.sub(r"\1-\2-\3", day) for day in dates]
     return _iso([day and f"{day} {clock}" for day, clock in zip(days, clocks, strict=True)], cells, orders)
 
@@ -343,7 +351,8 @@ def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]
     plain = plain.str.replace(rf"(?<=\d),(?=\d)|{MILLISECONDS}", ".", regex=True)
     plain = plain.str.replace(CLOCK_FIRST, lambda found: f"{found.groups()[-1]} {found[1]}", regex=True)
     plain = plain.str.replace("_", " ", regex=False)
-    zoned = plain.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
+    zoned = plain.str.replace(r"(?<=[+-]\d{4}) [A-Z]{3,4}$", "", regex=True)  # Go: "+0200 CEST"
+    zoned = zoned.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
     mark = next((found[2] for found in map(NUMERIC_DATE.search, texts) if found), "")
     day_first = mark in orders and orders[mark].day_first
     moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first, utc=True, errors="coerce")

@@ -48,11 +48,20 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("ntp_time,Heading (deg)", "{ntp}.0,{h}"),
         ("Timestamp [us],UTC Date,UTC Time,Heading (deg)", "1234567000,2020-09-13,12:{utc},{h}"),
         ("event_ms,Heading (deg)", "{t}000,{h}"),
+        ("Time [min],Heading (deg)", "{min},{h}"),
+        ("Date,Time,Heading (deg)", "{day},12:{utc},{h}"),
+        ("Time,Heading (deg)\ndatetime,float", "2020-09-13T12:{utc},{h}"),
+        ("time,heading (deg)\nUTC,degrees_true", "2020-09-13T12:{utc}Z,{h}"),
+        ("| Time | Heading (deg) |\n|:---|---:|", "| 2020-09-13 12:{utc} | {h} |"),
+        ("Time,Heading (deg)", "2020-09-13 14:{utc}.0 +0200 CEST,{h}"),
+        ('"Time [s]","Heading (deg)"', '"{row}",{t},{h}'),
+        ("Local Time,UTC Time,Heading (deg)", "2020-09-13 14:{utc},2020-09-13 12:{utc},{h}"),
         (",compass,compass\n,Heading (deg),Roll (deg)\ntime,,", "2020-09-13T12:{utc}+00:00,{h},0"),
     ],
     ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF",
          "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens", "WinADCP", "Nucleus",
-         "UDAS", "date before", "of midnight", "NTP", "SBG", "unit alone", "pandas"],
+         "UDAS", "date before", "of midnight", "NTP", "SBG", "unit alone", "minutes",
+         "merged cells", "types", "ERDDAP", "Markdown", "Go", "R's rows", "local and UTC", "pandas"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
@@ -62,6 +71,11 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
         values = {"t": t, "h": 10.5 + k, "sod": 44800 + k, "utc": clock, "gps": gps, "hms": clock.replace(":", ",")}
         values["j2000"] = t - 946_684_800
         values |= {"doy": f"{257 + (44800 + k) / 86400:.12f}", "ntp": t + 2_208_988_800}
+        values |= {
+            "min": f"{t // 60}{t % 60 / 60:.12f}".replace("0.", ".", 1),
+            "day": "13.09.2020" * (k == 0),
+            "row": k + 1,
+        }
         values["all"] = f"12{clock.replace(':', '')}"
         rows.append(row.format(**values, d=f"{t / 1e9:.9f}D+09"))
     log = read_log(saved(tmp_path / "compass.csv", "\n".join([names, *rows]) + "\n"))
@@ -163,6 +177,11 @@ OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
     ("name", "text", "fault", "said"),
     [
         ("compass", NO_NUMBER, LogError, r'line 2: Heading \(deg\) is "1 bar", not a number$'),
+        ("usbl", 'Time [s],Position\n1,"45.1, 7.2"\n', LogError, r"in the cells of Position \(45.1, 7.2\); write each"),
+        ("usbl", "Time [s],Position\n1,45-30.0N 007-12.0E\n", LogError, "several values in the cells of Position"),
+        ("usbl", "Time [s],place\n1,POINT (7.2 45.1)\n", LogError, "several values in the cells of place"),
+        ("dvl", 'Time [s],velocity\n1,"[1.5, 0.5]"\n', LogError, "several values in the cells of velocity"),
+        ("dvl", 'Time [s],data\n1,"{""x"": 1.5}"\n', LogError, "several values in the cells of data"),
         ("APOS_positions", f"Time [s],TP name,Latitude [deg],Longitude [deg]\n{OF_APOS}", UsageError,
          r"2 targets: M0 \(2 fixes\), M1 \(2 fixes\)"),
     ],
@@ -224,11 +243,15 @@ NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Headi
         ("", "compass", f"Time [s],Heading true [deg],Heading mag [deg]\n{T0_S},1,2\n", {"compass.heading_deg": [1]}),
         ("", "compass", NANO + "".join(f"2020,9,13,12,26,{40 + k},{250_000_000 * k},10\n" for k in range(3)),
          {"compass.time_s": [0.0, 1.25, 2.5]}),
+        ('[compass]\ncolumns = { time_unix_s = "1", heading = "4" }', "compass",
+         "".join(f"{T0_S + k},{250_000_000 * k},imu,10\n" for k in range(3)), {"compass.time_s": [0.0, 1.25, 2.5]}),
+        (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},45.0,\u22127.0\n{T0_S + 1},\\N,\\N\n", {"gps.lon_deg": [-7.0]}),
         # as autopilots write them, beyond all degrees and minutes
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},450000000,-70000000\n{T0_S + 1},450000360,-70000000\n",
          {"gps.lat_deg": pytest.approx([45.0, 45.000036]), "gps.lon_deg": pytest.approx([-7.0, -7.0])}),
     ],
-    ids=["units in cells", "the heading that is true", "not magnetic", "nanoseconds", "ten millionths of degrees"],
+    ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "minus signs",
+         "ten millionths of degrees"],
 )  # fmt: skip
 def test_values_are_those_that_names_and_cells_mean(tmp_path, toml, file, text, wanted):
     log = logged_csv(tmp_path, toml, **{file: text})

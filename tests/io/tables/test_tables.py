@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -149,10 +149,10 @@ def test_the_elements_of_lists_in_parquet_are_columns_unless_they_are_texts(tmp_
     assert topic.problem.endswith("; beside these: velocity (a list, not read)")
 
 
-@pytest.mark.parametrize("of_rows", [False, True])
-def test_columns_in_json_are_tables(tmp_path: Path, of_rows: bool) -> None:
+@pytest.mark.parametrize("form", ["list", "dict", "split"])
+def test_columns_in_json_are_tables(tmp_path: Path, form: Literal["list", "dict", "split"]) -> None:
     frame = pd.DataFrame({"Time": ["2020-09-13 12:26:40", "2020-09-13 12:26:41.5"], "Heading (deg)": [1.5, None]})
-    text = json.dumps({"compass": json.loads(frame.to_json()) if of_rows else frame.to_dict("list")})
+    text = json.dumps({"compass": frame.to_dict(form)})
     file = saved(tmp_path / "dive.json", text.replace("NaN", "null"))
 
     records = read_whole(open_log(file), {"/compass": ["heading_deg"]})["/compass"]
