@@ -154,7 +154,7 @@ def unit_of(cell: str) -> NamedUnit:
 
 def stated_degrees(text: str) -> float:
     """Return an angle with a side or a degree sign: "45 12.5 N", "W 5°30'18\""; raise ValueError if it is none."""
-    angle = _ANGLE.fullmatch(text)
+    angle = _ANGLE.fullmatch(text.replace(",", "."))
     if angle is None:
         raise ValueError
     before, sign, degrees, mark, minutes, seconds, behind = angle.groups("")

@@ -160,7 +160,8 @@ def depth(raw: RawRecords, section: DepthSection) -> ConvertedTable | Finding:
         if middle < -IN_THE_AIR_M:
             other = f'positive = "{"up" if sign == "down" else "down"}" under [depth]'
             if "positive" in raw.layout.fixed:  # by the name of the column, so that it must be named anew
-                other = f'columns = {{ time_ns = "time_ns", depth_m = "depth_m" }} and {other}'
+                own = 'columns = { time_ns = "time_ns", depth_m = "depth_m" }'
+                other = f"{'its columns of time and depth' if raw.topic.first_row else own} and {other}"
             text = f"a median depth of {middle:.1f} m, above the water; if it counts the other way, state {other}"
             findings.append(raw.finding("DEPTH-SIGN", text))
     causes = {"not a number": ~np.isfinite(value), f"beyond {MAX_DEPTH_M / 1000:.0f} km": np.abs(value) > MAX_DEPTH_M}

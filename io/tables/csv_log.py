@@ -183,11 +183,8 @@ class CsvLog:
 
     def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:
         first = zip(plain_names(source.header), self._begin(source.file)[1], strict=False)
-        if several := [
-            f"{name} ({cell})" for name, cell in first if SEVERAL.fullmatch(cell) and not foreign_time(cell)
-        ]:
-            text = f"{source.file.name} holds several values in the cells of {several[0]}"
-            return f"{text}; write each value in a column of its own"
+        for text in (f"{name} ({cell})" for name, cell in first if SEVERAL.fullmatch(cell) and not foreign_time(cell)):
+            return f"{source.file.name} holds several values in the cells of {text}; write each in a column of its own"
         if sheet:
             empty = self._begin(source.file)[1] in ([], [""])
             return f"{source.file.name} {'has no rows' if empty else sheet.problem}"

@@ -172,7 +172,8 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         if not found:
             return {}
     stamps, arrivals = dated_columns(cells, times.get("time", [])), times.get("received", [])
-    stamps = [one for one in stamps if not UNKNOWN_ZONE.search(one.name)] or stamps  # UTC beside local time
+    finer = (one for one in stamps if not UNKNOWN_ZONE.search(one.name) and one.factor <= SECOND_NS)
+    stamps = [*finer] or stamps  # UTC beside local time, seconds beside minutes
     beside = _times_beside(stamps, found, names)
     named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
     sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
@@ -294,10 +295,9 @@ def _doubled(sensor: str, columns: Mapping[str, Sequence[NamedColumn]], clock: T
     time = next((key for key, unit_ns in TIME_UNITS_NS.items() if (unit_ns, AT_1970.get(key, 0)) == clock[1:]), "")
     keys = {time: clock.column, **{KEYS.get(key, key): same[0].name for key, same in columns.items() if key}}
     line = ", ".join(f"{key} = {quoted(name)}" for key, name in keys.items())
-    labels = [column.name for column in doubled[0]]
-    if twice := next((name for name in labels if labels.count(name) > 1), ""):
-        return f"has several columns {twice}; rename all but one"
-    names = ", ".join(labels)
+    names = ", ".join(column.name for column in doubled[0])
+    if len({column.name for column in doubled[0]}) < len(doubled[0]):
+        return f"has columns of one name ({names}); rename them"
     return f"has columns for the same quantity ({names}); choose one under [{sensor}]: columns = {{ {line} }}"
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from usbldr.io.messages.field_names import named_column
+from usbldr.io.messages.layouts import FLAG_WORDS
 from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextTable
 from usbldr.io.tables.time_columns import ISO
@@ -13,9 +14,10 @@ from usbldr.io.tables.unnamed_columns import is_number
 DEVICES = ("sensor", "device", "source", "instrument")  # whose names go before those of quantities, if they differ
 NAMES = (
     *("measurement", "topic", "name", "series", "tag", "channel", "signal", "variable", "parameter", "metric"),
-    "field",
+    *("field", "quantity"),
 )
 """Columns of names, in the order in which they make one."""
+FLAGS = ("quality", "status", "valid")  # columns of words that may call a value invalid
 MOST_NAMES = 500  # of quantities: more are those of something else
 
 
@@ -54,12 +56,13 @@ def widened(table: TextTable, long: LongColumns) -> TextTable:
     rows: list[tuple[int, tuple[str, ...], dict[str, str]]] = []
     latest: dict[tuple[str, ...], dict[str, str]] = {}
     moments = zip(*(columns[name] for name in times), strict=True)
-    for line, moment, label, value in zip(table.lines, moments, labels, columns[long.value], strict=True):
+    flags = next((cells for name, cells in columns.items() if name.strip("_").lower() in FLAGS), [""] * len(labels))
+    for line, moment, label, value, flag in zip(table.lines, moments, labels, columns[long.value], flags, strict=True):
         cells = latest.get(moment)
         if cells is None or label in cells:
             cells = latest[moment] = {}
             rows.append((line, moment, cells))
-        cells[label] = value
+        cells[label] = flag if FLAG_WORDS.get(flag.lower()) == 0 else value  # a word is no number
     if sum(a != b for a, b in pairwise(labels)) < len(series):  # one after the other
         rows.sort(key=lambda row: _order(row[1]))
     wide: Mapping[str, Sequence[str]] = {

@@ -285,6 +285,8 @@ def test_depths_that_count_up_are_read_as_the_advice_says(tmp_path: Path) -> Non
 
     assert log.tables["depth"]["depth_m"].tolist() == [20.0, 21.0, 22.0]
     assert "DEPTH-SIGN" not in codes(log)
+    named = codes(logged_csv(tmp_path, "", depth=rows.replace("depth_m", "Depth [m]")))["DEPTH-SIGN"]
+    assert named.endswith('state its columns of time and depth and positive = "up" under [depth]')
 
 
 def test_depths_that_no_vehicle_reaches_and_leaves_are_left_out(tmp_path: Path) -> None:
