@@ -257,6 +257,9 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
             sensor = own or file or ("usbl" if acoustic and TARGET.search(words_of(column.name)) else "?")
         if sensor != "?" and not (sensor == "depth" and own == "usbl"):
             found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)
+    for columns in found.values():
+        for key in ("east_m", "north_m") if columns.keys() >= {"lat_deg", "lon_deg"} else ():  # offsets, or residuals
+            columns.pop(key, None)
     if headings := found.get("compass", {}).get("heading_deg"):
         found["compass"]["heading_deg"] = list(true_ones(headings))
         for key in ("roll_deg", "pitch_deg"):

@@ -93,7 +93,6 @@ PARTED: Sequence[Sequence[str]] = (
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
 PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)_?(?:sec(?:ond)?)?s?")
-NANOSECONDS = re.compile(r"\d{1,9}")  # of a second
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 DAY_S = 86400  # fixed
@@ -168,8 +167,7 @@ def with_iso_times(
     names = [*columns, ""]
     for time, part, behind in zip(names, names[1:], names[2:], strict=False):
         label = words_of(re.sub(r"[\[(].*", "", part))
-        of_ros2 = time.isdigit() and _are(columns[part], NANOSECONDS)  # without names, and a frame behind
-        of_ros2 = of_ros2 and not is_number(next(iter(columns.get(behind, ())), "0"))
+        of_ros2 = time.isdigit() and not is_number(next(iter(columns.get(behind, ())), "0"))  # unnamed, a frame behind
         unit = PART_OF_SECOND.fullmatch("nano" if of_ros2 else label)
         if (
             unit

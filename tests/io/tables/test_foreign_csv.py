@@ -199,6 +199,7 @@ UNDERSTOOD = {  # what is understood: file, text, columns
                                        {"gps.lat_deg": pytest.approx([-45.5, -45]), "gps.lon_deg": [-30.25, -30]}),
     "standard deviations": ("usbl", "lat_deg,lon_deg,Std Dev East [m],Std Dev North [m]\n45,-30,1.5,1.5",
                             {"usbl.east_m": [0]}),
+    "offsets": ("usbl", "Offset East [m],Offset North [m],lat_deg,lon_deg\n5,5,45,-30", {"usbl.east_m": [0]}),
     "quantities and their quality": ("x", "quantity,value,unit,quality\nheading,30.5,deg,Good\nheading,9,deg,Bad",
                                      {"compass.heading_deg": [30.5]}),
     "decimal commas of minutes": ("gps", "Lat [°],Lon [°]\n\"45° 30,00' S\",\"30° 15,00' W\"", SOUTH_WEST),
