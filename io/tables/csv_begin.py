@@ -218,8 +218,8 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
         names, rows = joined, rows + 1
     if _ends_in_comment(names, cells_of(clean[rows], separator) if rows < len(clean) else ()):
         names.pop()
-    of_r = [line.startswith(f'"{k}"') and cells_of(line, separator) for k, line in enumerate(clean[rows : rows + 2], 1)]
-    if len(of_r) == 2 and all(cells and len(cells) == len(names) + 1 and cells[-1] for cells in of_r):
+    of_r = [cells_of(line, separator) for k, line in enumerate(clean[rows : rows + 2], 1) if line.startswith(f'"{k}"')]
+    if len(of_r) == 2 and all(len(cells) == len(names) + 1 and cells[-1] for cells in of_r):
         names.insert(0, "row")  # write.table() gives its names of rows no name
     while len(names) > 1 and not names[-1]:
         names.pop()  # of separators at the end of the line

@@ -53,6 +53,7 @@ WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
 """A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
+ENDS = 500  # [characters] of a cell from either end: matching takes their square
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,9 +183,10 @@ class CsvLog:
         return one.info(topic, "csv", times, problem, lambda: self._first_row(source))
 
     def _problem(self, source: CsvSource, sheet: Sheet | None) -> str:
-        first = zip(plain_names(source.header), self._begin(source.file)[1], strict=False)
-        for text in (f"{name} ({cell})" for name, cell in first if SEVERAL.fullmatch(cell) and not foreign_time(cell)):
-            return f"{source.file.name} holds several values in the cells of {text}; write each in a column of its own"
+        for name, cell in zip(plain_names(source.header), self._begin(source.file)[1], strict=False):
+            if SEVERAL.fullmatch(cell[:ENDS] + cell[ENDS:][-ENDS:]) and not foreign_time(cell):
+                text = f"holds several values in the cells of {name} ({cell}); write each in a column of its own"
+                return f"{source.file.name} {text}"
         if sheet:
             empty = self._begin(source.file)[1] in ([], [""])
             return f"{source.file.name} {'has no rows' if empty else sheet.problem}"

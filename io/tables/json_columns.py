@@ -40,8 +40,8 @@ def json_columns_log(file: Path) -> TableLog | None:
 
 
 def _tables(file: Path, name: str, value: Mapping[str, Any]) -> Iterator[Table]:
-    if {"columns", "index", "data"} == value.keys():  # pandas' orient="split"
-        value = pd.DataFrame(value["data"], columns=value["columns"]).to_dict("list")
+    if set(value) == {"columns", "index", "data"}:  # pandas' orient="split"
+        value = dict(zip(value["columns"], map(list, zip(*value["data"], strict=True)), strict=True))
     by_length: dict[int, dict[str, Column]] = {}
     for label, given in value.items():
         inner = cast("Mapping[str, Any]", given if isinstance(given, dict) else {})

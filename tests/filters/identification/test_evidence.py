@@ -263,7 +263,7 @@ def test_fixes_that_were_valid_before_or_after_the_log_are_reckoned_on(latency_s
     "error", [{"usbl_latency": -9.0}, {"dvl_clock": 7.0}, {"compass_clock": -7.0, "dvl_scale": 0.1}]
 )
 def test_what_is_recorded_after_the_last_fix_says_nothing_of_it(error: Mapping[str, float]) -> None:
-    line, point = weaving_dive(Faults(), seconds=200), tuple((dict.fromkeys(STEPS, 0.0) | error).values())
+    line, point = weaving_dive(Faults(), seconds=200), tuple({**dict.fromkeys(STEPS, 0.0), **error}.values())
 
     first, every = (linearised(line, (0.0, 0.0), fixes, point) for fixes in (60, len(line.fix_time_s)))
 
