@@ -11,6 +11,7 @@ from pathlib import Path
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.decompression import compression_of, first_bytes
 from usbldr.io.file_access.open_file import HEAD_BYTES, WESTERN, begin_of, filled_files, opened, text_lines
+from usbldr.io.tables.cells import WORDS
 from usbldr.io.tables.clean_csv import clean_columns
 from usbldr.io.tables.csv_begin import (
     BLANKS,
@@ -163,7 +164,7 @@ def _closes(line: str, separator: str | None) -> bool:
     """Return whether a line holds words in one cell: behind rows that begin with a value, it is none of them."""
     text = line.strip(f"{separator or ''}{BLANKS}\r\n")
     alone = separator not in text if separator else text.startswith(("(", "-", "*"))
-    return alone and CLOSING.fullmatch(text) is not None
+    return alone and CLOSING.fullmatch(text) is not None and not is_value(text) and text.lower() not in WORDS
 
 
 def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | None) -> Iterator[tuple[int, str]]:

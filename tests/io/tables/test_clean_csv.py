@@ -52,6 +52,7 @@ def interpreted(file: Path) -> tuple[Any, ...]:
 @example(table=[["1600000000.123456789"] * 5, ["1"] * 5], end="\n", wide=0, narrow=0)
 @example(table=[["1", "2", "3", '"4', "5"], ["1"] * 5], end="\n", wide=0, narrow=0)
 @example(table=[["1", "2", "3", "4", "5"], ["1"] * 5], end="\n", wide=1, narrow=2)
+@example(table=[["1", "nan", "True", "", "5"], ["1", "", "", "1", "5"]], end="\n", wide=0, narrow=0)
 def test_a_cell_means_the_same_on_all_paths(table: Sequence[Sequence[str]], end: str, wide: int, narrow: int) -> None:
     lines = ["time,b,c"[: 2 * len(table) + 2], *map(",".join, zip(*table, strict=True))]
     lines[wide] += ",7" if wide else ""
