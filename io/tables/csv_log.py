@@ -31,13 +31,12 @@ from usbldr.io.tables.date_times import (
     clock_digits,
     foreign_time,
     orders_of,
-    parted_time,
-    week_and_time,
     with_iso_times,
 )
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, line_findings, row_findings
 from usbldr.io.tables.time_columns import TimeColumn
+from usbldr.io.tables.time_parts import parted_time, week_and_time
 from usbldr.io.tables.topic_sheets import (
     FirstRow,
     TableHead,

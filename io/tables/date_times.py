@@ -14,12 +14,23 @@ from zoneinfo import available_timezones
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.types import Mask, Vector
+from usbldr.filters.types import Vector
 from usbldr.io.decoding.date_order import NUMERIC_DATE, DateOrder, date_orders
-from usbldr.io.gps_time import EPOCH_S, LAST_WEEK, WEEK_S, utc_ns
-from usbldr.io.messages.field_names import TIME_OF_WEEK, words_of
-from usbldr.io.reader import Nanoseconds
+from usbldr.io.gps_time import EPOCH_S, WEEK_S, utc_ns
+from usbldr.io.messages.field_names import words_of
 from usbldr.io.tables.time_columns import ISO
+from usbldr.io.tables.time_parts import (
+    DAY_S,
+    PARTS_NS,
+    WEEK,
+    as_text,
+    moments_text,
+    numbers,
+    of_parts,
+    of_weeks,
+    parted_time,
+    week_and_time,
+)
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import named_unit
 
@@ -62,41 +73,11 @@ GPS_TIME = re.compile(r"(?:^|[^a-z])gpst(?:$|[^a-z])|[\[(] ?gps(?: time)? ?[\])]
 PLACE = re.compile(r"\b[A-Z][A-Za-z]+/[A-Z][\w/]+")
 """A zone by its place, as the IANA data base names it: "Time (Europe/Oslo)"."""
 ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
-WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
-WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
-PARTS: Mapping[str, str] = {
-    "year": "year|yr|yyyy",
-    "month": "month|mon|^mo",
-    "day": "day|day_of_month|^da",
-    "day_of_year": "doy|day_of_year|year_?day|julian_day|jday|yday",
-    "hour": "hours?|hr|^hh",
-    "minute": "minutes?|mins?|^mm",
-    "second": "(?<!milli_)(?<!micro_)(?<!nano_)(seconds?|secs?)|^ss",
-    "second_of_day": r"sod|seconds?_of_(the_)?day",
-    "nanosecond": "nano(_?sec(ond)?)?s?|nsecs?",
-    "microsecond": "micro(_?sec(ond)?)?s?|usecs?",
-    "millisecond": "milli(_?sec(ond)?)?s?|msecs?|^ms",
-    "hundredth": "^hh_100|hundredths?|hsecs?|centi_?sec(ond)?s?",
-}
-"""Parts of a time that have a column each, and the names of these."""
-DATES = ("year", "month", "day"), ("year", "day_of_year")
-PARTS_NS = {"nanosecond": 1, "microsecond": 1000, "millisecond": 1_000_000, "hundredth": 10_000_000}  # fixed
-CLOCK_PARTS = ("hour", "minute", "second")
-CLOCKS = *((part, *CLOCK_PARTS) for part in PARTS_NS), CLOCK_PARTS, ("second_of_day",)
-PARTED: Sequence[Sequence[str]] = (
-    *((*d, *c) for d in DATES for c in CLOCKS),
-    DATES[1],
-    ("nanosecond", "second"),
-    ("microsecond", "second"),
-)
-"""The parts of a whole time, whose days may have decimals. The last one's column becomes that of the time."""
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
 PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)_?(?:sec(?:ond)?)?s?")
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
-DAY_S = 86400  # fixed
-CENTURY = 2000  # fixed: years that are within 100 of it are some
 NUMBER = re.compile(r"\d+(\.\d*)?")
 DAYS = "1970-01-0"  # with which times of day without a date begin
 
@@ -139,10 +120,10 @@ def with_iso_times(
     orders = {**own, **{mark: order for mark, order in orders.items() if mark not in own or own[mark].example}}
     pair = week_and_time(columns)
     if pair and all(_are(columns[name], NUMBER) for name in pair) and _are(columns[pair[0]], WEEK):
-        found[pair[1]] = _of_weeks(*pair, columns)
+        found[pair[1]] = of_weeks(*pair, columns)
     parts = parted_time(columns)
     if parts and all(_are(columns[name], NUMBER) for name in parts.values()):
-        found[list(parts.values())[-1]] = _of_parts(parts, columns)
+        found[list(parts.values())[-1]] = of_parts(parts, columns)
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
     of_digits = [(name, cells) for name, cells in columns.items() if DATE_NAME.search(name.lower())]
     dates += [name for name, cells in of_digits if _are(cells, DIGITS_DATE) or _are(cells, SHORT_DATE)]
@@ -153,7 +134,7 @@ def with_iso_times(
             moments = pd.to_datetime(
                 pd.Series(list(cells), dtype="str"), format=stated[name], utc=True, errors="coerce"
             )
-            found[name] = _as_text(moments, cells)
+            found[name] = as_text(moments, cells)
         elif _are(cells, DATE_TIME):
             found[name] = _iso(list(cells), cells, orders)
         elif not dates and clock_digits(name, next(iter(cells), "")) and (digits := _clocks_of_digits(cells)):
@@ -175,7 +156,7 @@ def with_iso_times(
             and _are(found[time], WHOLE_SECONDS, or_iso=True)
             and _are(columns[part], NUMBER)
         ):
-            found[time] = _with_parts(found[time], _numbers(columns[part]) * PARTS_NS[f"{unit[1]}second"])
+            found[time] = _with_parts(found[time], numbers(columns[part]) * PARTS_NS[f"{unit[1]}second"])
     for name in columns:
         zoned = any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS)))
         if not zoned and (zone := named_zone(name)):
@@ -202,64 +183,10 @@ def _with_parts(cells: Sequence[str], part_ns: Vector) -> list[str]:
     ]
 
 
-def week_and_time(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return the columns of the GPS week and of the time of the week, None if there is not one of each."""
-    words = {name: words_of(named_unit(name).label) for name in names}
-    times = [name for name, word in words.items() if re.search(TIME_OF_WEEK_NAME, word)]
-    weeks = [name for name, word in words.items() if re.search(WEEK_NAME, word) and name not in times]
-    return (weeks[0], times[0]) if len(weeks) == len(times) == 1 else None
-
-
-def parted_time(names: Iterable[str]) -> Mapping[str, str]:
-    """Return part -> column of a time that several columns make up, empty if there are none, or several of a part."""
-    words = {name: words_of(re.sub(r"[\[(].*", "", name)) for name in names}
-    found = {
-        part: [name for name, word in words.items() if re.search(f"(^|_)({kind})$", word)]
-        for part, kind in PARTS.items()
-    }
-    whole = next((parts for parts in PARTED if all(len(found[part]) == 1 for part in parts)), ())
-    return {part: found[part][0] for part in whole}
-
-
 def of_times(names: Sequence[str]) -> set[str]:
     """Return the columns of dates, of weeks, and of other parts of times."""
     dates = {name for name in names if DATE_NAME.search(words_of(name))}
     return dates.union(parted_time(names).values(), week_and_time(names) or ())
-
-
-def _of_parts(parts: Mapping[str, str], columns: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return times that several columns make up as ISO text."""
-    value = {p: _numbers(columns[name]) for p, name in parts.items()}
-    if "year" in value:  # which some write as 26
-        value["year"] = value["year"] + CENTURY * (value["year"] < 100)
-    good = (np.abs(sum(value.values())) < 1e12) & (np.abs(value.get("year", np.array(CENTURY)) - CENTURY) < 100)
-    whole = {p: np.where(good, numbers, 1).astype(np.int64) for p, numbers in value.items()}
-    month = (whole.get("year", 1970) - np.int64(1970)) * 12 + whole.get("month", 1) - 1
-    day = month.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
-    day += whole.get("day", whole.get("day_of_year", 1)) - 1
-    units_ns = {"hour": 3600e9, "minute": 60e9, "second": 1e9, "second_of_day": 1e9, **PARTS_NS}
-    rounded = [np.round(value.get("day_of_year", np.zeros(1)) % 1 * DAY_S * 1e9)]
-    rounded += [np.round(value[p] * unit_ns) for p, unit_ns in units_ns.items() if p in parts]
-    ns = day * (DAY_S * 10**9) + sum(np.where(good, part, 0).astype(np.int64) for part in rounded)
-    return _moments(ns, good, columns[list(parts.values())[-1]])
-
-
-def _numbers(cells: Sequence[str]) -> Vector:
-    return pd.to_numeric(pd.Series(list(cells), dtype="str"), errors="coerce").to_numpy(float)
-
-
-def _moments(ns: Nanoseconds, good: Mask, cells: Sequence[str]) -> list[str]:
-    return _as_text(pd.Series(pd.to_datetime(ns, utc=True)).where(pd.Series(good)), cells)
-
-
-def _of_weeks(week: str, time: str, columns: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return times of the week as ISO text; in seconds, or the unit of their name, or milliseconds by their size."""
-    weeks, times = (_numbers(columns[name]) for name in (week, time))
-    unit = named_unit(time)
-    seconds = times * (unit.factor / 1e9 if unit.dimension == "time" else 1.0 if np.nanmax(times) <= WEEK_S else 1e-3)
-    good = np.isfinite(weeks + seconds) & (weeks < LAST_WEEK) & (np.abs(seconds) <= WEEK_S)
-    ns = utc_ns(np.where(good, weeks, 0).astype(np.int64), np.where(good, seconds, 0.0))
-    return _moments(ns, good, columns[time])
 
 
 def _utc_of_gps(cells: Sequence[str]) -> list[str]:
@@ -267,7 +194,7 @@ def _utc_of_gps(cells: Sequence[str]) -> list[str]:
     moments = pd.to_datetime(pd.Series(list(cells), dtype="str"), format="ISO8601", utc=True, errors="coerce")
     since_1970 = moments.to_numpy("datetime64[ns]", na_value=np.datetime64(0, "ns")).astype(np.int64)
     weeks, rest_ns = np.divmod(since_1970 - EPOCH_S * 10**9, WEEK_S * 10**9)
-    return _moments(utc_ns(weeks, rest_ns / 1e9), moments.notna().to_numpy(np.bool_), cells)
+    return moments_text(utc_ns(weeks, rest_ns / 1e9), moments.notna().to_numpy(np.bool_), cells)
 
 
 def _utc_of_place(cells: Sequence[str], zone: str) -> list[str]:
@@ -276,7 +203,7 @@ def _utc_of_place(cells: Sequence[str], zone: str) -> list[str]:
     summer = (local.diff() < -pd.Timedelta(minutes=30)).cumsum() == 0
     hour = pd.Timedelta(hours=1)  # a clock that was not set shows an hour that the place leaves out
     moments = local.dt.tz_localize(zone, ambiguous=summer.to_numpy(), nonexistent=hour).dt.tz_convert("UTC")
-    return _as_text(moments, cells)
+    return as_text(moments, cells)
 
 
 def _of_day(name: str, cells: Sequence[str]) -> bool:
@@ -354,7 +281,7 @@ def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]
     mark = next((found[2] for found in map(NUMERIC_DATE.search, texts) if found), "")
     day_first = mark in orders and orders[mark].day_first
     moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first, utc=True, errors="coerce")
-    return _as_text(moments, cells)
+    return as_text(moments, cells)
 
 
 def _of_digits(found: re.Match[str]) -> str:
@@ -366,9 +293,3 @@ def _of_digits(found: re.Match[str]) -> str:
 def _of_year(found: re.Match[str]) -> str:
     """Return a year and a day of it as a date."""
     return f"{np.datetime64(found[1], 'D') + (int(found[2]) - 1)} "
-
-
-def _as_text(moments: "pd.Series[pd.Timestamp]", cells: Sequence[str]) -> list[str]:
-    iso = moments.dt.strftime("%Y-%m-%dT%H:%M:%S.%f").to_numpy(dtype=object)
-    known = moments.notna().to_numpy(dtype=np.bool_)
-    return [str(new) if good else old for new, good, old in zip(iso, known, cells, strict=True)]
