@@ -494,7 +494,7 @@ def test_units_of_a_file_hold_for_columns_of_the_configuration_and_before_its_un
 
 NO_VALUES = (
     *("NA", "n/a", "#N/A", "null", "None", "-", "---", "", "#NV", "#DIV/0!", "-nan(ind)", "-nan", "1.#QNAN", "-1.#IND"),
-    *("<NA>", "NaT", "(null)", "?", "***", "no data", "invalid"),
+    *("<NA>", "NaT", "(null)", "?", "***", "no data", "invalid", r"\N"),
 )
 
 
