@@ -159,7 +159,8 @@ def _with_lost_reckoning(
     found, near = FoundChanges(), timeline.with_fixes(~outliers)
     for _ in range(MOST_LOST):
         before, line = found, without_changes(near, found.changes)
-        for span in lost_spans(line, robust_member(line, best.members[0], stated), () if found.changes else shifts_s):
+        member, log_likelihood = robust_member(line, best.members[0], stated), best.log_evidence + before.cost
+        for span in lost_spans(line, member, log_likelihood, () if found.changes else shifts_s):
             one = FoundChanges(tuple(sorted((*before.changes, *span))), before.cost + cost(line))
             other = _explanation(timeline, stated, outliers, one)
             if other.log_evidence > best.log_evidence:

@@ -28,14 +28,17 @@ LOST = (("dvl",), BOTH)  # sensors that a span is sought without
 Lost = tuple[SensorChange, SensorChange]  # dead reckoning is lost, and there again
 
 
-def lost_spans(timeline: Timeline, member: Member, shifts_s: Sequence[float] = ()) -> tuple[Lost, ...]:
+def lost_spans(
+    timeline: Timeline, member: Member, log_likelihood: float = -math.inf, shifts_s: Sequence[float] = ()
+) -> tuple[Lost, ...]:
     """Return the likeliest span of lost sensors about each edge of a run from the first fix or to the last, and shift.
 
-    ``shifts_s`` are times at which the fixes seem to shift for good. A span that costs more than it gains is none.
+    ``log_likelihood`` is that of the fixes by the best explanation without a span, ``shifts_s`` are times at which they
+    seem to shift for good. A span that costs more than it gains is none.
     """
     none = false_runs(timeline, member)
     edges_s = {*_edges_s(timeline, none.false[:MAX_FIXES]), *filter(math.isfinite, shifts_s)}
-    least = none.log_likelihood + cost(timeline)
+    least = max(none.log_likelihood, log_likelihood) + cost(timeline)
     spans = (_likeliest(timeline, member, edge_s, lost, least) for edge_s in sorted(edges_s) for lost in LOST)
     return tuple(span for span in spans if span)
 

@@ -374,13 +374,13 @@ def test_lost_dead_reckoning_is_sought_where_fixes_seem_to_shift(monkeypatch: py
     shift = SensorChange(200.0, 0.0, 0.0, fix_shift_m=(9.0, 0.0))
     sought_s = list[float]()
     monkeypatch.setattr(evidence, "changes", lambda *_: (FoundChanges((shift,), 100.0),))
-    monkeypatch.setattr(evidence, "lost_spans", lambda *given: sought_s.extend(given[2]) or ())
+    monkeypatch.setattr(evidence, "lost_spans", lambda *given: sought_s.extend(given[3]) or ())
 
     identify(DIVE, ASSUMED)
 
     assert sought_s == [200.0]
-    assert not lost_spans(DIVE, Member(ASSUMED, frozenset()), [200.0])  # one gains less than it costs
-    spans = lost_spans(BESIDE_IRON, Member(ASSUMED, frozenset()), [-np.inf, 200.0])
+    assert not lost_spans(DIVE, Member(ASSUMED, frozenset()), shifts_s=[200.0])  # one gains less than it costs
+    spans = lost_spans(BESIDE_IRON, Member(ASSUMED, frozenset()), shifts_s=[-np.inf, 200.0])
     assert {begin.lost for begin, _ in spans} == {("dvl",), ("dvl", "compass")}
     assert all(begin.start_s < 200.0 < end.start_s for begin, end in spans)
 
