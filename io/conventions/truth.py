@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,32 +26,20 @@ from usbldr.io.settings.sensor_sections import TruthSection
 from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.csv_text import read_texts
 from usbldr.io.tables.text_table import line_findings, listed
-from usbldr.io.tables.time_columns import keys_since_1970
+from usbldr.io.tables.time_columns import dated_columns, keys_since_1970
 
 LEAST_POINTS = 10  # [points] within a track, by which its frame is checked
 CLEARLY_BETTER = 2.0  # times: a frame whose points fit so much better is not chance
 MORE = ("sd_east_m", "sd_north_m", "cov_en_m2", "heading_deg", *QUATERNION)
 
-
-TIMES = {
-    "time_ns": "time_ns",
-    "stamp_ns": "time_ns",
-    "timestamp_ns": "time_ns",
-    "time_s": "time_s",
-    "time_unix_s": "time_unix_s",
-    **dict.fromkeys(("timestamp", "stamp", "time", "datetime", "utc"), "time_unix_s"),
-}
-"""Names of time columns, and the key of [truth] columns that each is."""
 PLACES: Mapping[tuple[str, str], str | None] = {
     ("east_m", "north_m"): "ENU",
     ("lat_deg", "lon_deg"): "latlon",
-    ("latitude", "longitude"): "latlon",
-    ("lat", "lon"): "latlon",
     ("tx", "ty"): None,
     ("x_m", "y_m"): None,
     ("x", "y"): None,
 }
-"""Names of two columns that hold a position, and their frame; None: east and north, unless stated otherwise."""
+"""Two columns that hold a position, as field_names calls them, and their frame; None: east and north, unless stated."""
 VELOCITY = ("starboard_mps", "forward_mps")
 FINDINGS = "findings"  # findings of a truth file, as an attribute of its table
 
@@ -169,7 +158,7 @@ def read_truth_file(
     """
     read_table = read_texts(file, units_are_row=section.skip_rows > 0)  # the user counts a line of units
     texts = read_table.columns
-    columns, frame = _columns(file, texts, section)
+    columns, frame, by_name = _columns(file, texts, section)
     row_count = len(texts[columns["x"]])
     rows = range(min(section.skip_rows, row_count), row_count)
     cells = {key: texts[name][rows.start :] for key, name in columns.items()}
@@ -187,7 +176,6 @@ def read_truth_file(
         frame = "latlon"
     east, north = _on_plane(file, frame, x, y, origin)
     columns_by: ChosenBy = "column names" if section.columns is None else "configuration"
-    by_name = section.columns is None and PLACES[columns["x"], columns["y"]] is not None
     frame_by: ChosenBy = columns_by if by_name else "default" if section.frame is None else "configuration"
     named = ", ".join(f"{key} = {name}" for key, name in columns.items())
     chosen = [Convention("frame", frame, frame_by), *on_grid, Convention("columns", named, columns_by)]
@@ -231,7 +219,8 @@ def _heading(more: Mapping[str, Column], frame: str) -> dict[str, Vector]:
     return {} if np.ptp(heading) == 0 else {"heading_deg": heading}
 
 
-def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str]:
+def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSection) -> tuple[dict[str, str], str, bool]:
+    """Return the columns by key, the frame, and whether the names of the columns state it."""
     if section.columns is not None:
         columns = {str(key): plain(name) for key, name in section.columns.items()}
         clocks = [key for key in columns if key in TIME_UNITS_NS]
@@ -241,31 +230,27 @@ def _columns(file: Path, texts: Mapping[str, Sequence[str]], section: TruthSecti
         if missing := [name for name in columns.values() if name not in texts]:
             raise LogError(f"has no column {missing[0]} (its columns: {listed(list(texts))})", path=file)
         if "lat_deg" in columns:
-            return {**columns, "x": columns["lat_deg"], "y": columns["lon_deg"]}, "latlon"
-        return columns, section.frame or "ENU"
-    clocks = [(key, name) for name, key in TIMES.items() if name in texts] or _times_by_unit(texts)
-    places = [names for names in PLACES if {*names} <= {*texts}]
-    if clocks and places:
-        (key, name), (x, y) = clocks[0], places[0]
-        more = {"sd_m": "sd_m"} if "sd_m" in texts else {}
-        return {key: name, "x": x, "y": y} | more, PLACES[x, y] or section.frame or "ENU"
+            return {**columns, "x": columns["lat_deg"], "y": columns["lon_deg"]}, "latlon", False
+        return columns, section.frame or "ENU", False
+    cells = {name: next(islice(texts[name], section.skip_rows, None), "") for name in texts}
+    named = [column for column in map(named_column, texts) if column]
+    clocks = dated_columns(cells, [column for column in named if column.rule.key == "time"])
+    places = {column.rule.key: column.name for column in reversed(named) if column.factor == 1}
+    places |= {name: name for name in texts}
+    pair = next((keys for keys in PLACES if places.keys() >= {*keys}), None)
+    if clocks and pair:
+        clock = clocks[0]
+        keys = [clock.name] if clock.name in TIME_UNITS_NS else keys_since_1970(cells[clock.name])
+        key = next((key for key in keys if not clock.known or TIME_UNITS_NS[key] == clock.factor), "time_unix_s")
+        columns = {key: clock.name, "x": places[pair[0]], "y": places[pair[1]]}
+        columns |= {"sd_m": "sd_m"} if "sd_m" in texts else {}
+        return columns, PLACES[pair] or section.frame or "ENU", PLACES[pair] is not None
     example = '{ time_unix_s = "...", x = "...", y = "..." }'
     raise UsageError(
         f"which columns hold time and position (it has {', '.join(texts)})? Call them time_unix_s, lat_deg and lon_deg "
         f"or x and y; of a truth, or state columns = {example} under [truth]",
         path=file,
     )
-
-
-def _times_by_unit(texts: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Return key and name of the columns whose names state a time and its unit, such as timestamp_us."""
-    named = [one for one in map(named_column, texts) if one and one.rule.key == "time" and one.known]
-    return [
-        (key, one.name)
-        for one in named
-        for key in keys_since_1970(next(iter(texts[one.name]), ""))
-        if TIME_UNITS_NS[key] == one.factor
-    ]
 
 
 def _times(cells: Mapping[str, Sequence[str]], columns: Mapping[str, str], start_ns: int) -> ParsedColumn:

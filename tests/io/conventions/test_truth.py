@@ -60,6 +60,7 @@ BY_USUAL_NAMES = [
     "time,east_m,north_m\n2020-09-13T12:26:41.000Z,1,2",
     f"timestamp,heading,east_m,north_m,x,y\n{T0 // SECOND + 1},9,1,2,99,99",
     f"time_ns  east_m north_m\n{T0 + SECOND}   1 2",
+    "UTC time,Easting [m],Northing [m],x,y\n2020-09-13 12:26:41,1,2,99,99",
 ]
 
 
