@@ -259,6 +259,7 @@ def gps(raw: RawRecords, section: GpsSection, origin: Origin | None) -> Converte
     if origin is not None and not np.isfinite(lat).any():
         lat, lon = to_geodetic(origin, east, north)
     columns = {"east_m": east, "north_m": north, "sd_m": sd, "lat_deg": lat, "lon_deg": lon}
+    columns |= {"cov_ee_m2": covariance[:, 0, 0], "cov_en_m2": covariance[:, 0, 1], "cov_nn_m2": covariance[:, 1, 1]}
     columns |= pose_columns(raw, str(frame))
     times = times_of(raw, section.time, section.latency_s)
     chosen = [frame_chosen, *(notation_of(raw) if latlon else ()), sd_chosen]

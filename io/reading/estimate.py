@@ -8,20 +8,17 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError, did_you_mean
-from usbldr.filters.types import Mask, Trajectory, Vector
+from usbldr.filters.types import Trajectory
 from usbldr.io.axes import named_ned
-from usbldr.io.conventions.converted import chosen_convention
-from usbldr.io.conventions.positions import message_covariance, on_plane, place_causes, pose_columns
-from usbldr.io.conventions.timestamps import times_of
+from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.truth import distances_if_exchanged, find_truth_file, is_recording, read_truth_file
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import OriginKind
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import find_topic, topic_named
-from usbldr.io.reader import Nanoseconds
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.truth import only_positions, raw_positions
-from usbldr.io.settings.sensor_sections import TruthSection
+from usbldr.io.settings.sensor_sections import GpsSection, TruthSection
 
 COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
 
@@ -90,23 +87,14 @@ def _of_topic(
         hint = did_you_mean(name, [topic.name for topic in reader.topics()], 3)
         raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic{hint}", path=log.path)
     choice = topic_named(path, reader.topics(), "truth", name, "option")
-    topic, layout = choice.topic, choice.layout
     raw = raw_positions(reader, choice)
     try:
-        is_ned = named_ned(raw.frame_id)
-        used, chosen, _ = chosen_convention(raw, "frame", frame, "NED" if is_ned else "ENU")
-        if "lat_deg" in layout.required and used != "latlon":
-            raise SettingError(f"--frame {used}: {name} holds latitudes and longitudes")
+        made = gps(raw, GpsSection(frame=frame), log.origin)
     except SettingError as err:
-        raise UsageError(err.text) from err
-    good: Mask = ~np.any(list(place_causes(raw, used).values()), axis=0)
-    covariance = message_covariance(raw, used)
-    columns: dict[str, Vector | Nanoseconds] = {"time_ns": times_of(raw, None, 0.0).time_ns}
-    columns["east_m"], columns["north_m"] = on_plane(raw, used, log.origin)
-    columns |= {key: covariance[:, k // 2, k % 2] for k, key in enumerate(COVARIANCE)}
-    columns |= {key: column for key, column in pose_columns(raw, str(used)).items() if key == "heading_deg"}
-    table = pd.DataFrame({key: values[good] for key, values in columns.items()})
-    return table, topic.name, used, chosen.chosen_by == "default" and not is_ned
+        raise UsageError(f"--estimate: {err.text}") from err
+    used = made.conventions[0]
+    by_default = used.chosen_by == "default" and not named_ned(raw.frame_id)
+    return made.table, choice.topic.name, str(used.value), by_default
 
 
 def _trajectory(table: pd.DataFrame, label: str, start_ns: int) -> Trajectory:
