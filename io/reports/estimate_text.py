@@ -18,6 +18,15 @@ NOISE_WORDS: Mapping[str, tuple[str, float, str]] = {
     "usbl_outlier_sd_m": ("size of USBL outliers", 1.0, "m"),
 }
 """Words, factor and unit for numbers of the noise; others are shown by their names."""
+FIXED_ERRORS = {
+    "dvl_lever_starboard_m": ("DVL", 1, "m to starboard of the transponder", "m to port of the transponder"),
+    "dvl_lever_forward_m": ("DVL", 1, "m ahead of it", "m astern of it"),
+    "dvl_clock_s": ("DVL", 1, "s late against compass and fixes", "s early against compass and fixes"),
+    "compass_clock_s": ("compass", 1, "s late against DVL and fixes", "s early against DVL and fixes"),
+    "usbl_heading_deg": ("USBL", 1, "deg clockwise of the true bearing", "deg counterclockwise of the true bearing"),
+    "usbl_range_scale": ("USBL", 100, "% too long", "% too short"),
+}
+"""Sensor, factor, and words for a positive and a negative error."""
 
 
 def in_unit(unit: str) -> tuple[float, str]:
@@ -62,24 +71,8 @@ def evidence_text(evidence: Sequence[SensorErrorEvidence]) -> str:
 def fixed_errors_text(evidence: Sequence[SensorErrorEvidence]) -> str:
     """Return lever arm and clocks of DVL and compass, heading and range of the USBL head, if the log has evidence."""
     found = {estimate.name: estimate for one in evidence for estimate in one.estimates}
-    words = {
-        "DVL": {
-            "dvl_lever_starboard_m": (1, "m to starboard of the transponder", "m to port of the transponder"),
-            "dvl_lever_forward_m": (1, "m ahead of it", "m astern of it"),
-            "dvl_clock_s": (1, "s late against compass and fixes", "s early against compass and fixes"),
-        },
-        "compass": {"compass_clock_s": (1, "s late against DVL and fixes", "s early against DVL and fixes")},
-        "USBL": {
-            "usbl_heading_deg": (1, "deg clockwise of the true bearing", "deg counterclockwise of the true bearing"),
-            "usbl_range_scale": (100, "% too long", "% too short"),
-        },
-    }
-    texts: list[str] = []
-    for sensor, names in words.items():
-        parts = [
-            f"{with_sigma(factor * abs(one.value), factor * one.sd)} {less if one.value < 0 else more}"
-            for name, (factor, more, less) in names.items()
-            if (one := found.get(name)) is not None
-        ]
-        texts += [f"{sensor} {', '.join(parts)}"] if parts else []
-    return "; ".join(texts)
+    return "; ".join(
+        f"{sensor} {with_sigma(factor * abs(one.value), factor * one.sd)} {less if one.value < 0 else more}"
+        for name, (sensor, factor, more, less) in FIXED_ERRORS.items()
+        if (one := found.get(name)) is not None
+    )

@@ -170,9 +170,9 @@ def report_content(run: Run) -> dict[str, Any]:
         "undecided": {one.name: {"value": one.value, "sd": one.sd} for one in undecided.values()},
         "influential_fixes": [_influence(fix) for fix in most_influential(trajectory)],
         "leave_one_out": [{**one._asdict(), "fix": _influence(one.fix)} for one in run.without_fixes],
-        "reacquisitions": [one._asdict() for one in trajectory.reacquisitions],
-        "outage_recoveries": [one._asdict() for one in trajectory.recoveries],
-        "fix_statistics": _named(run.fix_statistics),
+        "reacquisitions": trajectory.reacquisitions,
+        "outage_recoveries": trajectory.recoveries,
+        "fix_statistics": run.fix_statistics,
         "sensors": {role: provenance_values(p) for role, p in log.provenance.items()},
         "findings": log.findings,
         "outages": run.timeline.outages,
@@ -187,13 +187,6 @@ def report_content(run: Run) -> dict[str, Any]:
     }
 
 
-def _named(value: Any) -> Any:
-    """Return named tuples, also within each other, as objects."""
-    if hasattr(value, "_asdict"):
-        return {name: _named(part) for name, part in value._asdict().items()}
-    return [_named(part) for part in value] if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownVariableType]
-
-
 def _influence(fix: Influence) -> dict[str, Any]:
     return {**fix._asdict(), "shift_m": fix.shift_m}
 
@@ -203,12 +196,7 @@ def _assumptions(found: Identification) -> dict[str, Any]:
     content: dict[str, Any] = json_values(found.parameters)
     for sensor in ("dvl", "compass", "usbl", "gps"):
         content[sensor] = {"family": type(getattr(found.parameters, sensor)).__name__, **content[sensor]}
-    return content | {
-        "evidence": [
-            one._asdict() | {"estimates": [estimate._asdict() for estimate in one.estimates]} for one in found.evidence
-        ],
-        "noise_changes": [number._asdict() for number in found.noise_changes],
-    }
+    return content | {"evidence": found.evidence, "noise_changes": found.noise_changes}
 
 
 def _truth(truth: Truth | None) -> dict[str, Any] | None:
@@ -229,7 +217,7 @@ def _scores(report: ErrorReport | None) -> dict[str, Any]:
     if report is None:
         return {"metrics": None}
     return {
-        "window": report.window._asdict(),
+        "window": report.window,
         "aid": report.aid,
         "alignment": {
             "name": report.alignment.name,
@@ -239,18 +227,27 @@ def _scores(report: ErrorReport | None) -> dict[str, Any]:
             "lever_starboard_m": report.alignment.lever_m[0],
             "lever_forward_m": report.alignment.lever_m[1],
         },
-        "matching": report.matching._asdict(),
+        "matching": report.matching,
         "metrics": report.flat(),
         "consistency": consistency_text(report.nees, report.alignment.name == "shift") or None,
         "place_unknown": report.place_unknown,
-        "relative_errors": [one._asdict() for one in report.relative],
-        "surfacings": [surfacing._asdict() for surfacing in report.surfacings],
+        "relative_errors": report.relative,
+        "surfacings": report.surfacings,
     }
 
 
 def json_values(value: object) -> Any:
-    """Convert values to JSON types: NaN and infinity become null, dataclasses become objects."""
-    return msgspec.json.decode(msgspec.json.encode(value, enc_hook=_plain))
+    """Convert values to JSON types: NaN and infinity become null, named tuples and dataclasses become objects."""
+    return msgspec.json.decode(msgspec.json.encode(_named(value), enc_hook=_plain))
+
+
+def _named(value: Any) -> Any:
+    """Return named tuples, also within each other, as objects."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {name: _named(part) for name, part in cast("dict[str, Any]", value).items()}
+    return [_named(part) for part in cast("list[Any]", value)] if isinstance(value, tuple | list) else value
 
 
 def _plain(value: Any) -> Any:
