@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
+
 from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.reports.run_directory import json_text, write_atomically
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from usbldr.filters.evaluation.error_report import Window
     from usbldr.filters.types import Array, Vector
 
-SCHEMA = 3  # fixed: the version of stored runs
+SCHEMA = 4  # fixed: the version of stored runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,17 +108,8 @@ class JobStore:
             content: Any = json.loads(self._json(key).read_text(encoding="utf-8"))
             if content["schema"] != SCHEMA or not self._trace(key).is_file():
                 return None
-            context: dict[str, Any] = content["judged"]
-            context["lost"] = tuple(context["lost"])
-            context["aid"] = tuple((start_s, end_s) for start_s, end_s in context["aid"])
-            return JobResult(
-                content["metrics"],
-                tuple(content["warnings"]),
-                scored_against=ScoringContext(**context),
-                trace=self._trace(key),
-                reused=True,
-                filter_time_s=content["filter_time_s"],
-            )
+            found = msgspec.convert(content["result"], JobResult)
+            return replace(found, trace=self._trace(key), reused=True)
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
@@ -128,10 +121,8 @@ class JobStore:
             packed = io.BytesIO()
             np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
             write_atomically(self._trace(key), packed.getvalue())
-        content: dict[str, Any] = {"schema": SCHEMA, "metrics": dict(outcome.metrics), "warnings": outcome.warnings}
-        content["filter_time_s"] = outcome.filter_time_s
-        judged = asdict(outcome.scored_against) if outcome.scored_against is not None else None
-        write_atomically(self._json(key), (json_text({**content, "judged": judged}) + "\n").encode())
+        content = {"schema": SCHEMA, "result": asdict(replace(outcome, trace=None))}
+        write_atomically(self._json(key), (json_text(content) + "\n").encode())
         return replace(outcome, trace=self._trace(key) if trace is not None else None)
 
     def _json(self, key: str) -> Path:
