@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from usbldr.filters.types import Indices, Truth, Vector
 from usbldr.io.conventions import positions
-from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2
+from usbldr.io.conventions.repeats import MAX_ACCELERATION_MPS2, repeated, runs
 from usbldr.io.conventions.spikes import SPIKE_RATIO
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
@@ -131,17 +131,16 @@ def repeated_fix_findings(table: pd.DataFrame, of: Provenance, start_ns: int) ->
         return []
     time_ns = table["time_ns"].to_numpy()
     places = table[["lat_deg", "lon_deg"]].to_numpy(dtype=float)
-    first = np.flatnonzero(np.append(True, np.any(places[1:] != places[:-1], axis=1)))  # of each run
-    last = np.append(first[1:], len(table)) - 1
+    first, last = (rows - 1 for rows in runs(repeated(places)))
     length_s = (time_ns[last] - time_ns[first]) / 1e9
-    repeated = length_s > positions.LONGEST_STILL_S
-    if not repeated.any():
+    long = length_s > positions.LONGEST_STILL_S
+    if not long.any():
         return []
     longest = int(np.argmax(length_s))
     from_s = (time_ns[first[longest]] - start_ns) / 1e9
     text = (
-        f"{of.topic}: {np.sum((last - first)[repeated])} of {len(table)} fixes repeat the previous one to the last "
-        f"digit for more than {positions.LONGEST_STILL_S:g} s, in {repeated.sum()} stretches, the longest "
+        f"{of.topic}: {np.sum((last - first)[long])} of {len(table)} fixes repeat the previous one to the last "
+        f"digit for more than {positions.LONGEST_STILL_S:g} s, in {long.sum()} stretches, the longest "
         f"{length_s[longest]:.1f} s from {from_s:.1f} s on: the receiver may have been under water, or the positions "
         "are simulated"
     )

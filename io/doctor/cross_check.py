@@ -159,24 +159,18 @@ def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: I
     leaves far larger residuals, no sensor error is the cause.
     """
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
-    by_default = {
-        (role, key) for role, key, _ in result.best.conventions if log.convention(role, key).chosen_by == "default"
-    }
+    by_default = {one[:2] for one in result.best.conventions if log.convention(*one[:2]).chosen_by == "default"}
     read, residuals_m = {result.best.flips, result.as_read.flips}, (by.residual_m, result.best.residual_m)
-    most_m = THRESHOLDS.max_rival_residual * min(residuals_m)
+    as_read, most_m = set(result.as_read.conventions), THRESHOLDS.max_rival_residual * min(residuals_m)
     possible = [
         one
         for one in (*result.plausible, result.best, result.as_read)
         if one.residual_m < most_m
-        and (bent or one.flips in read or by_default.issuperset(_differing(one, result.as_read)))
+        and (bent or one.flips in read or {key[:2] for key in set(one.conventions) - as_read} <= by_default)
     ]
     by_class = {one.mirror_class: one for one in sorted(possible, key=lambda one: -sum(one.flips))}
     by_class.pop(by.mirror_class, None)
     return list(by_class.values()) if found.evidence and max(residuals_m) < most_m else []
-
-
-def _differing(one: Interpretation, other: Interpretation) -> set[tuple[str, str]]:
-    return {(role, key) for role, key, _ in set(one.conventions) - set(other.conventions)}
 
 
 def _by_evidence(
@@ -309,8 +303,7 @@ def _heading_offset_findings(
         return []
     settings = log.settings
     mount, bias = settings.dvl.mount_deg, settings.compass.bias_deg
-    stated = _offset_is_stated(log)
-    code, role = ("HEADING-BIAS", "compass") if stated else ("DVL-MOUNT", "dvl")
+    code, role = ("HEADING-BIAS", "compass") if mount or bias else ("DVL-MOUNT", "dvl")
     by = "" if best == result.as_read and result.observable else f", with {best.description}"
     odds, found = "", identification
     if found is not None and "heading" not in found.contested and "heading_bias_deg" in found.estimates:
@@ -323,10 +316,6 @@ def _heading_offset_findings(
             f"bias_deg = {wrapped(bias - offset, 180.0):.1f} under [compass] if the heading is biased"
         )
     return [log.finding(code if far else "HEADING-CHECKED", role, text, None, offset, "deg")]
-
-
-def _offset_is_stated(log: Log) -> bool:
-    return log.settings.dvl.mount_deg != 0 or log.settings.compass.bias_deg != 0
 
 
 def heading_offset(result: InterpretationResult, identification: Identification | None) -> tuple[float, float, bool]:
