@@ -9,7 +9,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
-from usbldr_cli.figures.distance import box_plot
+from usbldr_cli.figures.distance import CROWDED, box_plot
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import (
     coincident_text,
@@ -26,7 +26,6 @@ from usbldr_cli.runs.job_store import read_trace
 from usbldr_cli.runs.seed_table import BOUND, ComparisonRow, grouped
 
 DOTS_WIDE = 0.08  # of the distance between two filters: half the width of a cloud of dots
-CROWDED = 20.0  # largest over smallest error from which the axis is logarithmic
 
 
 def compare_pictures(rows: Sequence[ComparisonRow], each_log: bool) -> list[Picture]:

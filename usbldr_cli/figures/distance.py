@@ -12,7 +12,7 @@ from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.style import Axes, Figure
 
 WHISKERS = (5.0, 95.0)  # [%] of the errors between the ends of a box plot
-CROWDED = 20.0  # largest over smallest median from which box plots have a logarithmic axis
+CROWDED = 20.0  # largest over smallest error from which its axis is logarithmic
 LEAST_M = 1e-3  # [m] of an error on a logarithmic axis
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from usbldr.filters.types import Vector
-from usbldr_cli.figures.compare import CROWDED
+from usbldr_cli.figures.distance import CROWDED
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import line_style
 from usbldr_cli.figures.style import Axes, Figure, colour, legend_below, logarithmic, time_axis, titled_figure
