@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.types import Array, Mask, Truth, Vector
+from usbldr.filters.windows import columns_at
 
 FARTHEST_S = 60.0  # [s] the search ends here, as that of the doctor for the clock of fixes
 WIDEST_S = 1800.0  # [s] of the second search: hours are a time zone, and such sensors do not overlap
@@ -105,11 +106,8 @@ def _offset(time_s: Vector, track_m: Array, truth: Truth, farthest_s: float, ste
         return None
     if farthest_s > FARTHEST_S:
         unmoved_m = _rms_m(time_s[used], track_m[used], truth, 0.0)
-    return (
-        None
-        if unmoved_m is None
-        else TimeOffset(late_s, sd_s, unmoved_m, corrected_m, float(np.sqrt(2 * np.mean(velocity_mps**2))))
-    )
+    speed_mps = float(np.sqrt(2 * np.mean(velocity_mps**2)))
+    return None if unmoved_m is None else TimeOffset(late_s, sd_s, unmoved_m, corrected_m, speed_mps)
 
 
 def _apart(time_s: Vector, track_m: Array, truth: Truth, late_s: float) -> tuple[Mask, Array, Array]:
@@ -119,8 +117,7 @@ def _apart(time_s: Vector, track_m: Array, truth: Truth, late_s: float) -> tuple
     gap_s = truth.time_s[after] - truth.time_s[after - 1]
     used = (at_s >= truth.time_s[0]) & (at_s <= truth.time_s[-1]) & (gap_s <= truth.max_gap_s)
     step_m = truth.position_m[after[used]] - truth.position_m[after[used] - 1]
-    row_s, row_m = truth.time_s, truth.position_m
-    there_m = np.column_stack([np.interp(at_s[used], row_s, row_m[:, 0]), np.interp(at_s[used], row_s, row_m[:, 1])])
+    there_m = columns_at(at_s[used], truth.time_s, truth.position_m)
     return used, _centred(track_m[used] - there_m), _centred(step_m / gap_s[used, None])
 
 
