@@ -177,7 +177,8 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
     beside = _times_beside(stamps, found, names)
     named = {sensor: {key: same[0].name for key, same in columns.items()} for sensor, columns in found.items()}
     sides = {sensor: side_columns(columns, cells) for sensor, columns in named.items()}
-    untimed = {sensor: time_fault(own, arrivals, cells) for sensor, own in beside.items()}
+    twice = next((f"has two columns {name}; rename one" for name in names if name and names.count(name) > 1), "")
+    untimed = {sensor: (not own and twice) or time_fault(own, arrivals, cells) for sensor, own in beside.items()}
     faults = {
         sensor: (_doubled(sensor, {"": own, **found[sensor]}, time_column(own[0], cells)) if own else "")
         or untimed[sensor]

@@ -5,10 +5,12 @@ time of day without a date counts from 1970-01-01, over midnights. A GPS week be
 """
 
 import re
+from calendar import month_abbr
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 from itertools import islice
 from types import MappingProxyType
+from unicodedata import normalize
 from zoneinfo import available_timezones
 
 import numpy as np
@@ -75,7 +77,20 @@ PLACE = re.compile(r"\b[A-Z][A-Za-z]+/[A-Z][\w/]+")
 ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
-PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)_?(?:sec(?:ond)?)?s?")
+PART_OF_SECOND = re.compile(r"(?:.*_)?(milli|micro|nano)_?(?:sec(?:ond)?)?s?|ms(?:ec)?")
+WHOLE_MINUTES, SECONDS = re.compile(r"(.*[ T])?\d{1,2}:\d\d"), re.compile(r"(.*_)?(seconds?|secs?|ss?)")
+"""Times without seconds, and the name of a column behind them that may hold those."""
+WORD = r"[^\W\d_]{2,10}"
+MONTHS = (
+    *("jan|ene|gen", "fe[bv]", "mar|maer|mrz|mrt|maa", "a[pvb]r", "ma[iyjg]|mei", "jun|juin|giu"),
+    *("jul|juil|lug", "aug|aou|ago", "se[pt]", "o[cku]t|ott", "nov", "de[czs]|dic"),
+)
+"""How the months of a year begin in English and the languages of field_names, without accents."""
+WEEKDAY = re.compile(rf"^{WORD}[.,]* +(?=({WORD}\.? +)?\d.*\d:\d\d)(?!\d+,? +\d+[ :])")  # not "May 18, 2026 12:30"
+CTIME = re.compile(r"^(\w+) +(\d+) ([\d:.]+)( UTC| GMT)? (\d{4})$")  # "May 18 12:30:00 2026", as C writes it
+MONTH_WORD = re.compile(rf"(?<=\d)(?:\.? (?:de )?|([-.]))({WORD})(?:\.? (?:de )?|\1)(?=\d{{4}})")
+PLACE_BEHIND = re.compile(r"((?<=Z)|(?<=[+-]\d\d:\d\d))\[[A-Z]\w+(/\w+)*\]$")  # of Java, behind the zone
+WITH_DAYS = re.compile(rf"^(\d) days?,? (?={CLOCK}$)")  # "0 days 00:00:01.2", as pandas writes a duration
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 NUMBER = re.compile(r"\d+(\.\d*)?")
@@ -84,8 +99,27 @@ DAYS = "1970-01-0"  # with which times of day without a date begin
 
 def foreign_time(cell: str) -> bool:
     """Return whether a cell is a date, a time of day or both, in another notation than ISO's."""
-    whole = any(kind.fullmatch(cell) for kind in (DATE_ONLY, CLOCK_ONLY, DATE_TIME, DIGITS_DATE))
+    plain = without_words(cell)
+    whole = any(kind.fullmatch(plain) for kind in (DATE_ONLY, CLOCK_ONLY, DATE_TIME, DIGITS_DATE, ISO))
     return whole and not ISO.fullmatch(cell)
+
+
+def without_words(cell: str) -> str:
+    """Return a date and time without the words that add nothing to it, and with its month in English.
+
+    "Montag, 18. Mai 2026 12:30:00" is 18 May 2026 12:30:00.
+    """
+    if not cell or (cell.isascii() and not any(map(str.isalpha, cell))):
+        return cell
+    plain = PLACE_BEHIND.sub("", WITH_DAYS.sub(lambda days: f"1970-01-0{int(days[1]) + 1} ", WEEKDAY.sub("", cell)))
+    return CTIME.sub(r"\1 \2, \5 \3\4", MONTH_WORD.sub(_in_english, plain))
+
+
+def _in_english(found: re.Match[str]) -> str:
+    word = re.sub("[\u0300-\u036f]", "", normalize("NFKD", found[2].lower()))  # without accents
+    month = next((k for k, begin in enumerate(MONTHS) if re.match(begin, word)), None)
+    mark = found[1] or " "
+    return found[0] if month is None else f"{mark}{month_abbr[month + 1]}{mark}"
 
 
 def orders_of(tables: Iterable[Mapping[str, Sequence[str]]], stated: Mapping[str, str]) -> Mapping[str, DateOrder]:
@@ -115,18 +149,27 @@ def with_iso_times(
     ``stated``: column -> its format by strptime. ``orders``: of the dates in all tables, if there are others. ``date``:
     of the table, for times of day without one.
     """
+    columns = {name: cells if name in stated else _without_words(cells) for name, cells in columns.items()}
     found = dict(columns)
     own = orders_of([columns], stated)
     orders = {**own, **{mark: order for mark, order in orders.items() if mark not in own or own[mark].example}}
     pair = week_and_time(columns)
     if pair and all(_are(columns[name], NUMBER) for name in pair) and _are(columns[pair[0]], WEEK):
         found[pair[1]] = of_weeks(*pair, columns)
-    parts = parted_time(columns)
-    if parts and all(_are(columns[name], NUMBER) for name in parts.values()):
-        found[list(parts.values())[-1]] = of_parts(parts, columns)
     dates = [name for name, cells in columns.items() if _are(cells, DATE_ONLY)]
     of_digits = [(name, cells) for name, cells in columns.items() if DATE_NAME.search(name.lower())]
     dates += [name for name, cells in of_digits if _are(cells, DIGITS_DATE) or _are(cells, SHORT_DATE)]
+
+    def on_days(clocks: Sequence[str], cells: Sequence[str]) -> list[str]:
+        one = len(dates) == 1
+        return _on_days(clocks, columns[dates[0]], cells, orders) if one else _without_date(clocks, orders, date)
+
+    parts = parted_time(columns)
+    if parts and all(_are(columns[name], NUMBER) for name in parts.values()):
+        name = list(parts.values())[-1]
+        found[name] = whole = of_parts(parts, columns)
+        if "hour" in parts and "year" not in parts:
+            found[name] = on_days([ISO.sub(r"\2.\3", text) for text in whole], whole)
     for name, cells in columns.items():
         if name in OWN_TIMES:
             continue
@@ -140,15 +183,14 @@ def with_iso_times(
         elif not dates and clock_digits(name, next(iter(cells), "")) and (digits := _clocks_of_digits(cells)):
             found[name] = _without_date(digits, orders, date)
         elif _are(cells, CLOCK_ONLY) or ((len(dates) == 1 or date) and _of_day(name.lower(), cells)):
-            clocks = _clocks(name, cells)
-            one = len(dates) == 1
-            found[name] = (
-                _on_days(clocks, columns[dates[0]], cells, orders) if one else _without_date(clocks, orders, date)
-            )
+            found[name] = on_days(_clocks(name, cells), cells)
     names = [*columns, ""]
     for time, part, behind in zip(names, names[1:], names[2:], strict=False):
         label = words_of(re.sub(r"[\[(].*", "", part))
         of_ros2 = time.isdigit() and not is_number(next(iter(columns.get(behind, ())), "0"))  # unnamed, a frame behind
+        if SECONDS.fullmatch(label) and _are(columns.get(time, ()), WHOLE_MINUTES) and _are(columns[part], NUMBER):
+            minutes = pd.to_datetime(pd.Series(list(found[time])), format="ISO8601", errors="coerce")
+            found[time] = as_text(minutes + pd.to_timedelta(numbers(columns[part]), unit="s"), found[time])
         unit = PART_OF_SECOND.fullmatch("nano" if of_ros2 else label)
         if (
             unit
@@ -156,7 +198,7 @@ def with_iso_times(
             and _are(found[time], WHOLE_SECONDS, or_iso=True)
             and _are(columns[part], NUMBER)
         ):
-            found[time] = _with_parts(found[time], numbers(columns[part]) * PARTS_NS[f"{unit[1]}second"])
+            found[time] = _with_parts(found[time], numbers(columns[part]) * PARTS_NS[f"{unit[1] or 'milli'}second"])
     for name in columns:
         zoned = any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS)))
         if not zoned and (zone := named_zone(name)):
@@ -166,6 +208,13 @@ def with_iso_times(
         if GPS_TIME.search(name) and _are(found[name], ISO, or_iso=True):
             found[name] = _utc_of_gps(found[name])
     return found
+
+
+def _without_words(cells: Sequence[str]) -> Sequence[str]:
+    """Return the cells of a column, those of times without words."""
+    shown = [cell for cell in islice(iter(cells), SHOWN_ROWS) if cell]
+    worded = any(without_words(cell) != cell and foreign_time(cell) for cell in shown)
+    return [without_words(cell) for cell in cells] if worded else cells
 
 
 def named_zone(name: str) -> str:

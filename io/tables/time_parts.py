@@ -19,9 +19,9 @@ PARTS: Mapping[str, str] = {
     "month": "month|mon|^mo",
     "day": "day|day_of_month|^da",
     "day_of_year": "doy|day_of_year|year_?day|julian_day|jday|yday",
-    "hour": "hours?|hr|^hh",
+    "hour": "hours?|hr|^hh|h",
     "minute": "minutes?|mins?|^mm",
-    "second": "(?<!milli_)(?<!micro_)(?<!nano_)(seconds?|secs?)|^ss",
+    "second": "(?<!milli_)(?<!micro_)(?<!nano_)(seconds?|secs?|s)|^ss",
     "second_of_day": r"sod|seconds?_of_(the_)?day",
     "nanosecond": "nano(_?sec(ond)?)?s?|nsecs?",
     "microsecond": "micro(_?sec(ond)?)?s?|usecs?",
@@ -35,6 +35,7 @@ CLOCK_PARTS = ("hour", "minute", "second")
 CLOCKS = *((part, *CLOCK_PARTS) for part in PARTS_NS), CLOCK_PARTS, ("second_of_day",)
 PARTED: Sequence[Sequence[str]] = (
     *((*d, *c) for d in DATES for c in CLOCKS),
+    *CLOCKS[:-1],  # beside a column of dates
     DATES[1],
     ("nanosecond", "second"),
     ("microsecond", "second"),

@@ -387,6 +387,8 @@ def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, 
          "has a column GPS seconds [s] that may count from 1970 or"),
         ("compass", "Time [s],Heading [mil]", "1,1",
          "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
+        ("compass", "YR,MO,DA,HH,MM,SS,HH,Heading [deg]", "26,5,18,12,30,1,50,1",
+         "has two columns HH; rename one"),
         ("compass", "Time [s],Heading [deg],Heading [deg]", "1,1,1",
          "has columns of one name (Heading [deg], Heading [deg]); rename them"),
         ("dvl", "1600000000,5,dvl_link,1.5,0.5", "1600000000,5,dvl_link,1.5,0.5",
@@ -612,6 +614,26 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
         (["20260518_123000"], "2026-05-18T12:30:00.000000"),
         (["2026-05-18_12:30:00"], "2026-05-18T12:30:00.000000"),
         (["20260518-12:30:00.5"], "2026-05-18T12:30:00.500000"),
+        *(
+            ([text], "2026-05-18T12:30:00.000000")
+            for text in (
+                *("18. Mai 2026 12:30:00", "Montag, 18. Mai 2026 12:30:00", "18-mai-2026 12:30:00"),
+                *("18 de mayo de 2026 12:30:00", "Mon, 18 May 2026 14:30:00 +0200", "Mon May 18 12:30:00 2026"),
+                *(
+                    "Mo, 18.05.2026 12:30:00",
+                    "Mon May 18 12:30:00 UTC 2026",
+                    "Monday, May 18, 2026 12:30:00 PM",
+                    "18.Mai.2026 12:30:00",
+                ),
+            )
+        ),
+        (["1 févr. 2026 12:30"], "2026-02-01T12:30:00.000000"),
+        (["8. März 2026 12:30"], "2026-03-08T12:30:00.000000"),
+        (["Fri May  8 12:30:00 2026"], "2026-05-08T12:30:00.000000"),
+        (["2026-05-18T14:30:00+02:00[Europe/Oslo]"], "2026-05-18T14:30:00+02:00"),
+        (["1 day, 0:00:01.5"], "1970-01-02T00:00:01.500000"),
+        (["0 days 00:00:01.5"], "1970-01-01 00:00:01.5"),
+        *(([text], text) for text in ("Mon May 18 12:30:00 CEST 2026", "2026-05-18T14:30:00[Europe/Oslo]", "May 18")),
     ],
 )
 def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
@@ -636,6 +658,23 @@ DIGITS = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
             {},
             {"DATE": ["10526", ""], "UTC": ["2026-05-01T00:00:12.000000", "000013"]},
         ),
+        (
+            {"Date": ["18.05.2026"] * 2, "Time": ["23:59", "0:00"], "Sec": ["59.5", "1"]},
+            {},
+            {"Date": ["18.05.2026"] * 2, "Sec": ["59.5", "1"]}
+            | {"Time": ["2026-05-18T23:59:59.500000", "2026-05-18T00:00:01.000000"]},
+        ),
+        (
+            {"Date": ["18.05.2026"], "UTC h": ["12"], "UTC min": ["30"], "UTC s": ["0.5"]},
+            {},
+            {"Date": ["18.05.2026"], "UTC h": ["12"], "UTC min": ["30"], "UTC s": ["2026-05-18T12:30:00.500000"]},
+        ),
+        (
+            {"Hour": ["23", "0"], "Min": ["59", "0"], "Sec": ["59.5", "0.5"]},
+            {},
+            {"Hour": ["23", "0"], "Min": ["59", "0"]}
+            | {"Sec": ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]},
+        ),
         (CLOCK, {}, CLOCK),
         ({"count": ["20260518"]} | CLOCK, {}, {"count": ["20260518"]} | CLOCK),
         ({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"}, {"t": ["2026-06-05T01:30:00.000000"]}),
@@ -650,6 +689,9 @@ DIGITS = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
         "digits beside digits",
         "those of NMEA",
         "without a zero",
+        "seconds beside minutes",
+        "hours, minutes and seconds beside a date",
+        "hours, minutes and seconds without one",
         "digits alone",
         "digits of a count",
         "a stated format",
@@ -681,12 +723,12 @@ def test_times_in_several_columns_are_those_of_the_calendar(moment: datetime) ->
         assert text == [moment.isoformat(timespec="microseconds")]
 
 
-@given(st.integers(0, 10**6 - 1), st.integers(0, 10**9 - 1), st.sampled_from(["milli", "micro", "nano"]))
+@given(st.integers(0, 10**6 - 1), st.integers(0, 10**9 - 1), st.sampled_from(["ms", "milli", "micro", "nano"]))
 def test_a_column_of_parts_of_seconds_adds_to_the_whole_ones_before_it(second: int, ns: int, unit: str) -> None:
-    size_ns = {"milli": 10**6, "micro": 1000, "nano": 1}[unit]
+    size_ns = {"ms": 10**6, "milli": 10**6, "micro": 1000, "nano": 1}[unit]
     moment = datetime(2026, 1, 1) + timedelta(seconds=second)
     since_1970 = (moment - datetime(1970, 1, 1)) // timedelta(seconds=1)
-    part, wanted = f"{unit}second", f".{ns // size_ns * size_ns:09d}"
+    part, wanted = unit if unit == "ms" else f"{unit}second", f".{ns // size_ns * size_ns:09d}"
     for text in (f"{moment}", f"{moment:%d.%m.%Y %H:%M:%S}", f"{since_1970}"):
         time, _ = with_iso_times({"t": [text], part: [str(ns // size_ns)]}).values()
         whole = str(since_1970) if text.isdigit() else f"{moment}" if "-" in text else moment.isoformat()
