@@ -5,7 +5,7 @@ are taken for those of the ship that carries the head.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
@@ -82,10 +82,10 @@ def _draft(path: Path, request: Request) -> Draft:
         if again is not None and again.log is not None:
             examination, proposals = again, in_mm
     if examination is not None and proposals:
-        in_radians = _in_radians(proposals, examination)
-        again = _with_proposals(path, request, stated, in_radians)[0] if in_radians else None
-        if again is not None and again.log is not None and "DVL-UNIT" not in _codes(again):
-            examination, proposals = again, in_radians
+        again = [(_with_proposals(path, request, stated, one)[0], one) for one in _in_angles(proposals, examination)]
+        fitting = [(one, read) for one, read in again if one and one.log is not None and "DVL-UNIT" not in _codes(one)]
+        if fitting:
+            examination, proposals = min(fitting, key=lambda one: _unlike_fixes_m(one[0]))
     head: Mapping[str, object] = {}
     refused: Mapping[str, Proposal] = {}
     if examination is None or examination.log is None:
@@ -165,19 +165,33 @@ def _codes(found: Examination) -> set[str]:
     return {one.code for one in found.findings}
 
 
-def _in_radians(proposals: Mapping[str, Proposal], found: Examination) -> Mapping[str, Proposal]:
-    """Return proposals with positions in radians if these are possible and velocities are impossible in degrees."""
+def _in_angles(proposals: Mapping[str, Proposal], found: Examination) -> list[Mapping[str, Proposal]]:
+    """Return proposals with positions in other angles, if velocities are impossible with these.
+
+    Latitudes and longitudes become radians if they can be some; x and y become longitude and latitude, or these
+    exchanged.
+    """
+    impossible = found.log is not None and "DVL-UNIT" in _codes(found)
     topics = {one.topic for one in found.findings if one.code == "POSITION-RADIANS"}
-    if not topics or (found.log is not None and "DVL-UNIT" not in _codes(found)):
-        return {}
-    turned = {role: one for role, one in proposals.items() if one.topic.name in topics and "lat_deg" in one.columns}
-    angles = {
-        role: {key: f"{one.columns[key]} [rad]" for key in ("lat_deg", "lon_deg")} for role, one in turned.items()
-    }
-    return {
-        **proposals,
-        **{role: replace(one, columns={**one.columns, **angles[role]}) for role, one in turned.items()},
-    }
+    readings: list[Mapping[str, str]] = []
+    if topics and (impossible or found.log is None):
+        readings.append({"lat_deg": "lat_deg", "lon_deg": "lon_deg"})
+    if impossible:
+        readings += [{"lat_deg": "y", "lon_deg": "x"}, {"lat_deg": "x", "lon_deg": "y"}]
+    places = {role: one for role, one in proposals.items() if role in ("usbl", "gps")}
+    turned = [{role: _read_as(reading, one, topics) for role, one in places.items()} for reading in readings]
+    return [{**proposals, **one} for one in turned if one != places]
+
+
+def _read_as(angles: Mapping[str, str], proposal: Proposal, in_radians: Collection[str]) -> Proposal:
+    """Return a proposal with positions as angles from those of its columns, unchanged if it has others."""
+    radians = "lat_deg" in angles.values()
+    possible = proposal.topic.name in in_radians if radians else "frame" not in proposal.words
+    if not possible or not {*angles.values()} <= proposal.columns.keys():
+        return proposal
+    own = {key: proposal.columns[of] + " [rad]" * radians for key, of in angles.items()}
+    others = {key: name for key, name in proposal.columns.items() if key not in angles.values()}
+    return replace(proposal, columns={**others, **own})
 
 
 def _with_proposals(

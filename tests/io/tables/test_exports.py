@@ -199,9 +199,11 @@ def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: st
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
 
 
-@pytest.mark.parametrize(("lat", "lon", "unit"), [(59.0, 10.5, "rad"), (0.5, 1.2, "deg")])
+@pytest.mark.parametrize(
+    ("lat", "lon", "unit"), [(59.0, 10.5, "rad"), (0.5, 1.2, "deg"), (59.0, 10.5, "Y"), (59.0, 10.5, "X")]
+)
 def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_path, lat, lon, unit):
-    """Circles of 60 m at 1 m/s: 111.2 km are a degree of latitude."""
+    """Circles of 60 m at 1 m/s: 111.2 km are a degree of latitude. X and Y are degrees, too; ``unit``: the latitude."""
     t = np.arange(400)
     turned = t / 60
     north_deg, east_deg = np.sin(turned) * 60 / 111.2e3, (1 - np.cos(turned)) * 60 / 111.2e3
@@ -213,12 +215,13 @@ def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_pa
     )
     velocities = "".join(f"{(T0_S + k) * SECOND},1,0\n" for k in t)
     sheets = {"dvl": f"{DVL.partition(chr(10))[0]}\n{velocities}", "compass": f"time_ns,heading_deg\n{headings}"}
-    folder = write_csv(tmp_path / "dive", **sheets, usbl=f"time,lat,lon\n{fixes}", gps=f"time,lat,lon\n{fixes}")
+    names = {"Y": "time,Y,X", "X": "time,X,Y"}.get(unit, "time,lat,lon")
+    folder = write_csv(tmp_path / "dive", **sheets, usbl=f"{names}\n{fixes}", gps=f"{names}\n{fixes}")
 
     draft = drafted(folder)
 
     proposed = {tomllib.loads(draft)[sensor]["columns"]["lat_deg"] for sensor in ("usbl", "gps")}
-    assert proposed == {"lat [rad]" if unit == "rad" else "lat"}
+    assert proposed == {{"rad": "lat [rad]", "deg": "lat"}.get(unit, unit)}
     log = read_as(folder, draft)
     assert log.tables["gps"][["lat_deg", "lon_deg"]].iloc[0].tolist() == pytest.approx([lat, lon], abs=1e-7)
     assert ("POSITION-RADIANS" in {one.code for one in log.findings}) == (unit == "deg")
