@@ -1,7 +1,7 @@
 """Units that the name of a column or field states: "DVL X [m/s]", "Heading (deg)", "stamp_ns"."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -79,7 +79,7 @@ _LABELS = re.compile(r"(.*?)\s*\{([^{}]*[=:][^{}]*)\}\s*")
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
 _NUMBER = r"(\d+(?:\.\d*)?)"
 _ANGLE = re.compile(
-    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º]) *| +|[-:](?=\d)|(?=[NSW]|$))"
+    rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º])T? *| +|[-:](?=\d)|(?=[NSW]|$))"
     rf"(?:{_NUMBER} *['′:]? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
     re.IGNORECASE,
 )
@@ -92,8 +92,9 @@ _ZONE_BEHIND = re.compile(
 _OF_R = re.compile(r"(.*[^.])\.\.([a-z]+(?:\.[a-z]+)?)\.", re.IGNORECASE)
 """A name with brackets as R's make.names() leaves it: Heading..deg."""
 _ELEMENT = re.compile(r"(.*?)((?:\[\d+\]|\.\d+|\.[xyz])?)", re.DOTALL)
-_ENDINGS = re.compile(r"(?<=.)[_\s,]+(?=.)|(?<=[a-z])(?=[A-Z][a-z]+$)")
-"""What parts a name from the unit that ends it: heading_deg, headingDeg."""
+_ENDINGS = re.compile(r"(?<=.)(?:[_\s,]+|\.)(?=.)|(?<=[a-z])(?=[A-Z][a-z]+$)")
+"""What parts a name from the unit that ends it: heading_deg, headingDeg; heading.deg of R."""
+_FIELDS: Sequence[Dimension] = ("time", "pressure")  # behind a dot these are fields of messages: stamp.sec, euler.psi
 _LONGEST_ENDING = 2  # words of a unit that ends a name: "mm_s"
 
 
@@ -141,7 +142,7 @@ def named_unit(name: str) -> NamedUnit:
     whole, element = parts.groups() if parts else (name, "")
     for ending in list(_ENDINGS.finditer(whole))[-_LONGEST_ENDING:]:
         unit = whole[ending.end() :]
-        if known := _known(unit):
+        if (known := _known(unit)) and not (ending[0] == "." and known[0] in _FIELDS):
             return NamedUnit(whole[: ending.start()] + element, unit, *known)
     return NamedUnit(name)
 

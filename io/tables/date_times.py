@@ -94,7 +94,6 @@ WITH_DAYS = re.compile(rf"^(\d) days?,? (?={CLOCK}$)")  # "0 days 00:00:01.2", a
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there
 SHOWN_ROWS = 20  # [rows] by which the kind of a column is known
 NUMBER = re.compile(r"\d+(\.\d*)?")
-DAYS = "1970-01-0"  # with which times of day without a date begin
 
 
 def foreign_time(cell: str) -> bool:

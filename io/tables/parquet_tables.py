@@ -102,6 +102,9 @@ def _values(arrow: Any, column: Any) -> Column:
     kinds, kind = arrow.types, column.type
     if kinds.is_timestamp(kind) or kinds.is_date(kind):
         return column.cast(arrow.timestamp("ns")).to_numpy(zero_copy_only=False)
+    if kinds.is_duration(kind):  # since 1970, as times of day without a date
+        column = column.cast(arrow.duration("ns")).cast(arrow.int64()).cast(arrow.timestamp("ns"))
+        return column.to_numpy(zero_copy_only=False)
     if kinds.is_decimal(kind):
         column = column.cast(arrow.float64())
     elif kinds.is_boolean(kind):

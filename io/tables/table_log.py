@@ -189,7 +189,7 @@ class TableLog:
     def _date(self, table: Table, name: str) -> str:
         """Return a date and time for a column of dates, the first value of texts and times; else an empty text."""
         if name in table.dated:
-            return "1970-01-01 00:00:00"
+            return "2000-01-01 00:00:00"
         (short,) = plain_names([name])
         shown = short in self._iso.get(table.topic, ()) or _may_tell(short)
         return self._first_value(table, short) if shown else ""

@@ -25,6 +25,7 @@ NAME_THEM = "name its columns with the key columns of a sensor's section"
 IF_1970 = "if from 1970, name it as time_unix_s with the key columns of a sensor's section, else convert it"
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?(Z|[+-]\d\d(?::?\d\d)?)?")
 """A date and time."""
+DAYS = "1970-01-0"  # with which times of day without a date, and durations, begin
 OF_BOOT = re.compile(r"(^|_)(boot|uptime|power_on)(_|$)")
 """Words of times since power-on."""
 
@@ -38,13 +39,16 @@ class TimeColumn(NamedTuple):
 
 
 def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
-    """Return those of columns named as times whose first cells (by column) state a date, else all of them.
+    """Return those of columns named as times whose first cells (by column) state a date or time, else all of them.
+
+    Times without a date count only if no column has one.
 
     If none is named so: the columns of dates and times, whatever their names, of dates that are day numbers, and of
     times since 1970 in the unit of their names; else those since power-on (time_boot_us).
     """
     if not named:
         dates = [name for name, cell in cells.items() if ISO.fullmatch(cell)]
+        dates = [name for name in dates if not cells[name].startswith(DAYS)] or dates
         dates = dates or [name for name, cell in cells.items() if is_date(name) and keys_since_1970(cell)]
         since = [NamedColumn(name, RULES[0], named_unit(name)) for name in cells]
         since = [one for one in since if one.known]
@@ -52,7 +56,8 @@ def dated_columns(cells: Mapping[str, str], named: Sequence[NamedColumn]) -> Seq
         since = [one for one in since if _since_1970(one, cells[one.name])] or of_boot
         return [NamedColumn(name, RULES[0], NamedUnit(name)) for name in dates] or since
     first = [(column, cells.get(column.name, "")) for column in named]
-    return [column for column, cell in first if ISO.fullmatch(cell) or _since_1970(column, cell)] or named
+    stated = [column for column, cell in first if ISO.fullmatch(cell) or _since_1970(column, cell)]
+    return [column for column in stated if not cells[column.name].startswith(DAYS)] or stated or named
 
 
 def _since_1970(column: NamedColumn, cell: str) -> bool:

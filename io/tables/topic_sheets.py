@@ -14,9 +14,9 @@ from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plai
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
-from usbldr.io.tables.date_times import DAYS, UNKNOWN_ZONE, named_zone, of_times
+from usbldr.io.tables.date_times import UNKNOWN_ZONE, named_zone, of_times
 from usbldr.io.tables.text_table import listed
-from usbldr.io.tables.time_columns import TimeColumn
+from usbldr.io.tables.time_columns import DAYS, TimeColumn
 
 
 @dataclass(frozen=True, slots=True)

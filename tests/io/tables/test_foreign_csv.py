@@ -180,6 +180,10 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "gon": ("dive", "Forward (m/s),Starboard (m/s),Heading [gon]\n1.5,0.25,33.888888888888886",
             AHEAD | {"compass.heading_deg": [pytest.approx(30.5)]}),
     "speeds": ("dive", "Surge Speed (m/s),Starboard Velocity (m/s),Heading True (deg)\n1.5,0.25,30.5", AHEAD),
+    "units behind dots": ("dive", "dvl.fwd.mps,dvl.stbd.mps,heading.deg\n1.5,0.25,30.5", AHEAD),
+    "true degrees in cells": ("compass", "Heading\n030.5°T\n031.0°T", {"compass.heading_deg": [30.5, 31]}),
+    "durations beside times": ("dive", "Forward (m/s),Starboard (m/s),Heading (deg),Elapsed\n"
+                               "1.5,0.25,30.5,0 days 00:00:01.5", AHEAD),
     "units without brackets": ("dive", "DVL Fwd m/s,DVL Stbd m/s,HDG_T deg\n1.5,0.25,30.5", AHEAD),
     "names in quotes": ("dive", '"Vel Fwd [m/s]","Vel Right [m/s]","HDT, deg"\n1.5,0.25,30.5', AHEAD),
     "the body": ("dive", "Forward Velocity BT (m/s),Starboard (body) [m/s],Heading Angle (deg)\n1.5,0.25,30.5", AHEAD),
@@ -581,6 +585,9 @@ def test_columns_of_the_configuration_come_before_the_names(tmp_path: Path) -> N
         ("Heading [mrad]", "Heading", "angle", 0.18 / np.pi),
         ("yawDeg", "yaw", "angle", 1.0),
         ("heading_deg_true", "heading", "angle", 1.0),
+        ("dvl.fwd.mps", "dvl.fwd", "velocity", 1.0),
+        ("header.stamp.sec", "header.stamp.sec", None, 1.0),
+        ("euler.psi", "euler.psi", None, 1.0),
     ],
 )
 def test_the_unit_of_a_name_is_found(name: str, label: str, dimension: str | None, factor: float) -> None:

@@ -161,6 +161,19 @@ def test_columns_in_json_are_tables(tmp_path: Path, form: Literal["list", "dict"
     np.testing.assert_array_equal(records.columns["heading_deg"], [1.5, np.nan])
 
 
+@pytest.mark.parametrize("dated", [False, True])
+def test_durations_are_times_unless_dates_stand_beside_them(tmp_path: Path, dated: bool) -> None:
+    elapsed = pd.to_timedelta([0.25, 1.5], unit="s")
+    columns = {"elapsed": elapsed, "Heading [deg]": [1.0, 2.0]}
+    columns |= {"time": pd.Timestamp(T0) + elapsed} if dated else {}
+    pd.DataFrame(columns).to_parquet(tmp_path / "compass.parquet")
+
+    log = read_log(tmp_path / "compass.parquet")
+
+    assert log.tables["compass"]["time_s"].tolist() == [0.0, 1.25]
+    assert log.start_ns == 250_000_000 + T0 * dated
+
+
 def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> None:
     times = pd.array([T0 + 1, None, T0 + 3], dtype="Int64")
     pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
