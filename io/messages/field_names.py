@@ -247,7 +247,8 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     rules = rules_for(names, place)
     for name in names:
         first = re.sub(r"\.\d+$", "", name)  # of which pandas names a second one Time.1
-        column = named_column(first if first in names else name, rules)
+        wrapped = words_of(named_unit(name).label) in ("value", "data")  # whose file is named for what it holds
+        column = named_column(f"{place} {name}" if wrapped else first if first in names else name, rules)
         if column is None:
             continue
         column = column._replace(name=name)

@@ -180,6 +180,7 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "gon": ("dive", "Forward (m/s),Starboard (m/s),Heading [gon]\n1.5,0.25,33.888888888888886",
             AHEAD | {"compass.heading_deg": [pytest.approx(30.5)]}),
     "speeds": ("dive", "Surge Speed (m/s),Starboard Velocity (m/s),Heading True (deg)\n1.5,0.25,30.5", AHEAD),
+    "a value in a file of its quantity": ("Depth", "entity,value (cm)\nCTD,200", {"depth.depth_m": [2]}),
     "units behind dots": ("dive", "dvl.fwd.mps,dvl.stbd.mps,heading.deg\n1.5,0.25,30.5", AHEAD),
     "true degrees in cells": ("compass", "Heading\n030.5°T\n031.0°T", {"compass.heading_deg": [30.5, 31]}),
     "durations beside times": ("dive", "Forward (m/s),Starboard (m/s),Heading (deg),Elapsed\n"
