@@ -50,7 +50,7 @@ AXES_OF_PLACES = (  # the doctor finds the frame
     Rule("", "north_m", "length", "y(_enu|_ned)?"),
 )
 YAW = Rule(
-    "compass", "heading_deg", "angle", "yaw(_enu)?|kurs|psi|(attitude|euler|rpy|rph)_(z|2)"
+    "compass", "heading_deg", "angle", "yaw(_enu)?|kurs|psi|gyro|(attitude|euler|rpy|rph)_(z|2)"
 )  # whose sense the doctor finds
 COMPLETE = {**NEEDED, "compass": (*NEEDED["compass"], frozenset(QUATERNION))}
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")

@@ -193,7 +193,9 @@ def utm_code(text: str) -> str:
     """Return the code of the grid that a text names, "EPSG:32631" of "UTM 31N"; empty if it names none."""
     if code := re.search(r"\bEPSG:(\d{4,5})\b", text):
         return code[0]
-    words = re.sub(r"(utm)_((?:nor|sou)th)_zone_(\d+)", r"\1_\3_\2", words_of(text))  # UTM North, Zone 26
+    words = re.sub(
+        r"(utm)_(n(?:orth)?|s(?:outh)?)_zone_(\d+)", r"\1_\3_\2", words_of(text)
+    )  # UTM North, Zone 26; UTM (N) zone 26
     zones = [zone for zone in UTM.finditer(words) if zone[2] and 0 < int(zone[1]) <= 60]
     return f"EPSG:32{6 if zones[0][2] == 'n' else 7}{int(zones[0][1]):02d}" if zones else ""
 

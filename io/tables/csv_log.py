@@ -18,7 +18,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import Finding
 from usbldr.io.messages.configured import ConfiguredColumns, plain
-from usbldr.io.messages.field_names import utm_code
+from usbldr.io.messages.field_names import utm_code, words_of
 from usbldr.io.messages.registry import FRAMES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
@@ -52,6 +52,7 @@ WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
 """A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
+EASTING = re.compile(r"(^|_)e(ast(ing)?s?)?(_|$)")  # "USBL E (m)"
 ENDS = 500  # [characters] of a cell from either end: matching takes their square
 
 
@@ -254,7 +255,7 @@ class CsvLog:
         """Report the grid that a line before the names of a file's columns states, if it holds eastings."""
         remarks = begin_of_table(self._files[one.table].file).remarks
         code = next((code for line in remarks if (code := utm_code(line))), "")
-        eastings = one.sheet and any("east" in name.lower() for name in one.sheet.columns.values())
+        eastings = one.sheet and any(EASTING.search(words_of(name)) for name in one.sheet.columns.values())
         text = f"{topic}: a line before its columns states their grid, {code}"
         return [Finding("COLUMNS-BY-NAME", text, topic)] if code and eastings else []
 

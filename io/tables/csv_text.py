@@ -107,7 +107,7 @@ class _Rows:
         if sorted(names) == sorted(self._header):
             self._order = None if names == list(self._header) else [names.index(name) for name in self._header]
             return ""
-        self._other = f"it belongs to a table of other columns ({listed(names)})"
+        self._other = f"it belongs to a table of other columns ({listed(names)}); save each table as a file of its own"
         return self._other
 
 

@@ -94,6 +94,9 @@ def _unknown_time(name: str, cell: str) -> str:
         return f'has a column {name} without a known unit; write it behind the name ("Time [s]")'
     if re.fullmatch(r"\d{3}[:/T -]\d\d:\d\d:\d\d[.,\d]*", cell):
         return f'has "{cell}" in the first row of the column {name}: a day of a year, without the year; write it before'
+    if re.fullmatch(r"\d\d:\d\d[.,]\d", cell):
+        how = "as spreadsheets show times; give its cells the format yyyy-mm-dd hh:mm:ss.000, and save it again"
+        return f'has "{cell}" in the first row of the column {name}: minutes and seconds without the hour, {how}'
     stopped = f'has "{cell[:MAX_CHARACTERS]}" in the first row of the column {name}'
     return f"{stopped}, which is neither a date and time nor a number; state time_format"
 

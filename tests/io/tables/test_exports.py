@@ -107,6 +107,13 @@ def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, col
     assert columns.items() <= tomllib.loads(drafted(tmp_path))["dvl"]["columns"].items()
 
 
+def test_a_gyro_of_a_survey_program_is_proposed_as_heading(tmp_path: Path) -> None:
+    rows = "".join(f"{T0_S + k},{10.5 + k},1.5,0.5\n" for k in range(20))
+    write_csv(tmp_path, log=f"Time [s],Gyro,DVL fwd [m/s],DVL stbd [m/s]\n{rows}", usbl=FIX)
+
+    assert tomllib.loads(drafted(tmp_path))["compass"]["columns"]["heading"] == "Gyro"
+
+
 def test_a_yaw_that_is_named_for_its_axes_is_proposed_with_them(tmp_path: Path) -> None:
     yaws = "".join(f"{T0_S + k},{0.1 * k:.1f}\n" for k in range(30))
     write_csv(tmp_path, dvl=DVL, usbl=FIX, log=f"t [s],yaw_enu [rad]\n{yaws}")
@@ -153,10 +160,14 @@ def test_a_last_line_that_may_be_a_cut_row_is_lost_data(tmp_path: Path, end: str
     assert [one.lost_data for one in log.findings if one.code != "COLUMNS-BY-NAME"] == [True]
 
 
-@pytest.mark.parametrize("line", ["# UTM zone 32N", "Projection: WGS84 UTM Zone 32 North;;", "Grid,EPSG:32632"])
-def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path, line: str) -> None:
+@pytest.mark.parametrize("names", ["Easting [m],Northing [m]", "USBL E,USBL N"])
+@pytest.mark.parametrize(
+    "line",
+    ["# UTM zone 32N", "Projection: WGS84 UTM Zone 32 North;;", "; projection UTM (N) zone 32", "Grid,EPSG:32632"],
+)
+def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path, line: str, names: str) -> None:
     fixes = "".join(f"{T0_S + k},500000.0,{4_983_000 + k:.1f}\n" for k in range(30))
-    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, usbl=f"{line}\nTime [s],Easting [m],Northing [m]\n{fixes}")
+    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, usbl=f"{line}\nTime [s],{names}\n{fixes}")
 
     written = drafted(tmp_path).replace('# grid = "', 'grid = "')  # without pyproj
     assert tomllib.loads(written)["usbl"]["grid"] == "EPSG:32632"
