@@ -180,8 +180,7 @@ def test_an_interrupted_comparison_goes_on_where_it_was(dive: Path, tmp_path: Pa
 
 
 def test_a_changed_log_is_run_anew(tmp_path: Path) -> None:
-    dive = tmp_path / "dive"
-    write_short(dive, "paper", 20.0, 1)
+    dive = write_short(tmp_path / "dive", "paper", 20.0, 1)
     unit = Job(str(dive), "ekf", dataclasses.replace(CHOICES, calibrate="none"))  # else the log corrects the sigma
     store = tmp_path / "units"
     store.mkdir()
@@ -223,8 +222,7 @@ def test_finished_runs_are_compared_as_they_are_but_not_beside_a_log_or_without_
     output_of("compare", tmp_path / "ckf", tmp_path / "usbl", "-o", tmp_path / "out")
     assert (tmp_path / "out" / "errors.png").stat().st_size > 10_000
 
-    with pytest.raises(UsageError, match="cannot be mixed"):
-        output_of("compare", tmp_path / "usbl", dive)
+    assert "cannot be mixed" in refusal(UsageError, output_of, "compare", tmp_path / "usbl", dive)
     (tmp_path / "usbl" / "report.json").write_text("{}")
     with pytest.raises(LogError, match=r"report\.json: is not a complete report of usbldr replay; run replay again"):
         output_of("compare", tmp_path / "usbl")
@@ -232,9 +230,8 @@ def test_finished_runs_are_compared_as_they_are_but_not_beside_a_log_or_without_
 
 def test_one_failed_method_leaves_the_others_their_numbers(dive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    arguments = [str(dive), "--filters", "dr,usbl", "--usbl", "none", "-o", str(out)]
 
-    found = run("compare", *arguments)
+    found = run("compare", dive, "--filters", "dr,usbl", "--usbl", "none", "-o", out)
 
     assert found.return_value == LogError.exit_code
     dr, usbl = content(out)["rows"]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from commands import findings, output_of, report_of, run
-from curved import M_PER_DEG, changed, curved_dive
-from logs import MAP
+from curved import M_PER_DEG, changed, curved_dive, written
+from logs import MAP, read_as, refusal
 from recordings import (
     FIX,
     ODOMETRY,
@@ -21,13 +21,13 @@ from recordings import (
     T0,
     Row,
     fix,
+    saved,
     turned,
     write_bag,
     write_mcap,
     write_rosbag2,
 )
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.reading.read import read_log
 
 NED = "odom_ned"
 
@@ -100,8 +100,7 @@ def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> 
 @pytest.mark.parametrize("kind", [ODOMETRY, POSE_COVARIANCE])
 @pytest.mark.parametrize("frame", ["odom", NED])
 def test_a_topic_of_a_log_without_dvl_is_judged_with_its_covariance(tmp_path: Path, kind: str, frame: str) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", onboard(kind, "pose", frame, 0.5, 0.5))
-    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
+    log = written(tmp_path, onboard(kind, "pose", frame, 0.5, 0.5), MAP)
 
     found = judged(log, "/nav")
 
@@ -133,24 +132,20 @@ def test_latitudes_of_a_solution_need_no_map(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_judged_is_one_sentence(own: Path) -> None:
-    log = own / "paper.mcap"
     faults = {
         "/gps/fix": (UsageError, "is the truth itself"),
         "/nowhere": (LogError, "neither a file, here or beside the log, nor a topic"),
         "/dvl/data": (UsageError, "cannot be used as truth"),
     }
     for name, (kind, text) in faults.items():
-        fault = run("evaluate", log, "-e", name, "-o", own / "fault").exception
-        assert isinstance(fault, kind), name
-        assert text in str(fault)
+        assert text in refusal(kind, output_of, "evaluate", own / "paper.mcap", "-e", name, "-o", own / "fault"), name
     assert not (own / "fault").exists()
 
 
 @pytest.mark.parametrize("write", [write_mcap, write_bag, write_rosbag2])
 def test_a_track_or_a_truth_in_a_recording_of_its_own_is_its_only_topic_of_positions(tmp_path, write) -> None:
     rows = onboard(ODOMETRY, "pose", "odom", 0.5, 0.5)
-    log = write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text(MAP, encoding="utf-8")
+    log = written(tmp_path, rows, MAP)
     ending = {write_mcap: ".mcap", write_bag: ".bag", write_rosbag2: ""}[write]
     nav, gps = tmp_path / f"nav{ending}", tmp_path / f"gps{ending}"
     for file, topic in ((nav, "/nav"), (gps, "/gps/fix")):
@@ -189,8 +184,7 @@ def test_an_unknown_origin_moves_no_number_of_the_report(tmp_path: Path) -> None
     far = replayed(tmp_path, "far", shifted(rows, 192.0, -5000.0))
 
     assert far["alignment"]["name"] == here["alignment"]["name"] == "shift"
-    names = ("mean_horizontal_m", "rmse_horizontal_m", "nees_mean", "max_horizontal_m")
-    for name in names:
+    for name in ("mean_horizontal_m", "rmse_horizontal_m", "nees_mean", "max_horizontal_m"):
         assert far["metrics"][name] == pytest.approx(here["metrics"][name], abs=1e-5), name
     assert "constant shift removed" in far["verdict"]
     assert far["verdict"] == here["verdict"]
@@ -224,24 +218,19 @@ def test_a_track_on_an_unknown_map_has_no_latitudes_but_lies_on_the_truth_in_the
 def test_gps_does_not_aid_on_a_map_that_it_has_no_place_on(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "dive.mcap", curved_dive(gps=True))
 
-    fault = run("replay", log, "--filter", "adf", "--aid", "gps@0:20").exception
+    said = refusal(UsageError, output_of, "replay", log, "--filter", "adf", "--aid", "gps@0:20")
 
-    assert isinstance(fault, UsageError)
-    assert "state origin_lat_deg and origin_lon_deg under [map]" in str(fault)
+    assert "state origin_lat_deg and origin_lon_deg under [map]" in said
 
 
 def test_a_local_truth_beside_latitudes_has_an_unknown_place(tmp_path: Path) -> None:
-    truth = tmp_path / "truth.csv"
-    truth.write_text("time_ns,east_m,north_m\n1600000000000000000,0,0\n1600000009000000000,0,0\n", encoding="utf-8")
-    latlon = "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0 }\n"
+    saved(tmp_path / "truth.csv", "time_ns,east_m,north_m\n1600000000000000000,0,0\n1600000009000000000,0,0\n")
+    stated, latlon = '[truth]\nfile = "truth.csv"\n', "[usbl]\nhead = { lat_deg = 45.0, lon_deg = 7.0 }\n"
     log = write_mcap(tmp_path / "dive.mcap", curved_dive())
-    known: list[bool] = []
-    for toml in ("", latlon, MAP + latlon):
-        (tmp_path / "dive.usbldr.toml").write_text(f'{toml}[truth]\nfile = "truth.csv"\n', encoding="utf-8")
-        read = read_log(log).truth
-        known.append(not read.place_unknown)
 
-    assert known == [True, False, True]
+    unknown = [read_as(log, toml + stated).truth.place_unknown for toml in ("", latlon, MAP + latlon)]
+
+    assert unknown == [False, True, False]
 
 
 ADVICE = "--filter usbl judges the raw fixes"
@@ -265,10 +254,7 @@ def test_the_raw_fixes_have_the_errors_of_the_whole_log(log: Path, tmp_path: Pat
 
 
 def test_what_needs_the_sensor_says_so_and_what_still_works(log: Path) -> None:
-    fault = run("replay", log, "-f", "adf").exception
-
-    assert isinstance(fault, LogError)
-    assert ADVICE in str(fault)
+    assert ADVICE in refusal(LogError, output_of, "replay", log, "-f", "adf")
     assert ADVICE in run("info", log).stdout
     found = findings(log)
     assert ADVICE in found["SENSOR-MISSING"]["text"]
@@ -276,11 +262,10 @@ def test_what_needs_the_sensor_says_so_and_what_still_works(log: Path) -> None:
 
 
 def test_init_asks_for_the_sensor_in_a_file_with_which_the_fixes_are_judged(log: Path, tmp_path: Path) -> None:
-    fault = run("init", log).exception
-    missing = next(role for role in ("dvl", "compass") if f"no topic is known to be {role};" in str(fault))
+    said = refusal(LogError, output_of, "init", log)
+    missing = next(role for role in ("dvl", "compass") if f"no topic is known to be {role};" in said)
 
     text = (tmp_path / "dive.usbldr.toml").read_text(encoding="utf-8")
-    assert isinstance(fault, LogError)
     assert text.count('topic = "none"') == 1  # the depth
     assert "without it, only --filter usbl works" in text
     assert "usbl: mean horizontal error" in output_of("replay", log, "-f", "usbl", "-q", "-o", tmp_path / "run")

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from commands import output_of, run
-from logs import refusal
+from logs import logged_csv, refusal
 from recordings import SECOND, T0, short_dive, twist, write_csv, write_mcap, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -123,13 +123,9 @@ def test_a_gps_without_a_place_on_earth_stays_on_the_plane(tmp_path: Path) -> No
 def test_gps_rows_that_are_no_truth_are_none_in_the_export(tmp_path, start_s, skipped, kept):
     t = [T0 + k * 10**9 for k in range(6)]
     rows = "\n".join(f"{time},{k},{k % 2},0.5" for k, time in enumerate(t) if k != 3)
-    folder = write_csv(
-        tmp_path / "dive",
-        compass="time_ns,heading_deg\n" + "\n".join(f"{time},1" for time in t),
-        gps=f"time_ns,east_m,north_m,sd_m\n{rows}",
-    )
-    (folder / "usbldr.toml").write_text("[truth]\nskip_rows = 2\n", encoding="utf-8")
-    log = cut_log(read_log(folder), start_s, 9.0)
+    compass = "time_ns,heading_deg\n" + "\n".join(f"{time},1" for time in t)
+    gps = f"time_ns,east_m,north_m,sd_m\n{rows}"
+    log = cut_log(logged_csv(tmp_path, "[truth]\nskip_rows = 2\n", compass=compass, gps=gps), start_s, 9.0)
 
     for name in NAMES:
         export(log, tmp_path / "new" / name, force=True)
@@ -148,8 +144,7 @@ def test_a_stretch_holds_what_was_valid_in_it_and_no_start_where_the_beginning_i
     assert {sensor: len(table) for sensor, table in back.tables.items()} == {"dvl": 4, "compass": 4, "usbl": 4}
     assert back.start_ns == T0 + 3 * 10**9
     assert list(back.tables["usbl"]["east_m"]) == [3, 4, 5, 6]
-    with pytest.raises(LogError, match=r"no record is from --start 50 to --end 60 s"):
-        cut_log(log, 50.0, 60.0)
+    assert "no record is from --start 50 to --end 60 s" in refusal(LogError, cut_log, log, 50.0, 60.0)
     assert cut_log(started, -1.0, 9.0).parameters.start == started.parameters.start
     assert cut_log(started, 0.1, 9.0).parameters.start is None
 
@@ -160,8 +155,7 @@ def test_the_log_and_its_configuration_are_never_written_over_nor_anything_into_
     log = read_log(tmp_path / "dive.mcap")
     before = (tmp_path / "dive.mcap").read_bytes()
 
-    with pytest.raises(UsageError, match="choose another name"):
-        export(log, tmp_path / out, force=True)
+    assert "choose another name" in refusal(UsageError, export, log, tmp_path / out, force=True)
 
     assert [f.name for f in tmp_path.iterdir()] == ["dive.mcap"]
     assert (tmp_path / "dive.mcap").read_bytes() == before
@@ -204,8 +198,7 @@ def test_force_replaces_a_folder_that_says_that_it_was_written_by_us_and_no_othe
     export(log, tmp_path / "again")
     for name in ("again", "empty"):
         export(log, tmp_path / name, force=True)
-    with pytest.raises(UsageError, match="field: is not a log written by usbldr"):
-        export(log, field, force=True)
+    assert "field: is not a log written by usbldr" in refusal(UsageError, export, log, field, force=True)
     with pytest.raises(UsageError, match=r"written: holds notes\.csv, which usbldr did not write"):
         export(log, written, force=True)
 
@@ -217,12 +210,12 @@ def test_the_command_writes_and_says_what(tmp_path: Path) -> None:
     log, out = write_mcap(tmp_path / "dive.mcap", short_dive()), tmp_path / "cut"
     asked = ["export", str(log), "-o", str(out), "--format", "rosbag2", "--start", "2", "--end", "2020-09-13T12:26:45Z"]
 
-    done, again = (run(*asked) for _ in range(2))
+    done = run(*asked)
 
     assert done.stdout == f"{out}: records: 4 dvl, 4 compass, 4 usbl\n{out}/usbldr.toml: noise, start and conventions\n"
     assert sorted(f.name for f in out.iterdir()) == ["cut.db3", "metadata.yaml", "usbldr.toml"]
-    assert isinstance(again.exception, UsageError)
-    assert str(again.exception) == f"{out}: exists already; choose another name, or overwrite it with --force"
+    again = refusal(UsageError, output_of, *asked)
+    assert again == f"{out}: exists already; choose another name, or overwrite it with --force"
 
 
 def test_an_export_of_a_damaged_log_is_written_and_said_to_be_partial(tmp_path: Path) -> None:

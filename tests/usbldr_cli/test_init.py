@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from commands import drafted, findings, output_of, run
+from commands import drafted, findings, output_of, run, spoil
 from curved import curved_dive, in_radians
 from logs import MAP, refusal
-from recordings import SECOND, T0, Row, define, point, saved, short_dive, write_csv, write_mcap
+from recordings import SECOND, T0, Row, define, point, saved, saved_lines, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.messages.field_names import ALONG_EARTH
@@ -30,9 +30,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_mcap(tmp_path_factory.mktemp("init") / "dive.mcap", curved_dive(**MIRRORED, mount_deg=-50.0, gps=True))
 
 
-def initialised(log: Path, target: Path) -> tuple[str, dict[str, Any]]:
+def initialised(log: Path, target: Path, *options: object) -> tuple[str, dict[str, Any]]:
     """Return the text that init writes, and what it states; replay accepts it unchanged."""
-    output_of("init", log, "--output", target, "--force")
+    output_of("init", log, "--output", target, "--force", *options)
     accepted(log, target)
     text = target.read_text(encoding="utf-8")
     return text, tomllib.loads(text)
@@ -75,9 +75,9 @@ def test_the_file_says_how_the_log_was_made_and_where_each_value_comes_from(log:
 @pytest.mark.long
 def test_replay_accepts_the_file_and_the_doctor_finds_the_log_cured(log: Path, tmp_path: Path) -> None:
     target = tmp_path / "found.toml"
-    run("init", log, "--output", str(target))
+    run("init", log, "--output", target)
 
-    done = run("replay", str(log), "--config", str(target), "--filter", "ekf", "--output", str(tmp_path / "run"))
+    done = run("replay", log, "--config", target, "--filter", "ekf", "--output", tmp_path / "run")
 
     assert done.return_value == 0, done.output
     assert "CONVENTION]" not in done.stderr
@@ -86,18 +86,16 @@ def test_replay_accepts_the_file_and_the_doctor_finds_the_log_cured(log: Path, t
     assert "DVL-MOUNT" not in cured
 
 
-def test_the_file_stands_where_replay_looks_and_is_not_overwritten(log: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "dive.mcap"
-    copy.write_bytes(log.read_bytes())
-    place = tmp_path / "dive.usbldr.toml"
+def test_the_file_stands_where_replay_looks_and_is_not_overwritten(tmp_path: Path) -> None:
+    log, place = write_mcap(tmp_path / "dive.mcap", curved_dive(seconds=60)), tmp_path / "dive.usbldr.toml"
 
-    output_of("init", copy)
+    output_of("init", log)
     place.write_text("schema = 1\n# mine\n", encoding="utf-8")
-    said = refusal(UsageError, output_of, "init", copy)
+    said = refusal(UsageError, output_of, "init", log)
 
     assert said == f"{place} exists already: choose another file for --output, or --force"
     assert place.read_text(encoding="utf-8") == "schema = 1\n# mine\n"
-    output_of("init", copy, "--force")
+    output_of("init", log, "--force")
     assert "# mine" not in place.read_text(encoding="utf-8")
 
 
@@ -206,54 +204,39 @@ def test_sensors_that_do_not_overlap_get_a_file_that_says_so(tmp_path: Path) -> 
     _, text = asked_in(log, tmp_path / "found.toml")
 
     assert "# CHECK: the sensors do not overlap in time" in text
-    found = tomllib.loads(text)
-    assert {role: found[role]["topic"] for role in ("dvl", "compass", "usbl")} == {
-        "dvl": "/dvl",
-        "compass": "/imu",
-        "usbl": "/usbl",
-    }
+    topics = {role: tomllib.loads(text)[role]["topic"] for role in ("dvl", "compass", "usbl")}
+    assert topics == {"dvl": "/dvl", "compass": "/imu", "usbl": "/usbl"}
 
 
 def test_the_keys_of_a_configuration_are_kept_with_what_was_found(log: Path, tmp_path: Path) -> None:
-    stated = log.with_name("stated.toml")
-    stated.write_text(
+    stated = saved(
+        log.with_name("stated.toml"),
         'schema = 1\n[dvl]\naxes = "FLU"\nlever_arm_m = [0.1, 0.2, 0.0]\n[process]\nposition_m = 0.05\n'
         '[usbl]\nnoise = { kind = "gaussian" }\n[[file]]\npath = "dive.mcap"\nclock_offset_s = 0.0\n',
-        encoding="utf-8",
     )
-    target = log.with_name("found.toml")
+    asked = ("--config", stated, "--set", "compass.sd_deg=2")
 
-    output_of("init", log, "--config", stated, "--set", "compass.sd_deg=2", "--output", target)
+    text, found = initialised(log, log.with_name("found.toml"), *asked)
 
-    text = target.read_text(encoding="utf-8")
-    found = tomllib.loads(text)
     assert found["dvl"].items() >= {"axes": "FLU", "lever_arm_m": [0.1, 0.2, 0.0]}.items()
     assert found["compass"].items() >= {"sd_deg": 2, "convention": "NED"}.items()
     assert (found["process"], found["usbl"]["noise"]) == ({"position_m": 0.05}, {"kind": "gaussian"})
     assert found["file"] == [{"path": "dive.mcap", "clock_offset_s": 0.0}]
     assert re.search(r'^axes = "FLU" +# stated in stated.toml; found: axes = "FRD"', text, re.MULTILINE)
-    accepted(log, target)
 
 
 def test_paths_of_a_kept_configuration_count_from_the_new_one(log: Path, tmp_path: Path) -> None:
-    there, here = tmp_path / "there", tmp_path / "here"
-    there.mkdir()
-    here.mkdir()
     layout = 'schema = 1\nabout = "a"\n[[layout]]\nsensor = "dvl"\ntype = "a/B"\ncolumns = { x = "x", y = "y" }\n'
-    (there / "acme.toml").write_text(layout, encoding="utf-8")
-    ends = f"{(T0 + SECOND)},1,1\n{(T0 + 9 * SECOND)},2,2\n"
-    (there / "true.csv").write_text(f"time_ns,east_m,north_m\n{ends}", encoding="utf-8")
-    (here / "depth.csv").write_text(f"time_ns,depth_m\n{T0},1\n", encoding="utf-8")
-    stated = there / "stated.toml"
-    stated.write_text('schema = 1\nlayouts = ["acme.toml"]\n[truth]\nfile = "true.csv"\n', encoding="utf-8")
-    target = here / "found.toml"
+    truth = f"time_ns,east_m,north_m\n{T0 + SECOND},1,1\n{T0 + 9 * SECOND},2,2"
+    there = write_csv(tmp_path / "there", true=truth)
+    here = write_csv(tmp_path / "here", depth=f"time_ns,depth_m\n{T0},1")
+    saved(there / "acme.toml", layout)
+    stated = saved(there / "stated.toml", 'schema = 1\nlayouts = ["acme.toml"]\n[truth]\nfile = "true.csv"\n')
 
-    output_of("init", log, "--config", stated, "--with", here / "depth.csv", "--output", target)
+    _, found = initialised(log, here / "found.toml", "--config", stated, "--with", here / "depth.csv")
 
-    found = tomllib.loads(target.read_text(encoding="utf-8"))
     assert (found["layouts"], found["truth"]["file"]) == (["../there/acme.toml"], "../there/true.csv")
     assert [Path(one["path"]).name for one in found["file"]] == ["depth.csv"]
-    accepted(log, target)
 
 
 LOCK, GYRO, ACOUSTIC = "new_msgs/msg/BottomLock", "new_msgs/msg/NorthSeeker", "new_msgs/msg/Acoustic"
@@ -305,13 +288,12 @@ def test_the_words_of_ships_and_flags_of_receivers_are_proposed_and_used(tmp_pat
         log_dvl_0="\n".join(["timestamp,vel_forward,vel_right", *speeds]),
     )
 
-    run("init", log, "--output", tmp_path / "found.toml")
+    found = tomllib.loads(drafted(log))
 
-    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     assert "columns" not in found["gps"]  # read by their names: only degrees have such values
     assert found["dvl"]["columns"] == {"time_unix_us": "timestamp", "x": "vel_forward", "y": "vel_right"}
     assert found["dvl"]["axes"][:2] == "FS"
-    read = read_log(log, Request(str(tmp_path / "found.toml"), topics={"compass": "none"}))
+    read = read_log(log, Request(str(log / "drafted.toml"), topics={"compass": "none"}))
     assert (len(read.tables["gps"]), read.provenance["gps"].messages) == (30, 40)
 
 
@@ -353,8 +335,7 @@ def csv(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("heading", ["heading", "azimuth", "course"])
 def test_columns_of_csv_files_without_units_are_proposed(csv: Path, tmp_path: Path, heading: str) -> None:
-    ahrs = csv / "ahrs.csv"
-    ahrs.write_text(ahrs.read_text(encoding="utf-8").replace("heading", heading), encoding="utf-8")
+    spoil(csv / "ahrs.csv", "heading", heading)
 
     text, found = initialised(csv, tmp_path / "found.toml")
 
@@ -422,10 +403,10 @@ def test_of_two_kinds_of_position_one_is_proposed(csv: Path, tmp_path: Path) -> 
 
 def test_columns_beside_those_that_names_tell_are_proposed(tmp_path: Path) -> None:
     names = "Time [s],Heading (deg),VX (body),VY (body),Target Lat,Target Lon,Battery"
-    rows = [f"{T0 // SECOND + k},20,1,0,{43.1 + k * 1e-5:.6f},5.9,24" for k in range(60)]
-    (tmp_path / "nav.csv").write_text("\n".join([names, *rows, ""]), encoding="utf-8")
+    rows = [f"{T0 // SECOND + k},20,1,0,{43.1 + k * 1e-5:.6f},5.9,24" for k in range(20)]
+    log = saved_lines(tmp_path / "nav.csv", [names, *rows])
 
-    text, found = initialised(tmp_path / "nav.csv", tmp_path / "found.toml")
+    text, found = initialised(log, tmp_path / "found.toml")
 
     assert found["dvl"]["columns"] == {"time_unix_s": "Time [s]", "x": "VX (body)", "y": "VY (body)"}
     assert found["usbl"]["columns"] == {"time_unix_s": "Time [s]", "lat_deg": "Target Lat", "lon_deg": "Target Lon"}
@@ -434,16 +415,14 @@ def test_columns_beside_those_that_names_tell_are_proposed(tmp_path: Path) -> No
 
 
 def test_columns_beside_those_that_a_configuration_states_have_its_time(tmp_path: Path) -> None:
-    rows = [f"{T0 // SECOND + k}.0,0.5,0.1,{k % 360},{k % 30 / 10},{k},{k / 2},12.1" for k in range(120)]
+    rows = [f"{T0 // SECOND + k}.0,0.5,0.1,{20 + k},{k / 10},{k},{k / 2},12.1" for k in range(10)]
     text = "\n".join(["clock,a,b,heading,depth,usbl_east,usbl_north,volts", *rows])
     log = write_csv(tmp_path / "dive", auv=text) / "auv.csv"
-    stated = tmp_path / "stated.toml"
-    columns = 'time_unix_s = "clock", x = "a", y = "b"'
-    stated.write_text(f'schema = 1\n[dvl]\ntopic = "/auv"\ncolumns = {{ {columns} }}\n', encoding="utf-8")
+    columns = 'columns = { time_unix_s = "clock", x = "a", y = "b" }'
+    stated = saved(tmp_path / "stated.toml", f'schema = 1\n[dvl]\ntopic = "/auv"\n{columns}\n')
 
-    output_of("init", log, "--config", stated, "--output", tmp_path / "found.toml")
+    text = drafted(log, "--config", stated)
 
-    text = (tmp_path / "found.toml").read_text(encoding="utf-8")
     found = tomllib.loads(text)
     assert found["compass"]["columns"] == {"time_unix_s": "clock", "heading": "heading"}
     assert found["usbl"]["columns"] == {"time_unix_s": "clock", "x": "usbl_east", "y": "usbl_north"}
@@ -482,12 +461,11 @@ def test_a_yaw_counts_either_way_and_only_fixes_or_their_names_tell(tmp_path, pl
     ],
 )
 def test_plain_names_in_one_table_of_all_sensors_are_proposed_if_they_are_the_only_ones(tmp_path, names, found):
-    rows = [f"{T0 // SECOND + k}.0,{k % 360},{k},{k / 2},0.5,0.1,45.0,7.0,12.1" for k in range(60)]
+    rows = [f"{T0 // SECOND + k}.0,{20 + k},{k},{k / 2},0.5,0.1,45.0,7.0,12.1" for k in range(10)]
     text = "\n".join([f"timestamp,heading,usbl_east,usbl_north,{names}", *rows])
 
-    run("init", write_csv(tmp_path / "dive", auv=text) / "auv.csv", "--output", tmp_path / "found.toml")
+    stated = tomllib.loads(drafted(write_csv(tmp_path / "dive", auv=text) / "auv.csv"))
 
-    stated = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))
     columns = {**stated.get("dvl", {}).get("columns", {}), **stated["gps"].get("columns", {})}
     assert {key: name for key, name in columns.items() if key != "time_unix_s"} == found
 
@@ -551,23 +529,18 @@ def test_nothing_is_proposed_if_names_do_not_suffice_or_two_columns_are_of_one_q
 
 def test_what_cannot_be_read_is_asked_for_in_a_file_that_names_the_rest(csv: Path, tmp_path: Path) -> None:
     file = tmp_path / "found.toml"
-    sheet = (csv / "ahrs.csv").read_text(encoding="utf-8")
-    (csv / "compass.csv").write_text(sheet.replace("stamp,heading", "stamp,chi"), encoding="utf-8")
-    (csv / "ahrs.csv").unlink()
+    spoil((csv / "ahrs.csv").rename(csv / "compass.csv"), "stamp,heading", "stamp,chi")
 
     said, text = asked_in(csv, file)
 
     assert said.endswith(f"{file} is written: complete the lines marked CHECK")
     assert "usbldr init" not in said
     assert tomllib.loads(text)["dvl"]["columns"] == DVL_COLUMNS
-    assert (
-        "CHECK: /compass cannot be read as compass: compass.csv has no column whose name states quantity and unit"
-        in text
-    )
+    why = "/compass cannot be read as compass: compass.csv has no column whose name states quantity and unit"
+    assert f"CHECK: {why}" in text
     asked = '# [compass]\n# columns = { time_unix_ms = "stamp", heading = "?" }'
     assert asked in text
-    completed = text.replace(asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "chi" }')
-    file.write_text(completed, encoding="utf-8")
+    spoil(file, asked, '[compass]\ncolumns = { time_unix_ms = "stamp", heading = "chi" }')
     accepted(csv, file)
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -291,9 +292,9 @@ def test_help_and_refusals_know_a_filter_that_is_one_row() -> None:
 
     assert "the last fix, held" in reported
     assert " ".join(reported.split()).count("pf-wekf, last-fix") == 1  # those that draw
-    refused = run("replay", PAPER, "-f", "last-fix", "--smooth")
-    assert "last-fix is too far from a Gaussian" in str(refused.exception)
-    assert "ukf, last-fix" in str(run("replay", PAPER, "-f", "cpf", "--gate", "0.9").exception)
+    refused = partial(refusal, UsageError, output_of, "replay", PAPER, "--calibrate", "none")
+    assert "last-fix is too far from a Gaussian" in refused("-f", "last-fix", "--smooth")
+    assert "ukf, last-fix" in refused("-f", "cpf", "--gate", "0.9")
 
 
 @pytest.mark.usefixtures("own")

@@ -83,10 +83,6 @@ def labels(figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def words(figure) -> str:
-    return " ".join(text.get_text() for text in figure.texts)
-
-
 @pytest.mark.long
 def test_a_particle_filter_has_seven_pictures_and_a_single_gaussian_no_particles(tmp_path: Path) -> None:
     names = ["track.png", "errors.png", "consistency.png", "error_cdf.png", "error_distance.png", "innovations.png"]
@@ -110,7 +106,7 @@ def test_raw_fixes_have_neither_innovations_nor_particles_and_a_log_without_trut
     "draw", [track_figure, error_figure, consistency_figure, cdf_figure, innovation_figure, particle_figure]
 )
 def test_every_title_states_method_log_truth_order_and_alignment(draw) -> None:
-    said = words(figure_of(draw, a_run(CPF, align="first")))
+    said = " ".join(text.get_text() for text in figure_of(draw, a_run(CPF, align="first")).texts)
 
     assert "cpf on paper" in said
     assert "truth: simulated (paper/gps)" in said

@@ -35,8 +35,7 @@ CHOICES = RunChoices(20, None, 0, None, None, "none", "start", 5.0, 1.0, "none")
 
 
 def test_runs_of_a_killed_worker_are_repeated_and_give_the_same_numbers(tmp_path: Path) -> None:
-    log = tmp_path / "dive"
-    write_short(log, "paper", 20.0)
+    log = write_short(tmp_path / "dive", "paper", 20.0)
     units = [Job(str(log), "cpf", replace(CHOICES, seed=seed)) for seed in range(6)]
     (tmp_path / "store").mkdir()
     killed: list[int] = []
