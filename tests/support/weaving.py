@@ -1,13 +1,20 @@
 """A vehicle that weaves through all headings, and sensors with faults put in by hand; angles are clockwise degrees."""
 
+from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from timelines import HZ, five_hz
+from usbldr.filters.identification.evidence import identify
+from usbldr.filters.models.noise import Contamination
+from usbldr.filters.models.parameters import Parameters, ProcessNoise
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Trajectory, Vector
 
 SD_MPS, SD_RAD, SD_M = 0.01, np.radians(0.2), 0.2
+ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())  # without a stated start
 
 
 class Faults(NamedTuple):
@@ -61,6 +68,28 @@ def weaving_dive(
     fixes += wander_m * np.column_stack([np.sin(stamp_s / 40), np.cos(stamp_s / 40)])
     fixes += SD_M * rng.standard_normal(fixes.shape)
     return five_hz(dvl, yaw, stamp_s, fixes, dvl_sd_mps=SD_MPS, yaw_sd_rad=float(SD_RAD), fix_sd_m=SD_M)
+
+
+DIVE = weaving_dive(Faults())
+
+
+def headings_off(by_rad: Vector, dive: Timeline = DIVE) -> Timeline:
+    return replace(dive, yaw_rad=dive.yaw_rad + by_rad, dr_yaw_rad=dive.dr_yaw_rad + by_rad)
+
+
+def track_of(line: Timeline) -> Trajectory:
+    """Return the default track."""
+    return run("adf", line, identify(line, ASSUMED).parameters)
+
+
+@cache
+def clean_track() -> Trajectory:
+    return track_of(DIVE)
+
+
+def mean_error_m(line: Timeline, found: Parameters) -> float:
+    """Return how far the track of a dive with faults lies, by what was identified, from that of the dive without."""
+    return float(apart_m(run("adf", line, found), clean_track()).mean())
 
 
 def apart_m(track: Trajectory, clean: Trajectory) -> Vector:

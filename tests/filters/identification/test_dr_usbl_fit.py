@@ -91,12 +91,9 @@ def test_the_scale_is_that_of_the_dvl_whatever_its_mount() -> None:
 
 
 ERRORS = {
-    "dvl_scale": 0.02,
-    "heading_bias_deg": 4.0,
-    "deviation_sin_deg": 3.0,
-    "deviation_cos_deg": -2.0,
+    "dvl_scale": 0.02, "heading_bias_deg": 4.0, "deviation_sin_deg": 3.0, "deviation_cos_deg": -2.0,
     "usbl_latency_s": 1.4,
-}
+}  # fmt: skip
 
 
 def test_dead_reckoning_freed_of_its_errors_leaves_the_noise_of_the_fixes() -> None:

@@ -39,10 +39,10 @@ from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from weaving import SD_M, Faults, apart_m, mean_nees, weaving_dive
+from weaving import DIVE, SD_M, Faults, apart_m, mean_nees, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
-
+CLEAN = run("adf", DIVE, ASSUMED)
 OWN_KEYS = tuple(key for key in KEYS if key not in (HEAD, RANGE))  # of fixes without a head
 SUBSETS = subsets_of(OWN_KEYS)
 
@@ -57,7 +57,7 @@ def existing(found: Identification) -> set[str]:
 
 
 def test_a_dive_without_faults_has_evidence_against_every_sensor_error() -> None:
-    found = identify(weaving_dive(Faults()), ASSUMED)
+    found = identify(DIVE, ASSUMED)
 
     assert [one.key for one in found.evidence] == list(OWN_KEYS)
     assert existing(found) == set()
@@ -115,12 +115,11 @@ def test_with_a_dvl_through_the_water_the_current_is_always_a_state_and_no_evide
 @pytest.mark.long
 def test_two_faults_are_both_found_and_the_track_is_better_by_them() -> None:
     line = weaving_dive(Faults(dvl_scale=0.02, heading_bias_deg=4.0))
-    clean = run("adf", weaving_dive(Faults()), ASSUMED)
 
     found = identify(line, ASSUMED)
     plain, better = run("adf", line, ASSUMED), run("adf", line, found.parameters)
 
-    off = [apart_m(track, clean)[500:].mean() for track in (plain, better)]
+    off = [apart_m(track, CLEAN)[500:].mean() for track in (plain, better)]
     assert existing(found) == {"scale", "heading"}
     assert off[1] < 0.5 * off[0]
 
@@ -133,7 +132,7 @@ def moved_ahead(line: Timeline, ahead_m: float) -> Timeline:
 
 def test_a_lever_arm_is_found_as_a_number_of_the_run_and_not_as_a_state() -> None:
     """A DVL 2 m ahead of the transponder: the fixes are those of a point 2 m behind it."""
-    found = identify(moved_ahead(weaving_dive(Faults()), -2.0), replace(ASSUMED, start=Start(0.0, 0.0, 3.0)))
+    found = identify(moved_ahead(DIVE, -2.0), replace(ASSUMED, start=Start(0.0, 0.0, 3.0)))
 
     assert existing(found) == {LEVER}
     assert found.parameters.calibrate == ("usbl-bias",)
@@ -141,15 +140,14 @@ def test_a_lever_arm_is_found_as_a_number_of_the_run_and_not_as_a_state() -> Non
 
 
 def test_of_a_lever_arm_the_sigma_covers_that_the_transponder_is_misplaced_and_not_the_dvl() -> None:
-    line, ahead_m = weaving_dive(Faults()), 2.0
-    misplaced = moved_ahead(line, ahead_m)
-    clean = run("adf", line, ASSUMED)
+    ahead_m = 2.0
+    misplaced = moved_ahead(DIVE, ahead_m)
 
     found = identify(misplaced, replace(ASSUMED, start=None))
     track = run("adf", misplaced, found.parameters)
 
-    assert apart_m(track, clean).mean() == pytest.approx(ahead_m, abs=0.3)  # in which the log has no say
-    assert 1.0 < mean_nees(track, clean) < 4.0
+    assert apart_m(track, CLEAN).mean() == pytest.approx(ahead_m, abs=0.3)  # in which the log has no say
+    assert 1.0 < mean_nees(track, CLEAN) < 4.0
     (warning,) = found.warnings
     assert warning.startswith("RIVAL-EXPLANATIONS: DVL or transponder is ")
     assert found.misplaced_text in warning
@@ -180,7 +178,7 @@ def test_on_a_straight_way_the_sigma_covers_a_latency_that_no_fix_shows(seed: in
 
 
 def test_a_latency_against_which_the_log_speaks_is_not_in_the_sigma() -> None:
-    found = identify(weaving_dive(Faults()), replace(ASSUMED, start=None))
+    found = identify(DIVE, replace(ASSUMED, start=None))
 
     assert found.parameters.settled_sd["usbl_latency"] < 0.02
 
@@ -190,8 +188,7 @@ def test_a_latency_against_which_the_log_speaks_is_not_in_the_sigma() -> None:
     [(DVL_CLOCK, ("dvl_mps", "dr_mps"), "dvl_clock_s"), (COMPASS_CLOCK, ("yaw_rad", "dr_yaw_rad"), "compass_clock_s")],
 )
 def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(key, columns, name):
-    line = weaving_dive(Faults())
-    late = replace(line, **{column: np.roll(getattr(line, column), HZ, axis=0) for column in columns})
+    late = replace(DIVE, **{column: np.roll(getattr(DIVE, column), HZ, axis=0) for column in columns})
 
     found = identify(late, ASSUMED)
 
@@ -203,7 +200,6 @@ def test_a_late_clock_of_dvl_or_compass_is_found_as_a_number_of_the_run(key, col
 def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -> None:
     """The whole log knows the latency, which the first fixes do not show."""
     assumed = replace(ASSUMED, start=None)
-    clean = run("adf", weaving_dive(Faults()), ASSUMED)
     late, early = (weaving_dive(Faults(usbl_latency_s=seconds)) for seconds in (1.5, -1.5))
 
     found, of_early = identify(late, assumed).parameters, identify(early, assumed).parameters
@@ -211,7 +207,7 @@ def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -
     assert found.settled == {"usbl_latency": pytest.approx(1.5, abs=0.1)}
     assert of_early.settled == {}
     off_m, as_state_m = (
-        apart_m(run("adf", late, one), clean)[: 30 * HZ].mean() for one in (found, replace(found, settled={}))
+        apart_m(run("adf", late, one), CLEAN)[: 30 * HZ].mean() for one in (found, replace(found, settled={}))
     )
     assert off_m < 2 / 3 * as_state_m
 
@@ -282,7 +278,7 @@ def test_what_is_recorded_after_the_last_fix_says_nothing_of_it(error: Mapping[s
 
 
 def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
-    found = identify(weaving_dive(Faults()).with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
+    found = identify(DIVE.with_fixes(np.arange(0)), replace(ASSUMED, calibrate=("scale",)))
 
     assert found.parameters.calibrate == ()
     assert found.evidence == ()
@@ -291,17 +287,15 @@ def test_without_fixes_there_is_no_evidence_of_sensor_errors() -> None:
 @pytest.mark.long
 def test_dead_reckoning_without_bottom_lock_is_no_longer_trusted() -> None:
     """The velocities of the DVL have nothing to do with those of the vehicle."""
-    line = weaving_dive(Faults())
-    walk = 0.05 * np.cumsum(np.random.default_rng(8).standard_normal(line.dvl_mps.shape), axis=0)
-    unlocked = replace(line, dvl_mps=walk, dr_mps=walk)
-    clean = run("adf", line, ASSUMED)
+    walk = 0.05 * np.cumsum(np.random.default_rng(8).standard_normal(DIVE.dvl_mps.shape), axis=0)
+    unlocked = replace(DIVE, dvl_mps=walk, dr_mps=walk)
 
     found = identify(unlocked, ASSUMED)
     tracks = [run("adf", unlocked, p) for p in (found.parameters, ASSUMED)]
 
-    last = np.searchsorted(line.fix_time_s, line.time_s, side="right") - 1  # fix at each epoch
-    held_m = np.hypot(*(line.fix_m[last] - clean.position_m).T).mean()
-    identified_m, trusting_m = (apart_m(track, clean).mean() for track in tracks)
+    last = np.searchsorted(DIVE.fix_time_s, DIVE.time_s, side="right") - 1  # fix at each epoch
+    held_m = np.hypot(*(DIVE.fix_m[last] - CLEAN.position_m).T).mean()
+    identified_m, trusting_m = (apart_m(track, CLEAN).mean() for track in tracks)
     assert identified_m < 1.5 * held_m
     assert trusting_m > 5 * held_m
     assert any("bottom lock" in text for text in found.warnings)

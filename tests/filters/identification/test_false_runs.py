@@ -9,31 +9,15 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.false_runs import false_fixes, false_starts
 from usbldr.filters.identification.usbl_likelihood import Member
-from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import FalseStart, Parameters, ProcessNoise
+from usbldr.filters.models.parameters import FalseStart
 from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
-from usbldr.filters.types import Array, Mask, Timeline, Trajectory
+from usbldr.filters.types import Array, Mask, Timeline
 from usbldr.filters.updates import UpdateTable
-from weaving import Faults, apart_m, mean_nees, weaving_dive
+from weaving import ASSUMED, DIVE, Faults, apart_m, clean_track, mean_error_m, mean_nees, track_of, weaving_dive
 
-# without a stated start
-ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
-DIVE = weaving_dive(Faults())
-
-
-def track_of(line: Timeline) -> Trajectory:
-    """Return the default track."""
-    return run("adf", line, identify(line, ASSUMED).parameters)
-
-
-CLEAN = track_of(DIVE)
-
-
-def mean_error_m(line: Timeline) -> float:
-    """Return how far the default track of a dive with faults lies from that of the dive without."""
-    return float(apart_m(track_of(line), CLEAN).mean())
+CLEAN = clean_track()
 
 
 def moved(rows: Mask, by_m: Array) -> Timeline:
@@ -64,7 +48,7 @@ def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
     assert sum(one.fixes for one in found.false_runs) == RUNS[name].sum()
     assert [one.last for one in found.false_runs][-1] == RUNS[name][-1]
     assert str(RUNS[name].sum()) in found.warnings[0]
-    assert mean_error_m(line) < 0.5
+    assert mean_error_m(line, found.parameters) < 0.5
 
 
 @pytest.mark.long
@@ -74,11 +58,12 @@ def test_fixes_that_drift_away_and_return_are_false() -> None:
     drifting = (from_s < T) & (until_s > T)
     line = moved(drifting, np.outer((T - from_s) / (until_s - from_s), (8.0, 4.0)))
 
-    false = np.isin(np.arange(len(T)), identify(line, ASSUMED).parameters.false_fixes)
+    found = identify(line, ASSUMED).parameters
 
+    false = np.isin(np.arange(len(T)), found.false_fixes)
     assert not false[~drifting].any()
     assert false[T > 200].sum() == np.count_nonzero(drifting & (T > 200))
-    assert mean_error_m(line) < 0.5
+    assert mean_error_m(line, found) < 0.5
 
 
 def test_fixes_that_drift_away_for_ever_are_not_false() -> None:
@@ -124,11 +109,11 @@ def test_false_fixes_may_be_half_of_all_if_each_run_has_an_offset_of_its_own() -
     false, angle = T % 60 >= 26, 2.4 * (T // 60)
     line = moved(false, 6.0 * np.column_stack([np.cos(angle), np.sin(angle)]))
 
-    found = np.isin(np.arange(len(T)), identify(line, ASSUMED).parameters.false_fixes)
+    found = identify(line, ASSUMED).parameters
 
     assert false.mean() > 0.5
-    assert np.mean(found == false) > 0.95
-    assert mean_error_m(line) < 0.5
+    assert np.mean(np.isin(np.arange(len(T)), found.false_fixes) == false) > 0.95
+    assert mean_error_m(line, found) < 0.5
 
 
 def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
@@ -220,7 +205,7 @@ def test_an_error_far_outside_what_is_usual_is_found_and_no_other_is_invented(na
     (estimate,) = found.estimates.values()
     assert estimate.name == name
     assert abs(estimate.value - value) < 4 * estimate.sd
-    assert apart_m(run("adf", line, found.parameters), CLEAN).mean() < 0.3
+    assert mean_error_m(line, found.parameters) < 0.3
 
 
 @pytest.mark.parametrize("period_s", [6.0, 12.0])
@@ -231,7 +216,7 @@ def test_the_roll_of_a_ship_is_noise_of_the_fixes_and_not_of_dead_reckoning(peri
     found = identify(rolled, ASSUMED)
 
     assert found.parameters.process.position_m < 10 * ASSUMED.process.position_m
-    assert mean_error_m(rolled) < 0.3
+    assert mean_error_m(rolled, found.parameters) < 0.3
 
 
 BESIDE_M = np.array([30.0, 40.0])
@@ -246,8 +231,7 @@ def test_two_sets_of_fixes_are_named_and_the_sigma_covers_the_other(every: int) 
     track = track_of(every_so_many(every, BESIDE_M))
 
     (text,) = (text for text in track.warnings if "RIVAL-FIXES" in text)
-    count = len(T)
-    fewer, more = sorted((count // every, count - count // every))
+    fewer, more = sorted((len(T) // every, len(T) - len(T) // every))
     assert "lie together 50 m off (at " in text
     if every == 3:
         assert "50 m off (at 37°)" in text
@@ -293,7 +277,7 @@ def test_a_ship_that_moves_shows_the_errors_of_its_head(heading_deg: float, scal
     assert set(found.estimates) == {name for name, value in wanted.items() if value}
     for name, estimate in found.estimates.items():
         assert abs(estimate.value - wanted[name]) < 4 * estimate.sd < 0.5 * abs(wanted[name])
-    assert apart_m(run("adf", line, found.parameters), CLEAN).mean() < 0.3
+    assert mean_error_m(line, found.parameters) < 0.3
 
 
 @pytest.mark.parametrize(("head_deg", "bias_deg"), [(2.0, 3.0), (-12.0, 20.0)])

@@ -27,7 +27,7 @@ from usbldr.filters.types import Array, Outage, Timeline
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from weaving import Faults, weaving_dive
+from weaving import DIVE, Faults, weaving_dive
 
 STATED = ProcessNoise(0.005, 0.001, 0.02, 0.02)
 PLAIN = Parameters(process=STATED, dvl=Gaussian(), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
@@ -162,8 +162,7 @@ def test_a_wrong_mixture_becomes_that_of_the_paper() -> None:
 @pytest.mark.parametrize("factor", [0.25, 1.0, 4.0])
 def test_the_sigma_of_white_fixes_is_found_whatever_they_state(factor: float) -> None:
     """800 numbers give a sigma to 2.5 %."""
-    line = weaving_dive(Faults())
-    found = usbl_noise(replace(line, fix_cov_m2=factor**2 * line.fix_cov_m2), PLAIN)
+    found = usbl_noise(replace(DIVE, fix_cov_m2=factor**2 * DIVE.fix_cov_m2), PLAIN)
 
     assert found.usbl_sd_scale == pytest.approx(1 / factor, rel=0.1)
 
@@ -198,8 +197,8 @@ def test_the_sigma_of_a_compass_grows_if_its_headings_scatter_more_than_stated(s
 def test_a_velocity_that_hardly_changes_does_not_lower_the_assumed_walk() -> None:
     """A walk learnt while cruising would refuse the manoeuvre that follows."""
     line = weaving_dive(Faults(), seconds=200).with_fixes(np.arange(0))
-    rng = np.random.default_rng(2)
-    steady = replace(line, dvl_mps=1.0 + line.dvl_sd_mps[:, None] * rng.standard_normal(line.dvl_mps.shape))
+    noise = np.random.default_rng(2).standard_normal(line.dvl_mps.shape)
+    steady = replace(line, dvl_mps=1.0 + line.dvl_sd_mps[:, None] * noise)
 
     assert estimate_dvl_noise(steady, PLAIN).process.velocity_mps == PLAIN.process.velocity_mps
 
@@ -239,7 +238,7 @@ def test_a_slow_error_of_the_fixes_is_no_walk_of_dead_reckoning(slow_m: float, w
 
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
     stated = Contamination()
-    found = usbl_noise(weaving_dive(Faults()).with_fixes(np.arange(2)), replace(PLAIN, usbl=stated))
+    found = usbl_noise(DIVE.with_fixes(np.arange(2)), replace(PLAIN, usbl=stated))
 
     assert isinstance(found.usbl, Contamination)
     assert found.usbl.share == pytest.approx(stated.share, rel=0.2)
@@ -257,15 +256,14 @@ def test_a_number_that_is_0_stays_0() -> None:
 
 def test_a_silent_dvl_leaves_the_position_open_while_it_is_silent() -> None:
     """A velocity that walks q in a second leaves q^2 T^3 / 3 after T: far fixes are as likely as near ones then."""
-    line = weaving_dive(Faults())
-    silent = (line.time_s > 100.0) & (line.time_s < 160.0)
-    blind = replace(line, dvl_count=np.where(silent, 0, line.dvl_count))
-    shifted = replace(blind, fix_m=blind.fix_m + np.where(line.fix_time_s > 159.0, 3.0, 0.0)[:, None])
-    sparse = shifted.with_fixes((line.fix_time_s < 100.0) | (line.fix_time_s > 159.0))
+    silent, T = (DIVE.time_s > 100.0) & (DIVE.time_s < 160.0), DIVE.fix_time_s
+    shifted_m = DIVE.fix_m + np.where(T > 159.0, 3.0, 0.0)[:, None]
+    sparse = replace(DIVE, dvl_count=np.where(silent, 0, DIVE.dvl_count), fix_m=shifted_m)
+    sparse = sparse.with_fixes((T < 100.0) | (T > 159.0))
 
     with_dvl, without = (
         fix_likelihoods(one, [Member(PLAIN, frozenset())]).log_likelihood[0]
-        for one in (replace(sparse, dvl_count=line.dvl_count), sparse)
+        for one in (replace(sparse, dvl_count=DIVE.dvl_count), sparse)
     )
 
     assert without > with_dvl + 10
@@ -274,8 +272,7 @@ def test_a_silent_dvl_leaves_the_position_open_while_it_is_silent() -> None:
 def test_the_walk_of_dead_reckoning_never_shrinks_and_the_correlated_error_of_fixes_does() -> None:
     """The dive has neither."""
     given = replace(PLAIN, process=ProcessNoise(0.05, 0.001, 0.02, 0.02))
-    line = weaving_dive(Faults())
-    found = usbl_noise(line, given)
+    found = usbl_noise(DIVE, given)
 
     assert found.process.position_m == given.process.position_m
     assert found.errors.usbl_bias_m < given.errors.usbl_bias_m / 2
@@ -283,11 +280,10 @@ def test_the_walk_of_dead_reckoning_never_shrinks_and_the_correlated_error_of_fi
 
 def test_false_fixes_in_a_row_are_not_taken_for_noise() -> None:
     """A minute of fixes from elsewhere, in a dive of 400 s."""
-    line = weaving_dive(Faults())
-    there = (line.fix_time_s >= 200) & (line.fix_time_s < 260)
+    there = (DIVE.fix_time_s >= 200) & (DIVE.fix_time_s < 260)
     given = replace(PLAIN, usbl=Contamination())
     right, found = (
-        usbl_noise(replace(line, fix_m=line.fix_m + np.outer(off, [25.0, -20.0])), given)
+        usbl_noise(replace(DIVE, fix_m=DIVE.fix_m + np.outer(off, [25.0, -20.0])), given)
         for off in (np.zeros(len(there)), there)
     )
 
@@ -298,30 +294,26 @@ def test_false_fixes_in_a_row_are_not_taken_for_noise() -> None:
 
 def test_a_minute_without_headings_leaves_the_direction_open() -> None:
     """Dead reckoning of this weaving dive is then wrong by tens of metres."""
-    line = weaving_dive(Faults())
-    missing = (line.time_s >= 200) & (line.time_s < 260)
-    kept = np.flatnonzero(~missing)
-    yaw = np.interp(line.time_s, line.time_s[kept], line.dr_yaw_rad[kept])
-    gap = replace(line, dr_yaw_rad=yaw, yaw_count=np.where(missing, 0, line.yaw_count))
+    missing = (DIVE.time_s >= 200) & (DIVE.time_s < 260)
+    yaw = np.interp(DIVE.time_s, DIVE.time_s[~missing], DIVE.dr_yaw_rad[~missing])
+    gap = replace(DIVE, dr_yaw_rad=yaw, yaw_count=np.where(missing, 0, DIVE.yaw_count))
 
-    right, found = usbl_noise(line, PLAIN), usbl_noise(gap, PLAIN)
+    right, found = usbl_noise(DIVE, PLAIN), usbl_noise(gap, PLAIN)
 
     assert found.process.position_m < 3 * right.process.position_m
 
 
 def test_what_a_vehicle_does_while_its_dvl_is_silent_is_no_noise_of_the_fixes() -> None:
     """It weaves on for minutes, and dead reckoning goes straight on."""
-    line = weaving_dive(Faults())
-    silent = line.time_s > 150
+    silent = DIVE.time_s > 150
     lost = replace(
-        line,
-        dvl_count=np.where(silent, 0, line.dvl_count),
-        dr_mps=np.where(silent[:, None], line.dr_mps[750], line.dr_mps),
-        outages=(Outage("dvl", 150.0, float(line.time_s[-1])),),
+        DIVE,
+        dvl_count=np.where(silent, 0, DIVE.dvl_count),
+        dr_mps=np.where(silent[:, None], DIVE.dr_mps[750], DIVE.dr_mps),
+        outages=(Outage("dvl", 150.0, float(DIVE.time_s[-1])),),
     )
-    first = line.with_fixes(line.fix_time_s <= 150)
 
-    assert usbl_noise(lost, PLAIN) == usbl_noise(first, PLAIN)
+    assert usbl_noise(lost, PLAIN) == usbl_noise(DIVE.with_fixes(DIVE.fix_time_s <= 150), PLAIN)
 
 
 MEMBERS = 3

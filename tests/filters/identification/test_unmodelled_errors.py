@@ -10,16 +10,13 @@ from usbldr.filters.identification.blocks import blocks_about, blocks_of
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.linearisation import NO_ERROR
 from usbldr.filters.identification.unmodelled_errors import Shape, _fitted, _moved, unmodelled_errors
-from usbldr.filters.models.noise import Contamination
-from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorChange
+from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline, Vector
 from usbldr.filters.windows import columns_at
-from weaving import Faults, apart_m, weaving_dive
+from weaving import ASSUMED, DIVE, Faults, apart_m, headings_off, weaving_dive
 
-ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Contamination())
-DIVE = weaving_dive(Faults())
 SHARE = DIVE.time_s / DIVE.time_s[-1]
 TWICE = np.radians(4.0) * np.sin(2 * DIVE.dr_yaw_rad)
 OVER_TIME = {
@@ -27,10 +24,6 @@ OVER_TIME = {
     "settling": np.radians(8.0) * np.exp(-5 * SHARE),
     "there and back": np.radians(5.0) * np.sin(5 * SHARE),
 }
-
-
-def headings_off(by_rad: Vector, dive: Timeline = DIVE) -> Timeline:
-    return replace(dive, yaw_rad=dive.yaw_rad + by_rad, dr_yaw_rad=dive.dr_yaw_rad + by_rad)
 
 
 def stop_and_go() -> Timeline:
@@ -42,12 +35,8 @@ def stop_and_go() -> Timeline:
 
 
 def found(line: Timeline) -> tuple[SensorChange, ...]:
-    return unmodelled_errors(*_with_blocks(line)).changes
-
-
-def _with_blocks(line: Timeline):
     usual, blocks = blocks_of(line, ASSUMED)
-    return usual, ASSUMED, blocks
+    return unmodelled_errors(usual, ASSUMED, blocks).changes
 
 
 @pytest.mark.parametrize(
