@@ -1,7 +1,7 @@
 """Logs of autopilots, written by hand: telemetry logs with pymavlink's messages, onboard logs by their own layouts."""
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +52,10 @@ DEFINITIONS: Sequence[Definition] = (
     (133, "VISO", "Qffffffff", "TimeUS,dt,AngDX,AngDY,AngDZ,PosDX,PosDY,PosDZ,conf", "ssrrrmmm-"),
     (134, "MSG", "QZ", "TimeUS,Message", "s-"),
 )
-STRUCT: Mapping[str, str] = {
-    "Q": "Q",
-    "c": "h",
-    "C": "H",
-    "f": "f",
-    "B": "B",
-    "I": "I",
-    "H": "H",
-    "L": "i",
-    "e": "i",
-} | {"Z": "64s", "N": "16s", "n": "4s"}
+STRUCT = {
+    "Q": "Q", "c": "h", "C": "H", "f": "f", "B": "B", "I": "I", "H": "H", "L": "i", "e": "i",
+    "Z": "64s", "N": "16s", "n": "4s",
+}  # fmt: skip
 
 
 def fmt(number: int, name: str, codes: str, columns: str) -> bytes:

@@ -81,21 +81,11 @@ def velocity(k: int) -> dict[str, Any]:
     """Return a report as Water Linked's page shows it."""
     us = T0 // 1000 + k * 100_000
     return {
-        "time": 100.5,
-        "vx": 0.5 + k / 100,
-        "vy": -0.25,
-        "vz": 0.125,
-        "fom": 0.01,
-        "covariance": [[1e-4, 0, 0]] * 3,
-        "altitude": 2.5,
-        "transducers": [{"id": 0, "velocity": 0.1, "beam_valid": True}] * 4,
-        "velocity_valid": k != 3,
-        "status": 0,
-        "format": "json_v3.1",
-        "type": "velocity",
-        "time_of_validity": us - 50_000,
-        "time_of_transmission": us,
-    }
+        "time": 100.5, "vx": 0.5 + k / 100, "vy": -0.25, "vz": 0.125, "fom": 0.01, "covariance": [[1e-4, 0, 0]] * 3,
+        "altitude": 2.5, "transducers": [{"id": 0, "velocity": 0.1, "beam_valid": True}] * 4,
+        "velocity_valid": k != 3, "status": 0, "format": "json_v3.1", "type": "velocity",
+        "time_of_validity": us - 50_000, "time_of_transmission": us,
+    }  # fmt: skip
 
 
 def position(k: int) -> dict[str, Any]:

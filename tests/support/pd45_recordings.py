@@ -6,20 +6,11 @@ from pathlib import Path
 COUNT = 40
 SIZES = {4: 45, 5: 86}  # bytes before the checksum
 PLACES: Mapping[str, tuple[int, int]] = {  # of the first and the last byte
-    "id": (1, 1),
-    "data structure": (2, 2),
-    "number of bytes": (3, 4),
-    "system config": (5, 5),
-    "x": (6, 7),
-    "y": (8, 9),
-    "z": (10, 11),
-    "hour": (36, 36),
-    "minute": (37, 37),
-    "second": (38, 38),
-    "hundredths": (39, 39),
-    "depth": (47, 48),
-    "heading": (53, 54),
-}
+    "id": (1, 1), "data structure": (2, 2), "number of bytes": (3, 4), "system config": (5, 5),
+    "x": (6, 7), "y": (8, 9), "z": (10, 11),
+    "hour": (36, 36), "minute": (37, 37), "second": (38, 38), "hundredths": (39, 39),
+    "depth": (47, 48), "heading": (53, 54),
+}  # fmt: skip
 SHIP, BAD = 0b10 << 6, -32768
 
 
@@ -37,18 +28,12 @@ def pd45_ensemble(form: int, hundredths: int, **fields: int) -> bytes:
 
 def pd45_ensembles(form: int, first_hundredths: int = 4_474_050) -> list[bytes]:
     """Return ensembles that are half a second apart, the first at 12:25:40.50; the fourth has no velocity."""
-    return [
-        pd45_ensemble(
-            form,
-            first_hundredths + 50 * k,
-            x=BAD if k == 3 else -250,
-            y=1500 + k,
-            z=10,
-            depth=100 + k,
-            heading=(35_500 + 50 * k) % 36_000,
-        )
-        for k in range(COUNT)
-    ]
+    made: list[bytes] = []
+    for k in range(COUNT):
+        values = {"x": BAD if k == 3 else -250, "y": 1500 + k, "z": 10}
+        values |= {"depth": 100 + k, "heading": (35_500 + 50 * k) % 36_000}
+        made.append(pd45_ensemble(form, first_hundredths + 50 * k, **values))
+    return made
 
 
 def write_pd45(file: Path, form: int, first_hundredths: int = 4_474_050) -> Path:

@@ -111,17 +111,10 @@ def write_mcap(
 ) -> Path:
     with file.open("wb") as stream:
         writer = Writer(
-            stream,
-            chunk_size=chunk_size,
-            compression=compression,
-            use_chunking=chunked,
-            index_types=IndexType.ALL if summary else IndexType.NONE,
-            use_statistics=summary,
-            use_summary_offsets=summary,
-            repeat_channels=summary,
-            repeat_schemas=summary,
-            enable_data_crcs=data_checksum,
-        )
+            stream, chunk_size, compression, use_chunking=chunked, enable_data_crcs=data_checksum,
+            index_types=IndexType.ALL if summary else IndexType.NONE, use_statistics=summary,
+            use_summary_offsets=summary, repeat_channels=summary, repeat_schemas=summary,
+        )  # fmt: skip
         writer.start(profile="ros2", library="by hand")
         channels: dict[tuple[str, str], int] = {}
         for log_ns, topic, type_name, values in rows:

@@ -25,22 +25,11 @@ def five_hz(
     K = len(yaw_rad)
     one = np.ones(K, dtype=np.intp)
     line = Timeline(
-        start_ns=0,
-        time_s=np.arange(K) / HZ,
-        slow=np.arange(0, K, HZ),
-        dvl_mps=dvl_mps,
-        dvl_count=one,
-        dvl_sd_mps=np.full(K, dvl_sd_mps),
-        yaw_rad=yaw_rad,
-        yaw_count=one,
-        yaw_sd_rad=np.full(K, yaw_sd_rad),
-        dr_mps=dvl_mps,
-        dr_yaw_rad=yaw_rad,
-        fix_time_s=fix_s,
-        fix_received_s=fix_s,
-        fix_m=fix_m,
+        start_ns=0, time_s=np.arange(K) / HZ, slow=np.arange(0, K, HZ),
+        dvl_mps=dvl_mps, dvl_count=one, dvl_sd_mps=np.full(K, dvl_sd_mps),
+        yaw_rad=yaw_rad, yaw_count=one, yaw_sd_rad=np.full(K, yaw_sd_rad), dr_mps=dvl_mps, dr_yaw_rad=yaw_rad,
+        fix_time_s=fix_s, fix_received_s=fix_s, fix_m=fix_m,
         fix_cov_m2=np.tile(fix_sd_m**2 * np.eye(2), (len(fix_s), 1, 1)),
-        gps_time_s=np.empty(0),
-        gps_m=np.empty((0, 2)),
-    )
+        gps_time_s=np.empty(0), gps_m=np.empty((0, 2)),
+    )  # fmt: skip
     return replace(line, **more)

@@ -142,6 +142,7 @@ SAME = [f"COM3 1234567890 {sentence(body)}" for body in BODIES]  # a number that
 IN_LINES = [f"[12:26:{40 + k / 10:06.3f}] {sentence(f'HEHDT,{k}.0,T')}" for k in range(10, 30, 2)]
 IN_LINES.insert(3, f"[12:26:41.500] {sentence('PACME,122641.10,1')}")
 IN_LINES.insert(7, f"[12:26:42.300] {sentence('PACME,1600000002.1,1')}")
+BY_TIME = {"NMEA-TIME": "lines are timed by the time of day before them", "NMEA-DATE": "the only date is that of PACME"}
 BY_DAY = {"NMEA-TIME": "timed by the time of day before them", "NMEA-DATE": "no sentence contains a date"}
 
 
@@ -157,27 +158,12 @@ def scs(form: str, day: int) -> list[str]:
     [
         (SAME, "1970-01-01T12:26:40", np.arange(20) * SECOND, {"NMEA-DATE": "", "NMEA-TIME": ""}),
         (OF_DAY, "1970-01-01T23:59:57", np.array(TENTHS) * (SECOND // 10), BY_DAY),
-        (
-            IN_LINES,
-            "2020-09-13T12:26:40",
-            np.arange(10, 30, 2) * SECOND // 10,
-            {
-                "NMEA-TIME": "lines are timed by the time of day before them",
-                "NMEA-DATE": "the only date is that of PACME",
-            },
-        ),
+        (IN_LINES, "2020-09-13T12:26:40", np.arange(10, 30, 2) * SECOND // 10, BY_TIME),
         (scs("{m:02}/{d:02}/{y}", 13), "2020-09-13T23:59:58.1", np.arange(4) * SECOND, {}),
         (scs("{d}/{m}/{y}", 13), "2020-09-13T23:59:58.1", np.arange(4) * SECOND, {}),
         (scs("{m:02}/{d:02}/{y}", 5), "2020-09-05T23:59:58.1", np.arange(4) * SECOND, {"DATE-ORDER": ""}),
     ],
-    ids=[
-        "a number that stays the same",
-        "of the day",
-        "beside times in sentences",
-        "month first",
-        "day first",
-        "either",
-    ],
+    ids=["a number that stays the same", "of the day", "beside their times", "month first", "day first", "either"],
 )
 def test_lines_are_timed_by_what_stands_before_their_sentences(tmp_path, lines, first, spaced_ns, said):
     log = open_log(saved_lines(tmp_path / "a.nmea", lines))

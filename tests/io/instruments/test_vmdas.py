@@ -22,18 +22,10 @@ COUNT = 40
 ZONE_S = -7 * 3600  # the clock of computer and instrument is that of a time zone
 NAVIGATION_BYTES = 94  # 78 in the guide, and 16 more that VmDas writes
 PLACES: Mapping[str, tuple[int, int]] = {  # of the first and the last byte
-    "day": (3, 3),
-    "month": (4, 4),
-    "year": (5, 6),
-    "first": (7, 10),
-    "offset": (11, 14),
-    "first latitude": (15, 18),
-    "first longitude": (19, 22),
-    "last": (23, 26),
-    "latitude": (27, 30),
-    "longitude": (31, 34),
-    "flags": (47, 48),
-}
+    "day": (3, 3), "month": (4, 4), "year": (5, 6), "first": (7, 10), "offset": (11, 14),
+    "first latitude": (15, 18), "first longitude": (19, 22), "last": (23, 26),
+    "latitude": (27, 30), "longitude": (31, 34), "flags": (47, 48),
+}  # fmt: skip
 
 
 def navigation(**fields: int) -> bytes:

@@ -26,13 +26,9 @@ from usbldr_cli.options.option import Option, unused_options
 
 SHORT = dataclasses.replace(find_scenario("paper"), duration_s=20.0)
 OTHER: dict[str, Any] = {  # by option: another value than the default
-    "particles": 30,
-    "seed": 5,
-    "calibrate": ("scale",),
-    "noise": {"usbl": StudentT(2.5)},
-    "order": "arrival",
+    "particles": 30, "seed": 5, "calibrate": ("scale",), "noise": {"usbl": StudentT(2.5)}, "order": "arrival",
     "guard": True,
-}
+}  # fmt: skip
 OPTIONS = {str(param.name): param for param in compare.params if isinstance(param, Option)}
 
 
