@@ -19,11 +19,11 @@ from ruamel.yaml import YAML
 import usbldr
 from checkout import ROOT
 from commands import command, options_of
-from recordings import HEADER, T0, define, write_mcap
+from logs import logged
+from recordings import HEADER, T0, define
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.messages import registry
 from usbldr.io.messages.layouts import MessageLayout
-from usbldr.io.reading.read import read_log
 from usbldr_cli.main import COMMANDS, cli
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -159,9 +159,7 @@ def test_the_type_that_the_page_adds_is_read(tmp_path: Path, monkeypatch: pytest
     values = {"header.stamp": T0, "speed.forward": 150.0, "speed.port": -20.0, "status": 1, "sigma": 2.0}
     rows = [(T0 + k, "/acme", "acme_msgs/msg/BottomLock", {**values, "status": 1 - k}) for k in range(2)]
 
-    file = write_mcap(tmp_path / "dive.mcap", rows)
-    (tmp_path / "usbldr.toml").write_text('[dvl]\nsd_mps = "message"', encoding="utf-8")
-    table = read_log(file).tables["dvl"]
+    table = logged(tmp_path, rows, '[dvl]\nsd_mps = "message"').tables["dvl"]
 
     assert (table["starboard_mps"].iloc[0], table["forward_mps"].iloc[0]) == pytest.approx((0.2, 1.5))
     assert table["sd_mps"].iloc[0] == pytest.approx(0.02)

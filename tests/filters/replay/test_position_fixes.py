@@ -19,7 +19,7 @@ from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.position_fixes import DEFAULT_GPS_SD_M, gps_fixes, require_gps
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
-from usbldr.filters.types import Array, Indices, Mask, Timeline, Trajectory, Truth
+from usbldr.filters.types import Array, Mask, Timeline, Trajectory, Truth
 
 WINDOWS = ((3.0, 5.0), (20.0, 22.0))
 AIDED = Parameters(aid=WINDOWS, start=Start(0.0, 0.0, 3.0, sd_yaw_rad=0.01, sd_mps=0.02, sd_radps=0.01))
@@ -35,11 +35,6 @@ def timeline(gps_m: Array | None = None, sd_m: float = 0.5) -> Timeline:
     return five_hz(np.tile([0.0, 1.0], (151, 1)), np.zeros(151), fix_s, fix_m, fix_sd_m=2.0, **gps)
 
 
-def elsewhere(line: Timeline) -> Indices:
-    inside = np.any([(line.gps_time_s >= a) & (line.gps_time_s <= b) for a, b in WINDOWS], axis=0)
-    return np.flatnonzero(~inside)
-
-
 def evaluated(east_m: Array, *, seen: Mask | None = None, **how: Any) -> ErrorReport:
     """Hold a track that goes north at 1 m/s, off to the east, against a truth of some of its epochs."""
     t = np.arange(float(len(east_m)))
@@ -52,7 +47,7 @@ def evaluated(east_m: Array, *, seen: Mask | None = None, **how: Any) -> ErrorRe
 def test_gps_outside_the_windows_changes_no_bit_and_inside_it_changes_the_track(name: str) -> None:
     line, settings = timeline(), FilterSettings(particles=200)
     outside, within = line.gps_m.copy(), line.gps_m.copy()
-    outside[elsewhere(line)] += 1000.0
+    outside[~np.any([(a <= GPS_S) & (b >= GPS_S) for a, b in WINDOWS], axis=0)] += 1000.0
     within[7] += 1.0  # 3.5 s
 
     as_it_is, moved_outside, moved_within = (

@@ -9,7 +9,6 @@ import pytest
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture, StudentT
 from usbldr.filters.simulation.scenario import Accuracy, AcousticHead, CorrelatedError, Leg, Multipath, Outliers, Timing
 from usbldr.filters.simulation.simulate import (
-    SimulatedDive,
     correlated_error,
     draw_noise,
     in_intervals,
@@ -143,15 +142,11 @@ def test_clusters_at_random_begin_and_last_as_often_and_as_long_as_stated() -> N
     assert idle_s.mean() == pytest.approx(400, abs=4 * 400 / math.sqrt(len(idle_s)))
 
 
-def _dive(**usbl) -> SimulatedDive:
-    """Return the dive of a vehicle that stays at the origin."""
-    return simulate(dataclasses.replace(STILL, usbl=dataclasses.replace(STILL.usbl, noise=Gaussian(), **usbl)), 3)
-
-
 def test_noise_by_range_and_bearing_lies_along_and_across_the_line_of_sight() -> None:
-    # the vehicle is at the surface, the head 30 m deep and 300 m east, 400 m north of it: 3, 4, 5
-    accuracy = Accuracy(sd_m=0.6, sd_rel=0.002, bearing_sd_rad=math.radians(1.0))
-    seen = _dive(head=AcousticHead(300.0, 400.0, 30.0), accuracy=accuracy)
+    # the vehicle stays at the surface, the head 30 m deep and 300 m east, 400 m north of it: 3, 4, 5
+    head, accuracy = AcousticHead(300.0, 400.0, 30.0), Accuracy(0.6, 0.002, math.radians(1.0))
+    usbl = dataclasses.replace(STILL.usbl, noise=Gaussian(), head=head, accuracy=accuracy)
+    seen = simulate(dataclasses.replace(STILL, usbl=usbl), 3)
     slant = math.sqrt(500**2 + 30**2)
     along, across = (seen.usbl.value @ np.array([[0.6, 0.8], [0.8, -0.6]])).T
 

@@ -14,6 +14,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from autopilot_recordings import COUNT, onboard, packets, row, write_bin, write_tlog
 from blueos_recordings import Row, delta, write_blueos
+from logs import refusal
 from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
@@ -150,8 +151,7 @@ def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
 def test_a_file_without_one_message_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"holds no messages \(63 of 63 bytes, from byte 0 on, are damaged or cut"):
         read_log(saved(tmp_path / "a.tlog", packets()[0][:-1]))
-    with pytest.raises(LogError, match="holds no messages"):
-        read_log(saved(tmp_path / "a.BIN", onboard()[0]))
+    assert "holds no messages" in refusal(LogError, read_log, saved(tmp_path / "a.BIN", onboard()[0]))
 
 
 @pytest.mark.filterwarnings("error")  # of a file that is left open
@@ -233,5 +233,4 @@ def test_velocities_in_earth_axes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="it holds velocities in earth axes; let the DVL send VISION_POSITION_DELTA"):
         read_log(file)
     assert [topic.name for topic in open_log(file).topics()] == ["mavlink/255/0/VISION_SPEED_ESTIMATE"]
-    with pytest.raises(LogError, match="no topic /x"):
-        read_log(file, Request(topics={"dvl": "/x"}))
+    assert "no topic /x" in refusal(LogError, read_log, file, Request(topics={"dvl": "/x"}))

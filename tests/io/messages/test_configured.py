@@ -221,5 +221,4 @@ def test_fields_of_the_truth_are_never_those_of_a_sensor(tmp_path: Path) -> None
     position = 'columns = { lat_deg = "position_rad_m[0] [rad]", lon_deg = "position_rad_m[1] [rad]" }\n'
     twice = "".join(f'[{sensor}]\ntopic = "/ins"\n{position}' for sensor in ("usbl", "gps"))
 
-    with pytest.raises(UsageError, match="/ins cannot be the usbl and the truth at once"):
-        ins_with(tmp_path, twice)
+    assert "/ins cannot be the usbl and the truth at once" in refusal(UsageError, ins_with, tmp_path, twice)

@@ -96,5 +96,4 @@ def test_fixes_that_are_turned_to_north_are_refused(folder):
     flat = pd.DataFrame({"time_ns": table.time_ns, "east_m": table.slant_range_m, "north_m": table.slant_range_m})
     flat.to_csv(folder / "usbl.csv", index=False)
     (folder / "usbldr.toml").write_text('schema = 1\n[usbl]\nhead = { topic = "gps", heading_topic = "compass" }\n')
-    with pytest.raises(LogError, match="along the head's own axes"):
-        read_usbl_survey(folder, Request())
+    assert "along the head's own axes" in refusal(LogError, read_usbl_survey, folder, Request())

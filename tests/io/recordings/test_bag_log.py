@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from logs import losses, x_of
-from recordings import ROS1, SECOND, T0, Row, message, short_dive, twist, write_bag, write_payloads, yaw
+from recordings import ROS1, SECOND, T0, Row, message, saved, short_dive, twist, write_bag, write_payloads, yaw
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.recordings.bag_log import BagLog
@@ -26,19 +26,13 @@ def many() -> list[Row]:
 
 @functools.cache
 def made(compression: str, chunk_size: int) -> bytes:
+    """Return the many messages, serialised once for each compression and size of chunks."""
     with TemporaryDirectory() as folder:
         return write_bag(Path(folder) / "a.bag", many(), compression, chunk_size).read_bytes()
 
 
-def written(file: Path, compression: str = "none", chunk_size: int = 1 << 20) -> Path:
-    """Write the many messages, serialised once for each compression and size of chunks."""
-    file.write_bytes(made(compression, chunk_size))
-    return file
-
-
 def bag_of(file: Path, content: bytes | bytearray) -> BagLog:
-    file.write_bytes(content)
-    return BagLog(file)
+    return BagLog(saved(file, content))
 
 
 def index_of(bag: bytes) -> tuple[int, int]:
@@ -49,7 +43,7 @@ def index_of(bag: bytes) -> tuple[int, int]:
 
 @pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
 def test_every_compression_gives_the_same_columns(tmp_path: Path, compression: str) -> None:
-    log = open_log(written(tmp_path / "a.bag", compression, 4096))
+    log = open_log(saved(tmp_path / "a.bag", made(compression, 4096)))
 
     topics = {topic.name: topic for topic in log.topics()}
     dvl = read_whole(log, TWIST_X)["/dvl"]
