@@ -17,10 +17,10 @@ demo: $(VENV)/installed
 	@echo "The figures are in demo/paper-cpf; look at track.png and errors.png first."
 
 test: $(VENV)/installed-dev .pyright/usbldr
-	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow and not long"
+	$(BIN)/pytest -q -n auto --dist worksteal -m "not slow and not long"
 
 test-all: $(VENV)/installed-dev .pyright/usbldr
-	$(BIN)/pytest -q -n auto --dist loadfile -m "not slow"
+	$(BIN)/pytest -q -n auto --dist worksteal -m "not slow"
 
 # damaged files of every format by the thousand: the table in docs/broken_files.md
 fuzz: $(VENV)/installed-dev

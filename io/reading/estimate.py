@@ -89,7 +89,7 @@ def _of_topic(
     choice = topic_named(path, reader.topics(), "truth", name, "option")
     raw = raw_positions(reader, choice)
     try:
-        made = gps(raw, GpsSection(frame=frame), log.origin)
+        made = gps(raw, msgspec.convert({"frame": frame}, GpsSection), log.origin)
     except SettingError as err:
         raise UsageError(f"--estimate: {err.text}") from err
     used = made.conventions[0]

@@ -14,6 +14,7 @@ from usbldr.filters.identification import evidence
 from usbldr.filters.identification.blocks import OF_DEAD_RECKONING, OF_FIXES, OF_WATER, Kind, blocks_about, blocks_of
 from usbldr.filters.identification.changes import FoundChanges, _Change, _gains, _with, changes
 from usbldr.filters.identification.evidence import change_of_noise, identify
+from usbldr.filters.identification.false_runs import false_runs
 from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
 from usbldr.filters.identification.lost_reckoning import lost_spans
 from usbldr.filters.identification.usbl_likelihood import Member
@@ -29,7 +30,8 @@ def wrong(from_s: float, to_s: float, turned_rad: float = 0.0, scale: float = 0.
     """Return a dive with an error of compass and DVL for a while."""
     there = (dive.time_s >= from_s) & (dive.time_s < to_s)
     factor = 1 + (there * scale)[:, None]
-    return headings_off(there * turned_rad, replace(dive, dvl_mps=dive.dvl_mps * factor, dr_mps=dive.dr_mps * factor))
+    turned = np.where(there, turned_rad, 0.0)
+    return headings_off(turned, replace(dive, dvl_mps=dive.dvl_mps * factor, dr_mps=dive.dr_mps * factor))
 
 
 BESIDE_IRON = headings_off(1.2 * np.exp(-(((DIVE.time_s - 200.0) / 12.0) ** 2)))  # [rad] for half a minute
@@ -367,6 +369,8 @@ def test_lost_dead_reckoning_is_sought_where_fixes_seem_to_shift(monkeypatch: py
     spans = lost_spans(BESIDE_IRON, Member(ASSUMED, frozenset()), shifts_s=[-np.inf, 200.0])
     assert {begin.lost for begin, _ in spans} == {("dvl",), ("dvl", "compass")}
     assert all(begin.start_s < 200.0 < end.start_s for begin, end in spans)
+    better = false_runs(DIVE, Member(ASSUMED, frozenset())).log_likelihood
+    assert not lost_spans(BESIDE_IRON, Member(ASSUMED, frozenset()), better, [200.0])
 
 
 def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its_ends() -> None:
