@@ -41,6 +41,7 @@ FINDING_LEVELS: Mapping[str, Level] = {
     "USBL-NOISE": "info",
     "REPEATED": "info",
     "USBL-REPEATED": "info",
+    "USBL-INTERPOLATED": "warning",
     "GPS-HELD": "info",
     "DVL-HELD": "info",
     "OUT-OF-ORDER": "info",

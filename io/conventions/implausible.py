@@ -15,7 +15,7 @@ import pandas as pd
 
 from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.conventions.displaced import Fixes, false_velocities
-from usbldr.io.conventions.repeats import copied_fixes, noisy, runs, some_runs, stuck, sudden_zeros
+from usbldr.io.conventions.repeats import copied_fixes, interpolated_fixes, noisy, runs, some_runs, stuck, sudden_zeros
 from usbldr.io.conventions.spikes import heading_jumps, heading_spikes, velocity_spikes, without_jumps
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -154,10 +154,20 @@ def _without_copies(records: Records, tables: Tables, code: str, left_out: str) 
     return records.without(copied), _stretch_finding(code, records, copied, text)
 
 
+def _usbl(records: Records, tables: Tables) -> Judged:
+    records, copies = _without_copies(records, tables, "USBL-REPEATED", LEFT_OUT)
+    between = interpolated_fixes(records.time_s, records.values)
+    text = (
+        f"lie on the line between the fixes before and after: the table was resampled; {LEFT_OUT}; export the fixes as "
+        "they were measured"
+    )
+    return records.without(between), [*copies, *_stretch_finding("USBL-INTERPOLATED", records, between, text)]
+
+
 CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] = {
     "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first: it shows when the vehicle is at rest
     "compass": (("heading_deg",), _compass),
-    "usbl": (("east_m", "north_m"), partial(_without_copies, code="USBL-REPEATED", left_out=LEFT_OUT)),
+    "usbl": (("east_m", "north_m"), _usbl),
     "gps": (  # in degrees, in which they were rounded
         ("lat_deg", "lon_deg"),
         partial(_without_copies, code="GPS-HELD", left_out=f"{LEFT_OUT}, also of a truth that is the GPS"),

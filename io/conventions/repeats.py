@@ -1,4 +1,4 @@
-"""Records that repeat the one before to the last bit although the sensor measures anew: stuck values, repeated fixes.
+"""Records that are no measurements of their own: they repeat the one before to the last bit, or lie between others.
 
 What a sensor's noise and resolution allow is judged by how often it repeats itself otherwise. A sensor that rounds
 coarsely, one that is polled more often than it measures, and one simulated without noise repeat themselves often.
@@ -17,6 +17,10 @@ FINE_SHARE = 0.005  # [-] the same: below, a sensor does not repeat itself by ro
 MAX_CHANCE = 1e-9  # [-] that some run of the log is as long by rounding: a calm stretch repeats more than the rest
 MIN_REPEATS = 3  # fewer may be chance
 REPEATS_OVER_CHANCE = 10.0  # [-] repeated fixes over those that rounding explains, so that rounding is no explanation
+LINE_M = 0.01  # [m] off the line between neighbours: a fifth of the wavelength at 30 kHz, less than any fix scatters
+ON_LINE_SHARE = 0.3  # [-] of fixes that are interpolated: a third if two of three rows are beside a measured one
+CORNER_FIXES = 2  # [fixes] off the line in a row: a measured one, or the two beside it
+CORNER_SHARE = 0.9  # [-] of the runs off the line that are as short: a turn and an outlier are longer
 MIN_MOVING_MPS = 0.2  # [m/s] a slower vehicle can come to rest between two records
 MAX_ACCELERATION_MPS2 = 2.5  # [m/s²] a quarter of gravity: no vehicle gains so much, and loses it at once
 
@@ -98,6 +102,27 @@ def copied_fixes(fixes_m: Array) -> Mask:
     by_rounding = len(same) * east * north / (fresh + 2.0) ** 2
     implausible = fresh >= MIN_FRESH_FIXES and same.sum() >= max(MIN_REPEATS, REPEATS_OVER_CHANCE * by_rounding)
     return same if implausible else np.zeros_like(same)
+
+
+def interpolated_fixes(time_s: Vector, fixes_m: Array) -> Mask:
+    """Return which fixes (n, 2), in order of time, lie on the line between two others, (n,).
+
+    They are rows of a table that was resampled. Of two rows beside a measured fix, the first stands for it.
+    """
+    between = np.zeros(len(time_s), dtype=np.bool_)
+    if len(time_s) < MIN_FRESH_FIXES:
+        return between
+    both_s = np.maximum(time_s[2:] - time_s[:-2], np.finfo(float).tiny)  # stamps may be equal
+    share = ((time_s[1:-1] - time_s[:-2]) / both_s)[:, None]
+    line_m = fixes_m[:-2] + share * (fixes_m[2:] - fixes_m[:-2])
+    off_line = np.linalg.norm(fixes_m[1:-1] - line_m, axis=1) > LINE_M
+    first, end = runs(off_line)
+    corner = end - first <= CORNER_FIXES
+    if off_line.mean() > 1 - ON_LINE_SHARE or len(first) < MIN_FRESH_FIXES or corner.mean() < CORNER_SHARE:
+        return between
+    between[1:-1] = ~off_line
+    between[end[corner & (end - first == CORNER_FIXES)]] = True
+    return between
 
 
 def sudden_zeros(time_s: Vector, velocity_mps: Array) -> Mask:

@@ -140,6 +140,29 @@ def test_of_fixes_that_are_polled_faster_than_the_usbl_pings_each_is_used_once(d
     assert lost(log) == {"usbl": times(log, "usbl")[every % 3 != 0].tolist()}
 
 
+@pytest.mark.parametrize("apart_s", [0.25, 0.7], ids=["fixes are rows", "fixes lie between rows"])
+def test_of_fixes_that_a_table_interpolates_each_is_used_once(dive: Log, apart_s: float) -> None:
+    fixes = dive.tables["usbl"].iloc[::3]
+    fix_s = fixes["time_s"].to_numpy()
+    time_s = np.arange(fix_s[0], fix_s[-1], apart_s)
+    table = pd.DataFrame({name: np.interp(time_s, fix_s, fixes[name]) for name in fixes})
+    log = with_table(dive, "usbl", table)
+
+    assert found(log) == ["USBL-INTERPOLATED"]
+    kept_s = np.setdiff1d(time_s, lost(log)["usbl"])
+    assert len(kept_s) == pytest.approx(len(fixes), abs=5)
+    assert np.abs(kept_s[:, None] - fix_s).min(axis=1).max() <= apart_s
+
+
+@pytest.mark.parametrize("sd_m", [0.03, 0.0], ids=["precise fixes", "no noise"])
+def test_fixes_of_a_vehicle_on_a_line_are_not_interpolated(dive: Log, sd_m: float) -> None:
+    time_s = times(dive, "usbl")
+    noise_m = np.random.default_rng(0).normal(0, sd_m, (len(time_s), 2))
+    straight = time_s[:, None] * (0.8, 0.6) + np.where(time_s > 450, 30.0, 0.0)[:, None]
+
+    assert found(changed(dive, "usbl", PLACE, straight + noise_m)) == []
+
+
 def test_velocities_that_a_table_holds_until_the_next_are_used_once(dive: Log) -> None:
     """The table goes on with the last velocity also while the DVL is silent."""
     every, silent = np.arange(len(times(dive, "dvl"))), within(dive, "dvl", 400, 440)
