@@ -41,7 +41,7 @@ def looks_like_csv(head: bytes) -> bool:
     header = lines[_header_place(lines)] if lines else ""
     row = row_without_names(lines)
     printable = (header if row is None else lines[row]).replace("\t", " ").isprintable()
-    named = any(char.isalpha() for char in header) and (_separator(header) in header or has_blank_columns(head, True))
+    named = any(char.isalpha() for char in header) and (separator_of(header) in header or has_blank_columns(head, True))
     return printable and (named or row is not None)
 
 
@@ -55,7 +55,7 @@ def _whole_names(lines: list[str]) -> tuple[list[str], int]:
         return lines, 0
     first, last = quoted
     whole = " ".join(line.strip() for line in lines[first : last + 1])
-    named = not any(map(is_value, cells_of(whole, _separator(whole))))
+    named = not any(map(is_value, cells_of(whole, separator_of(whole))))
     return ([*lines[:first], whole, *lines[last + 1 :]], last - first) if named else (lines, 0)
 
 
@@ -89,7 +89,7 @@ def row_without_names(lines: Sequence[str]) -> int | None:
     """
     place = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith((*REMARKS, "*"))), 0)
     row = lines[place] if lines else ""
-    separator = _separator(row) if _separator(row) in row else None
+    separator = separator_of(row) if separator_of(row) in row else None
     cells = cells_of(row, separator)
     values = sum(is_value(cell) or foreign_time(cell.strip()) for cell in cells)
     if values <= max(2, len(cells) / 2) and not len(cells) == values > 1:
@@ -114,7 +114,7 @@ def _header_place(lines: Sequence[str]) -> int:
     filled = [k for k, line in enumerate(lines) if line.strip() and not SEPARATOR_LINE.fullmatch(line)]
     names, width, worded = filled[0] if filled else 0, 0, -1
     for k, following in pairwise(filled):
-        separator = _separator(lines[k])
+        separator = separator_of(lines[k])
         if separator not in lines[k] and _is_dated(bare(lines[k]).split(), lines[following].split()):
             return k
         cells, row = (cells_of(bare(lines[place]), separator) for place in (k, following))
@@ -136,7 +136,7 @@ def _ends_in_comment(names: Sequence[str], row: Sequence[str]) -> bool:
     return len(row) > 1 and len(names) == len(row) + 1 and names[-1] == "Comment"
 
 
-def _separator(line: str) -> str:
+def separator_of(line: str) -> str:
     """Return the separator of a file's columns by its first line; with semicolons, numbers have a decimal comma."""
     return ";" if ";" in line and line.count(",") <= line.count(";") + 1 else max(",;\t|", key=line.count)
 
@@ -204,7 +204,7 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
     row = row_without_names(clean)
     place = _header_place(clean) if row is None else row
     first = bare(clean[place]) if begun else ""
-    separator = _separator(first) if _separator(first) in first else None
+    separator = separator_of(first) if separator_of(first) in first else None
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
     names, rows = cells_of(first, separator), place + 1
     if row is not None:

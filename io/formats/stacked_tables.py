@@ -1,0 +1,98 @@
+"""A text file that holds several tables, one below the other: each is copied into a file of its own, and all are read.
+
+Between two tables is a blank line, a title or a comment. A copy has the lines of its table at their old numbers.
+"""
+
+import re
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from usbldr.io.file_access.file_view import BLOCK_BYTES
+from usbldr.io.file_access.open_file import WESTERN, opened, text_lines
+from usbldr.io.findings import Finding
+from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
+from usbldr.io.limits import note_copy
+from usbldr.io.messages.field_names import words_of
+from usbldr.io.tables.csv_begin import BLANKS, COMMENTS, cells_of, is_value, separator_of
+from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.date_times import foreign_time
+
+ANOTHER = re.compile(rb"""[\r\n][ \t"]*[-+.]?\d[^\r\n]*+[\r\n][\s,;|"]*+[A-Za-z[#%=*\x80-\xff]""")
+"""A row of numbers, and behind it the beginning of a title or of names."""
+OVERLAP = 4096  # [bytes] of two blocks that are searched: longer than two lines
+MOST_TABLES = 100  # by judgement: more are records of words
+LONGEST_TITLE = 40  # [characters] a longer one is a sentence
+
+
+class StackedTable(NamedTuple):
+    """One of several tables in a file."""
+
+    line: int  # behind the table before, from 0
+    title: str  # empty if it has none
+    names_at: int  # line
+    names: tuple[str, ...]
+
+
+def stacked_log(path: Path) -> CopiedLog | None:
+    """Return the log of a file of several tables, None if it holds one alone."""
+    tables = list(_tables(path)) if _goes_on_with_words(path) else []
+    if len({table.names for table in tables}) < 2 or len(tables) > MOST_TABLES:
+        return None
+    titles = [table.title or f"{path.stem}_{number}" for number, table in enumerate(tables, 1)]
+    titles = [f"{title}_{k}" if titles.count(title) > 1 else title for k, title in enumerate(titles, 1)]
+    text = f"the file holds {len(tables)} tables, one below the other: {', '.join(titles)}"
+
+    def copy(folder: Path) -> Copies:
+        copies = [folder / f"{title}.csv" for title in titles]
+        lines = enumerate(text_lines(path, WESTERN))
+        for to, table, end in zip(copies, tables, [*(table.line for table in tables[1:]), None], strict=True):
+            with written(to, path) as file:
+                file.write(b"#\n" * table.line)
+                for number, line in islice(lines, None if end is None else end - table.line):
+                    file.write((line if number >= table.names_at else f"# {line}").encode())
+            note_copy(to, path, min(1.0, to.stat().st_size / path.stat().st_size))
+        return dict.fromkeys(copies, path), [Finding("CONCATENATED", text)]
+
+    return CopiedLog(path, ", tables below each other", copy, lambda copies: CsvLog(copies[0].parent))
+
+
+def _goes_on_with_words(path: Path) -> bool:
+    with opened(path) as file:
+        last = b""
+        while block := file.read(BLOCK_BYTES):
+            if ANOTHER.search(last + block):
+                return True
+            last = block[-OVERLAP:]
+    return False
+
+
+def _tables(path: Path) -> Iterator[StackedTable]:
+    """Yield the tables of a file: names, perhaps units, and a row that begins with a number or time.
+
+    The lines before the first table, and those behind a break, belong to the table that follows.
+    """
+    begin: int | None = 0  # of the lines that belong to a table to come; None: these are its rows
+    title, before = "", list[tuple[int, list[str]]]()
+    for number, line in enumerate(text_lines(path, WESTERN)):
+        text = line.strip(f"{BLANKS},;|\r\n")
+        separator = separator_of(text)
+        if not text or text.startswith((*COMMENTS, "[")) or (separator not in text and not is_value(text)):
+            begin = number if begin is None else begin
+            title = re.sub(r"\W+", "_", words_of(text[: 2 * LONGEST_TITLE].strip("[]#%/=*:- "))) or title
+        elif begin is not None:
+            cells = cells_of(line, separator)
+            if _is_cell(cells[0]):
+                named = title if len(title) < LONGEST_TITLE else ""
+                for place, names in reversed(before):
+                    if len(names) == len(set(names)) == len(cells) > 1 and not any(map(_is_cell, names)):
+                        yield StackedTable(begin, named, place, tuple(names))
+                        break
+                begin, title, before = None, "", []
+            else:
+                before = [*before[-1:], (number, cells)]
+
+
+def _is_cell(text: str) -> bool:
+    return not text or is_value(text) or foreign_time(text)

@@ -1,0 +1,71 @@
+"""Text files of several tables, one below the other, are read as a folder with a file for each would be."""
+
+from pathlib import Path
+
+import pytest
+
+from logs import codes
+from recordings import SECOND, T0, saved, saved_lines, write_csv
+from usbldr.io.formats.detect import open_log
+from usbldr.io.reading.read import read_log
+from usbldr.io.tables.csv_log import CsvLog
+
+ROWS = 12
+TABLES = {
+    "dvl": ("Time [s],DVL starboard [m/s],DVL forward [m/s]", "{},0.25,{}.5"),
+    "compass": ("Time [s],Heading [deg]", "{},{}.5"),
+    "usbl": ("Time [s],USBL east [m],USBL north [m]", "{},{}.25,7.5"),
+}
+PARTS = {
+    name: [names, *(row.format(T0 // SECOND + k, k) for k in range(ROWS))] for name, (names, row) in TABLES.items()
+}
+
+
+def stacked(before: str, separator: str = ",") -> list[str]:
+    """Return the lines of all tables; ``before`` each are lines with its name in place of {}."""
+    lines = [line for name, part in PARTS.items() for line in (*before.format(name).split("\n"), *part)]
+    return [line.replace(",", separator) for line in lines]
+
+
+LAYOUTS = {
+    "a blank line": stacked(""),
+    "titles": stacked("[{}]"),
+    "titles behind blank lines": stacked("\n{} data"),
+    "comments and settings": ["Job,Otter", *stacked("# {}\nrate,5\nowner,me")],
+    "lines of a spreadsheet": stacked("{},,", ";"),
+    "their units": [
+        line for one in stacked("== {} ==") for line in ([one, "s,m/s,m/s"] if one == PARTS["dvl"][0] else [one])
+    ],
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_each_table_is_read(tmp_path: Path, layout: str, line_end: str) -> None:
+    apart = read_log(write_csv(tmp_path / "apart", **{name: "\n".join(part) for name, part in PARTS.items()}))
+
+    log = read_log(saved(tmp_path / "dive.csv", line_end.join([*LAYOUTS[layout], ""])))
+
+    assert {role: of.used for role, of in log.provenance.items()} == dict.fromkeys(TABLES, ROWS)
+    for role, table in apart.tables.items():
+        assert log.tables[role].equals(table)
+    (text,) = [finding.text for finding in log.findings if finding.code == "CONCATENATED"]
+    assert text.startswith("the file holds 3 tables, one below the other: ")
+
+
+def test_a_line_is_named_by_its_number_in_the_file(tmp_path: Path) -> None:
+    lines = stacked("[{}]")
+    lines[20] += ",9,9"
+    log = read_log(saved_lines(tmp_path / "dive.csv", lines))
+
+    assert "compass.csv: 1 of 12 rows are left out: line 21: it has 4 cells" in codes(log)["UNDECODED"]
+
+
+@pytest.mark.parametrize("between", ["", "# logger restarted", "a remark", "[dvl]"])
+def test_a_table_that_goes_on_behind_its_names_is_one(tmp_path: Path, between: str) -> None:
+    names, *rows = PARTS["dvl"]
+
+    log = open_log(saved_lines(tmp_path / "dive.csv", ["A title", "", names, *rows[:6], between, names, *rows[6:]]))
+
+    assert isinstance(log, CsvLog)
+    assert [topic.count for topic in log.topics()] == [ROWS]
