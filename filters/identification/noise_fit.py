@@ -11,7 +11,7 @@ only the white part of an error, and a walk learnt while cruising would refuse a
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -152,11 +152,8 @@ class _Found(NamedTuple):
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:
     """Return the found parameters, none of these below the given."""
-    for parameter in among:
-        before, after = parameter.value(given), parameter.value(found)
-        if before is not None and after is not None and after < before:
-            found = _with(found, parameter.path, before)
-    return found
+    both = {one.path: (one.value(given), one.value(found)) for one in among}
+    return _with(found, {path: before for path, (before, after) in both.items() if before and after and after < before})
 
 
 def _search(
@@ -186,16 +183,18 @@ def _point(parameters: Parameters, tunable: Sequence[TunableParameter]) -> Vecto
 
 def _at(given: Parameters, tunable: Sequence[TunableParameter], point: Vector) -> Parameters:
     """Return the parameters at a point of the search."""
-    made = given
-    for parameter, z in zip(tunable, point.tolist(), strict=True):
-        made = _with(made, parameter.path, parameter.from_unbounded(z))
-    return made
+    return _with(given, {one.path: one.from_unbounded(z) for one, z in zip(tunable, point.tolist(), strict=True)})
 
 
-def _with(owner: Any, path: Sequence[str], value: float) -> Any:
-    """Return a copy of nested dataclasses with one number replaced."""
-    name, *rest = path
-    return replace(owner, **{name: _with(getattr(owner, name), rest, value) if rest else value})
+def _with(parameters: Parameters, values: Mapping[tuple[str, ...], float]) -> Parameters:
+    """Return the parameters with other numbers at some paths; each part of them is copied once."""
+    changed = dict[str, Any]()
+    for (field, *rest), value in values.items():
+        changed[field] = value if not rest else changed.get(field, {}) | {rest[0]: value}
+    parts = {
+        field: replace(getattr(parameters, field), **new) for field, new in changed.items() if isinstance(new, dict)
+    }
+    return replace(parameters, **changed | parts)
 
 
 def dvl_likelihoods(timeline: Timeline, members: Sequence[Parameters]) -> Vector:
