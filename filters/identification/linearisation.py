@@ -34,7 +34,6 @@ LEVER, HEAD, RANGE = "dvl-lever", "usbl-heading", "usbl-range"
 DVL_CLOCK, COMPASS_CLOCK = "dvl-clock", "compass-clock"
 STEEP = 1 / 3  # [-] horizontal by vertical distance, below which that derivative is not linear within metres
 CLOCKS = ("dvl_clock", "compass_clock")
-DRIFTS = (*STATES["scale"], *STATES["heading"], *STATES["deviation"], *STATES["current"])  # that move dead reckoning
 MARGIN_S = 5.0  # of epochs behind the last fix, beyond what clocks and their steps need
 CLOCK_STEPS_S = 0.5, -0.5  # of the central difference of the displacement by a clock
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -123,8 +122,7 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
     line, latency_s = freed(timeline, about), about["usbl_latency"]
     gps = np.zeros(len(line.fix_time_s[:fixes]), dtype=np.bool_) if line.fix_is_gps is None else line.fix_is_gps[:fixes]
     valid_s = np.where(gps, timeline.fix_time_s[:fixes], line.fix_time_s[:fixes])
-    rates = zip(DRIFTS, drift_rates(line, DRIFTS), strict=True)
-    drift = {state: integrated(line.time_s, rate) for state, rate in rates}
+    drift = {state: integrated(line.time_s, rate) for state, rate in drift_rates(line).items() if state in states}
     for clock in CLOCKS:
         late, early = (displacement_m(freed(timeline, about | {clock: about[clock] + step})) for step in CLOCK_STEPS_S)
         drift[clock] = (late - early) / (CLOCK_STEPS_S[0] - CLOCK_STEPS_S[1])

@@ -90,7 +90,7 @@ def unmodelled_errors(timeline: Timeline, given: Parameters, blocks: Sequence[Bl
 
 def _moved(timeline: Timeline, blocks: Blocks) -> _Moved:
     line, psi = freed(timeline, dict(zip(STEPS, blocks.about, strict=True))), timeline.dr_yaw_rad
-    (rate,) = drift_rates(line, ["heading_bias"])
+    rate = drift_rates(line)["heading_bias"]
     axes = [-rotated(line.dr_yaw_rad, axis) for axis in np.eye(2)]
     rates = np.hstack([np.sin(2 * psi)[:, None] * rate, np.cos(2 * psi)[:, None] * rate, *axes])
     at_fixes = columns_at(timeline.fix_time_s, line.time_s, integrated(line.time_s, rates)).reshape(-1, 4, 2)

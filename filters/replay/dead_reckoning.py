@@ -90,10 +90,11 @@ def start_sensitivity(timeline: Timeline, time_s: Vector, names: Sequence[str], 
     reckoning, whose error enters the start; so does an error that the fixes share, and their latency, if they are those
     ``of_usbl``: they tell the sum of position and error, x = z - c + latency V.
     """
-    begin = _until_first_fixes(timeline, time_s)
-    drift = np.column_stack([integrated(begin.time_s, rate) for rate in drift_rates(begin, names)])  # (K, 2 n)
-    mean: Vector = columns_at(time_s[:START_FIXES], begin.time_s, drift).mean(axis=0)
-    derivative = -mean.reshape(len(names), 2).T
+    begin, derivative = _until_first_fixes(timeline, time_s), np.zeros((2, len(names)))
+    for name, rate in drift_rates(begin).items():
+        if name in names:
+            drift_m = columns_at(time_s[:START_FIXES], begin.time_s, integrated(begin.time_s, rate))
+            derivative[:, names.index(name)] = -drift_m.mean(axis=0)
     if of_usbl:
         V: Vector = columns_at(time_s[:START_FIXES], begin.time_s, velocity_mps(begin)).mean(axis=0)
         derivative += fix_sensitivity(V, names)
@@ -130,11 +131,11 @@ def velocity_mps(timeline: Timeline) -> Array:
     return rotated(timeline.dr_yaw_rad, timeline.dr_mps)
 
 
-def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
-    """Return the correction of the dead-reckoned velocity per unit of each state, (K, 2) each: see sensors.py."""
+def drift_rates(timeline: Timeline) -> Mapping[str, Array]:
+    """Return state -> the correction of the dead-reckoned velocity per unit of it, (K, 2): see sensors.py."""
     V, yaw = velocity_mps(timeline), timeline.dr_yaw_rad
     turned_V = np.column_stack([-V[:, 1], V[:, 0]])
-    by_state = {
+    return {
         "dvl_scale": -V,
         "dvl_mount": turned_V,
         "heading_bias": -turned_V,
@@ -143,7 +144,6 @@ def drift_rates(timeline: Timeline, names: Sequence[str]) -> list[Array]:
         "current_east": np.tile([1.0, 0.0], (len(V), 1)),
         "current_north": np.tile([0.0, 1.0], (len(V), 1)),
     }
-    return [by_state.get(name, np.zeros_like(V)) for name in names]
 
 
 def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
