@@ -88,7 +88,7 @@ MONTHS = (
 """How the months of a year begin in English and the languages of field_names, without accents."""
 WEEKDAY = re.compile(rf"^{WORD}[.,]* +(?=({WORD}\.? +)?\d.*\d:\d\d)(?!\d+,? +\d+[ :])")  # not "May 18, 2026 12:30"
 CTIME = re.compile(r"^(\w+) +(\d+) ([\d:.]+)( UTC| GMT)? (\d{4})$")  # "May 18 12:30:00 2026", as C writes it
-MONTH_WORD = re.compile(rf"(?<=\d)(?:\.? (?:de )?|([-.]))({WORD})(?:\.? (?:de )?|\1)(?=\d{{4}})")
+MONTH_WORD = re.compile(rf"(?<=\d)(?:\.? (?:de )?|([-.]))({WORD})(?:\.? (?:de )?|\1)(?=\d{{4}}|\d\d(?!\d))")
 PLACE_BEHIND = re.compile(r"((?<=Z)|(?<=[+-]\d\d:\d\d))\[[A-Z]\w+(/\w+)*\]$")  # of Java, behind the zone
 WITH_DAYS = re.compile(rf"^(\d) days?,? (?={CLOCK}$)")  # "0 days 00:00:01.2", as pandas writes a duration
 OWN_TIMES = ("time_ns", "received_ns")  # numbers; of another cell it is said what stands there

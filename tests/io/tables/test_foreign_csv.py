@@ -634,6 +634,7 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
                     "Mon May 18 12:30:00 UTC 2026",
                     "Monday, May 18, 2026 12:30:00 PM",
                     "18.Mai.2026 12:30:00",
+                    "18.Mai.26 12:30:00",
                 ),
             )
         ),
