@@ -18,6 +18,7 @@ MAX_CHANCE = 1e-9  # [-] that some run of the log is as long by rounding: a calm
 MIN_REPEATS = 3  # fewer may be chance
 REPEATS_OVER_CHANCE = 10.0  # [-] repeated fixes over those that rounding explains, so that rounding is no explanation
 LINE_M = 0.01  # [m] off the line between neighbours: a fifth of the wavelength at 30 kHz, less than any fix scatters
+KINK_M = 0.05  # [m] median of those off the line, the same wavelength: fixes scatter by more, rounding by less
 ON_LINE_SHARE = 0.3  # [-] of fixes that are interpolated: a third if two of three rows are beside a measured one
 CORNER_FIXES = 2  # [fixes] off the line in a row: a measured one, or the two beside it
 CORNER_SHARE = 0.9  # [-] of the runs off the line that are as short: a turn and an outlier are longer
@@ -115,7 +116,10 @@ def interpolated_fixes(time_s: Vector, fixes_m: Array) -> Mask:
     both_s = np.maximum(time_s[2:] - time_s[:-2], np.finfo(float).tiny)  # stamps may be equal
     share = ((time_s[1:-1] - time_s[:-2]) / both_s)[:, None]
     line_m = fixes_m[:-2] + share * (fixes_m[2:] - fixes_m[:-2])
-    off_line = np.linalg.norm(fixes_m[1:-1] - line_m, axis=1) > LINE_M
+    off_m = np.linalg.norm(fixes_m[1:-1] - line_m, axis=1)
+    off_line = off_m > LINE_M
+    if not off_line.any() or np.median(off_m[off_line]) < KINK_M:
+        return between
     first, end = runs(off_line)
     corner = end - first <= CORNER_FIXES
     if off_line.mean() > 1 - ON_LINE_SHARE or len(first) < MIN_FRESH_FIXES or corner.mean() < CORNER_SHARE:

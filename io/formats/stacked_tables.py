@@ -18,9 +18,11 @@ from usbldr.io.messages.field_names import words_of
 from usbldr.io.tables.csv_begin import BLANKS, COMMENTS, cells_of, is_value, separator_of
 from usbldr.io.tables.csv_log import CsvLog
 from usbldr.io.tables.date_times import foreign_time
+from usbldr.io.units import named_unit
 
 ANOTHER = re.compile(rb"""[\r\n][ \t"]*[-+.]?\d[^\r\n]*+[\r\n][\s,;|"]*+[A-Za-z[#%=*\x80-\xff]""")
 """A row of numbers, and behind it the beginning of a title or of names."""
+PAIR = re.compile(r"\w\s*[:=]\s*\w")  # a word and its value, which is no title
 OVERLAP = 4096  # [bytes] of two blocks that are searched: longer than two lines
 MOST_TABLES = 100  # by judgement: more are records of words
 LONGEST_TITLE = 40  # [characters] a longer one is a sentence
@@ -62,7 +64,7 @@ def _goes_on_with_words(path: Path) -> bool:
     with opened(path) as file:
         last = b""
         while block := file.read(BLOCK_BYTES):
-            if ANOTHER.search(last + block):
+            if ANOTHER.search((last + block).replace(b"\0", b"")):  # also in UTF-16
                 return True
             last = block[-OVERLAP:]
     return False
@@ -80,18 +82,26 @@ def _tables(path: Path) -> Iterator[StackedTable]:
         separator = separator_of(text)
         if not text or text.startswith((*COMMENTS, "[")) or (separator not in text and not is_value(text)):
             begin = number if begin is None else begin
-            title = re.sub(r"\W+", "_", words_of(text[: 2 * LONGEST_TITLE].strip("[]#%/=*:- "))) or title
+            words = "" if PAIR.search(text) else words_of(text[: 2 * LONGEST_TITLE].strip("[]#%/=*:- "))
+            title = re.sub(r"\W+", "_", words) or title
         elif begin is not None:
             cells = cells_of(line, separator)
             if _is_cell(cells[0]):
                 named = title if len(title) < LONGEST_TITLE else ""
                 for place, names in reversed(before):
-                    if len(names) == len(set(names)) == len(cells) > 1 and not any(map(_is_cell, names)):
+                    units = len(before) > 1 and any(map(_is_unit, names))
+                    if len(names) == len(set(names)) == len(cells) > 1 and not (units or any(map(_is_cell, names))):
                         yield StackedTable(begin, named, place, tuple(names))
                         break
                 begin, title, before = None, "", []
             else:
                 before = [*before[-1:], (number, cells)]
+
+
+def _is_unit(text: str) -> bool:
+    unit = text.strip("[]() ")
+    stated = named_unit(f"x [{unit}]")
+    return bool(stated.dimension) and stated.unit == unit
 
 
 def _is_cell(text: str) -> bool:

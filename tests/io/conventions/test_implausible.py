@@ -154,13 +154,21 @@ def test_of_fixes_that_a_table_interpolates_each_is_used_once(dive: Log, apart_s
     assert np.abs(kept_s[:, None] - fix_s).min(axis=1).max() <= apart_s
 
 
-@pytest.mark.parametrize("sd_m", [0.03, 0.0], ids=["precise fixes", "no noise"])
-def test_fixes_of_a_vehicle_on_a_line_are_not_interpolated(dive: Log, sd_m: float) -> None:
-    time_s = times(dive, "usbl")
+@pytest.mark.parametrize(
+    ("sd_m", "digits", "apart_s"),
+    [(0.03, 9, 1.0), (0.0, 9, 1.0), (0.0, 2, 0.2)],
+    ids=["precise fixes", "no noise", "whole centimetres"],
+)
+def test_fixes_of_a_vehicle_on_a_line_are_not_interpolated(dive: Log, sd_m: float, digits: int, apart_s: float) -> None:
+    time_s = np.arange(0.0, 900.0, apart_s)
     noise_m = np.random.default_rng(0).normal(0, sd_m, (len(time_s), 2))
-    straight = time_s[:, None] * (0.8, 0.6) + np.where(time_s > 450, 30.0, 0.0)[:, None]
+    weaving_m = 4.0 * np.sin(time_s / 4.0) * (digits == 2)
+    straight = time_s[:, None] * (0.8123, 0.6317) + np.where(time_s > 450, 30.0, weaving_m)[:, None]
+    fixes = dive.tables["usbl"]
+    table = pd.DataFrame({name: np.interp(time_s, fixes["time_s"], fixes[name]) for name in fixes})
+    table[PLACE] = np.round(straight + noise_m, digits)
 
-    assert found(changed(dive, "usbl", PLACE, straight + noise_m)) == []
+    assert found(with_table(dive, "usbl", table)) == []
 
 
 def test_velocities_that_a_table_holds_until_the_next_are_used_once(dive: Log) -> None:
