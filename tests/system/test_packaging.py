@@ -161,7 +161,7 @@ def test_the_description_on_pypi_has_no_link_that_leads_nowhere(without_a_compil
 
     assert metadata["Description-Content-Type"] == "text/markdown"
     assert re.findall(r"\]\((?!https://)[^)]*\)", text) == []
-    assert "docs/tutorial.md goes from a bag to a gate" in " ".join(text.split())  # the words of a link stay
+    assert "docs/tutorial.md goes from a bag to a check in CI" in " ".join(text.split())  # the words of a link stay
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert re.findall(r"^#+ .*", text, re.MULTILINE) == re.findall(r"^#+ .*", readme, re.MULTILINE)  # and all of it
 
