@@ -17,6 +17,8 @@ INLINE int member_of(const Members *w, int l) { /* of a lane; copies of the last
 /* The numbers of row (N) of a table for the members of a group; with ``group`` by their linearisation. */
 INLINE V gathered(const Members *w, const double *row, const int64_t *group) {
     double found[W];
+    if (group && w->p->G == 1) return all(row[0]);
+    if (!group && w->lane + W <= w->p->N) return *(InMemory *)(row + w->lane);
     for (int l = 0; l < W; l++) found[l] = row[group ? group[member_of(w, l)] : member_of(w, l)];
     return *(InMemory *)found;
 }
@@ -73,29 +75,29 @@ INLINE void member_noise(const Members *w, int f, int axis, int k, Noise *out) {
     }
 }
 
-INLINE V collapse_axes(const Members *w, int f, int axis, int k, int n, double *b) {
-    Moments e;
+/* Update with the axes from ``axis`` on; ``known`` is their projection, 0 if it is still to be computed. */
+INLINE V collapse_axes(const Members *w, int f, int axis, int k, int n, const Moments *known, double *b) {
+    Moments computed;
     Noise noise;
     Gain gain;
     V probability[MAX_MODES];
-    linear_projection(w, f, axis, k, n, b, &e);
+    if (!known) linear_projection(w, f, axis, k, n, b, &computed);
+    const Moments *e = known ? known : &computed;
     member_noise(w, f, axis, k, &noise);
-    V log_likelihood = likelihoods(&e, &noise, k, probability);
-    collapsed_gain(&e, &noise, k, probability, &gain);
-    move_mean(&e, n, k, &gain, b);
-    reduce_cov(&e, n, k, &gain, b);
+    V log_likelihood = likelihoods(e, &noise, k, probability);
+    collapsed_gain(e, &noise, k, probability, &gain);
+    move_mean(e, n, k, &gain, b);
+    reduce_cov(e, n, k, &gain, b);
     return log_likelihood;
 }
 
-/* Chi-square of a fix under its nominal noise. */
-INLINE V chi_square(const Members *w, int f, int n, const double *b) {
-    Moments e;
+/* Chi-square of a fix with this projection under its nominal noise. */
+INLINE V chi_square(const Members *w, int f, const Moments *e) {
     Noise noise;
     Gain gain;
-    linear_projection(w, f, 0, 2, n, b, &e);
     member_noise(w, f, 0, 2, &noise);
-    kalman_gain(&e, 2, noise.R[0][0], noise.R[0][1], noise.R[0][2], &gain);
-    return gain.g[0] * e.value[0] + gain.g[1] * e.value[1];
+    kalman_gain(e, 2, noise.R[0][0], noise.R[0][1], noise.R[0][2], &gain);
+    return gain.g[0] * e->value[0] + gain.g[1] * e->value[1];
 }
 
 /* The weights of two Gaussians in one, and their sum. */
@@ -171,10 +173,12 @@ INLINE InMemory *of_lanes(double *numbers, int lane) { return (InMemory *)(numbe
 static int run_pass(const Pass *p, const PassArrays *a) {
     int n = p->n, block = (n + n * (n + 1) / 2) * LANES, blocks = (p->N + LANES - 1) / LANES, doubled = 0;
     size_t size = (size_t)blocks * (size_t)block, weights = (size_t)blocks * LANES;
-    double *memory = calloc(2 * (size + weights) + 8, 8);
+    size_t projections = weights / W * sizeof(Moments) / 8;
+    double *memory = calloc(2 * (size + weights) + projections + 8, 8);
     if (!memory) return NO_MEMORY;
     double *right = (double *)(((uintptr_t)memory + 63) / 64 * 64), *shifted = right + size;
     double *log_right = shifted + size, *log_shifted = log_right + weights;
+    Moments *projected = (Moments *)(log_shifted + weights); /* of both axes, of W members each */
     exchange_bank(p, a, block, right, 0);
     for (int f = 0; f < p->F; f++) {
         int joint = !p->per_scalar || a->R[4 * f + 1] != 0.0, k = joint ? 2 : 1, far = 0, offsets = 0;
@@ -182,8 +186,12 @@ static int run_pass(const Pass *p, const PassArrays *a) {
             Members w = {p, a, lane};
             int from = lane / LANES * block + lane % LANES;
             drift(&w, f, n, right + from);
-            if (doubled) drift(&w, f, n, shifted + from);
-            else far = far || any(less(all(p->far), chi_square(&w, f, n, right + from)));
+            if (doubled) {
+                drift(&w, f, n, shifted + from);
+                continue;
+            }
+            linear_projection(&w, f, 0, 2, n, right + from, projected + lane / W);
+            far = far || any(less(all(p->far), chi_square(&w, f, projected + lane / W)));
         }
         if (far) {
             doubled = 1;
@@ -196,9 +204,9 @@ static int run_pass(const Pass *p, const PassArrays *a) {
             V total = all(0.0), without = *of_lanes(log_right, lane), with = *of_lanes(log_shifted, lane);
             if (doubled) mix(&w, f, n, b, o, &without, &with);
             for (int axis = 0; axis < (joint ? 1 : 2); axis++) {
-                V log_l = collapse_axes(&w, f, axis, k, n, b);
+                V log_l = collapse_axes(&w, f, axis, k, n, doubled || axis ? 0 : projected + lane / W, b);
                 if (doubled) {
-                    without = without + log_l, with = with + collapse_axes(&w, f, axis, k, n, o);
+                    without = without + log_l, with = with + collapse_axes(&w, f, axis, k, n, 0, o);
                     log_l = log_sum(without, with);
                     without = without - log_l, with = with - log_l;
                 }
