@@ -52,7 +52,8 @@ def off_grid(raw: RawRecords, section: Positions) -> tuple[RawRecords, Positions
     names = next((pair for pair in (("x", "y"), ("east_m", "north_m")) if {*pair} <= {*required}), None)
     if names is None:
         raise SettingError(f'grid = "{grid}": {raw.topic.name} holds no eastings and northings')
-    ned = names[0] == "x" and (section.frame or ("NED" if named_ned(raw.frame_id) else "ENU")) == "NED"
+    stated = raw.layout.fixed.get("frame") or section.frame
+    ned = names[0] == "x" and (stated == "NED" if stated else named_ned(raw.frame_id))
     easting, northing = (raw.number(name) for name in (names[::-1] if ned else names))
     lat, lon = grid_to_geodetic(grid, easting, northing, raw.log)
     values: Mapping[str, Any] = {k: v for k, v in raw.values.items() if k not in names}

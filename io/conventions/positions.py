@@ -189,7 +189,7 @@ def message_covariance(raw: RawRecords, frame: str) -> Array:
         return _round(raw.number("sd_m"))
     if "sd_east_m" in raw.values:
         ee, nn = raw.number("sd_east_m") ** 2, raw.number("sd_north_m") ** 2
-        en = np.zeros(len(ee))
+        en = np.nan_to_num(raw.number("cov_en_m2"))
     elif "cov_ee_m2" in raw.values:
         ee, en, nn = (raw.number(f"cov_{axes}_m2") for axes in ("ee", "en", "nn"))
     else:
@@ -223,10 +223,12 @@ def heading_of_quaternion(xyzw: Array, frame: str) -> Vector:
 
 
 def pose_columns(raw: RawRecords, frame: str) -> dict[str, Vector]:
-    """Return heading_deg of poses, unless all are the same, and starboard_mps and forward_mps of odometry, (n,) each.
+    """Return heading_deg, of poses unless all are the same, and starboard_mps and forward_mps of odometry, (n,) each.
 
     The axes of the vehicle are forward, left, up in ENU, and forward, starboard, down in NED (REP 103).
     """
+    if "heading_deg" in raw.values:
+        return {"heading_deg": raw.number("heading_deg")}
     if frame == "latlon" or "qw" not in raw.values:
         return {}
     heading_deg = heading_of_quaternion(np.column_stack([raw.number(f"q{axis}") for axis in "xyzw"]), frame)

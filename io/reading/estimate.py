@@ -1,7 +1,6 @@
 """A track that a vehicle or another program computed, to be judged like those of the filters: a topic or a file."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -9,16 +8,14 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, SettingError, UsageError, did_you_mean
 from usbldr.filters.types import Trajectory
-from usbldr.io.axes import named_ned
-from usbldr.io.conventions.positions import gps
-from usbldr.io.conventions.truth import distances_if_exchanged, find_truth_file, is_recording, read_truth_file
+from usbldr.io.conventions.truth import distances_if_exchanged
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import OriginKind
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import find_topic, topic_named
 from usbldr.io.reading.opening import Request, open_configured
-from usbldr.io.reading.truth import only_positions, raw_positions
-from usbldr.io.settings.sensor_sections import GpsSection, TruthSection
+from usbldr.io.reading.position_files import Positions, find_truth_file, positions_of, read_positions
+from usbldr.io.settings.sensor_sections import TruthSection
 
 COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
 
@@ -26,8 +23,8 @@ COVARIANCE = ("cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2")
 def read_estimate(log: Log, request: Request, name: str, frame: str | None = None) -> tuple[Log, Trajectory]:
     """Return the track of a topic of the log or of a file: east, north, and covariance and yaw if they are known.
 
-    The log comes with it because its truth says whether its place on the map of this track is known, and with a finding
-    about the frame, if there is one.
+    The log comes with it because its truth says whether its place on the map of this track is known, and its findings
+    are also those of the track.
 
     A file is TUM text, usbldr's own track, or CSV with usbldr's names. ``frame`` is ENU, NED or latlon (None: by type
     and frame_id, else the one of ENU and NED that the truth fits clearly better, else ENU). Times are seconds of the
@@ -52,49 +49,37 @@ def read_estimate(log: Log, request: Request, name: str, frame: str | None = Non
 def _read(log: Log, request: Request, name: str, frame: str | None) -> tuple[Log, Trajectory, str, bool]:
     """Return the log and the track, its frame, and whether only the default chose between ENU and NED."""
     file = find_truth_file(name, log.path, from_option=True)
-    if file is not None and is_recording(file):
-        table, label, used, by_default = _of_topic(log, file, request, None, frame)
-    elif file is None:
-        if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
-            raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
-        table, label, used, by_default = _of_topic(log, log.path, request, name, frame)
-    else:
-        section = msgspec.convert({"frame": frame}, TruthSection)
-        read = read_truth_file(file, "option", section, log.start_ns, log.origin)
-        table, label, used = read.table, file.name, "" if read.on_log_plane else read.frame
-        by_default = read.provenance.convention("frame").chosen_by == "default"
-    table = table[np.isfinite(table["east_m"]) & np.isfinite(table["north_m"])]
-    table = table.sort_values("time_ns", kind="stable").drop_duplicates("time_ns", keep="last")
-    if table.empty:
-        raise LogError(f"{name}: no position is left of the estimate")
+    section = msgspec.convert({"frame": frame}, TruthSection)
+    try:
+        if file is None:
+            read = _of_topic(log, request, name, section)
+        else:
+            read = read_positions(file, ("--estimate", "option"), request, section, log.start_ns, log.origin)
+    except SettingError as err:
+        raise UsageError(f"--estimate: {err.text}") from err
+    used = "" if read.on_log_plane else str(read.provenance.convention("frame").value)
     truth = log.truth
     if truth is not None and used:
         stated = log.origin is not None and log.origin.kind == OriginKind.MAP
         true_frame = log.convention("truth" if "truth" in log.provenance else "gps", "frame").value
         truth = replace(truth, place_unknown=(used == "latlon") != (true_frame == "latlon") and not stated)
-    return replace(log, truth=truth), _trajectory(table, label, log.start_ns), used, by_default and bool(used)
+    track = _trajectory(read.table, read.provenance.topic, log.start_ns)
+    placed = replace(log, truth=truth, findings=(*log.findings, *read.findings))
+    return placed, track, used, read.by_default and bool(used)
 
 
-def _of_topic(
-    log: Log, path: Path, request: Request, name: str | None, frame: str | None
-) -> tuple[pd.DataFrame, str, str, bool]:
-    """Read a topic of a recording; without a name, its only one of positions."""
-    if not path.exists():
+def _of_topic(log: Log, request: Request, name: str, section: TruthSection) -> Positions:
+    """Read a topic of the log."""
+    if log.truth is not None and name.lstrip("/") == log.truth.source.lstrip("/"):
+        raise UsageError(f"--estimate {name} is the truth itself; name another track or another --truth")
+    if not log.path.exists():
         raise UsageError(f"--estimate {name}: a scenario has no topics; name a file")
-    reader = open_configured(path, request if name else replace(request, configuration="none", joined=())).reader
-    name = only_positions(path, reader.topics(), "--estimate") if name is None else name
+    reader = open_configured(log.path, request).reader
     if find_topic(reader.topics(), name) is None:
         hint = did_you_mean(name, [topic.name for topic in reader.topics()], 3)
         raise LogError(f"estimate {name} is neither a file, here or beside the log, nor a topic{hint}", path=log.path)
-    choice = topic_named(path, reader.topics(), "truth", name, "option")
-    raw = raw_positions(reader, choice)
-    try:
-        made = gps(raw, msgspec.convert({"frame": frame}, GpsSection), log.origin)
-    except SettingError as err:
-        raise UsageError(f"--estimate: {err.text}") from err
-    used = made.conventions[0]
-    by_default = used.chosen_by == "default" and not named_ned(raw.frame_id)
-    return made.table, choice.topic.name, str(used.value), by_default
+    choice = topic_named(log.path, reader.topics(), "truth", name, "option")
+    return positions_of(reader, choice, section, log.origin)
 
 
 def _trajectory(table: pd.DataFrame, label: str, start_ns: int) -> Trajectory:

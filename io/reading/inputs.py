@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.conventions.truth import find_truth_file
 from usbldr.io.file_access.open_file import real_path
 from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, stated_layouts
+from usbldr.io.reading.position_files import find_truth_file
 
 
 class InputFile(NamedTuple):

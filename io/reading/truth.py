@@ -5,26 +5,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import pandas as pd
-
 from usbldr.filters.errors import LogError, SettingError, UsageError, did_you_mean
 from usbldr.filters.types import Truth
-from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.sanity import repeated_fix_findings, truth_jump_findings, truth_overlap_findings
-from usbldr.io.conventions.timestamps import sorted_by_time
-from usbldr.io.conventions.truth import by_fixes, find_truth_file, is_recording, read_truth_file, truth_from_table
+from usbldr.io.conventions.truth import by_fixes, truth_from_table
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
-from usbldr.io.decoding.collected import read_whole
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
-from usbldr.io.messages.layouts import RawRecords, raw_records, wanted_paths
-from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import TopicChoice, find_topic, topic_named
 from usbldr.io.provenance import Provenance
-from usbldr.io.reader import Reader, TopicInfo
-from usbldr.io.reading.opening import Request, open_configured
+from usbldr.io.reader import TopicInfo
+from usbldr.io.reading.opening import Request
+from usbldr.io.reading.position_files import find_truth_file, read_positions
 from usbldr.io.reading.sensors import SensorTables
-from usbldr.io.settings.sensor_sections import Configuration, GpsSection, TruthSection
+from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.tables.csv_text import text_files
 
 KINDS_BY_NAME = {
@@ -103,10 +97,13 @@ def read_truth(
     own: dict[str, Provenance] = {}
     findings: list[Finding] = []
     tables, section, gps = sensors.tables, configuration.truth, sensors.provenance.get("gps")
-    if source.file is not None and is_recording(source.file):
-        table, own["truth"], findings = recorded_truth(source.file, source.chosen_by, section, sensors.origin)
-    elif source.file is not None:
-        table, own["truth"], *_ = read_truth_file(source.file, source.chosen_by, section, start_ns, sensors.origin)
+    if source.file is not None:
+        asked = ("truth", source.chosen_by)
+        try:
+            read = read_positions(source.file, asked, request, section, start_ns, sensors.origin)
+        except SettingError as err:
+            raise UsageError(f"[truth] {err.text}", path=source.file) from err
+        table, own["truth"], findings = read.table, read.provenance, [*read.findings]
     elif source.off:
         table = None
     elif source.topic is not None:
@@ -119,8 +116,8 @@ def read_truth(
     if table is None or (used := own.get("truth", gps)) is None:
         return None, own, findings
     kind = _truth_kind(source, request, configuration)
-    truth, more = truth_from_table(table, used.topic, start_ns, section, kind)
-    findings += more
+    rows = table if source.file else table.iloc[section.skip_rows :]
+    truth = truth_from_table(rows, used.topic, start_ns, section, kind)
     truth = replace(truth, place_unknown=_place_unknown(sensors.provenance | own, sensors.origin))
     if own and "usbl" in tables:
         truth, own["truth"], more = by_fixes(truth, used, tables["usbl"], start_ns)
@@ -150,37 +147,3 @@ def _place_unknown(provenance: Mapping[str, Provenance], origin: Origin | None) 
     fixes_latlon, truth_latlon = provenance["usbl"].geodetic, truth.convention("frame").value == "latlon"
     stated = (OriginKind.MAP, OriginKind.HEAD, OriginKind.BEACON) if truth_latlon else (OriginKind.MAP,)
     return fixes_latlon != truth_latlon and origin.kind not in stated
-
-
-def only_positions(path: Path, topics: Sequence[TopicInfo], option: str) -> str:
-    """Return the one topic of positions in a recording; raise UsageError that lists them if there are several."""
-    names = [topic.name for topic in topics if topic.count and message_layout_of("truth", topic) is not None]
-    if len(names) != 1:
-        which = f"several topics of positions ({', '.join(names)})" if names else "no topic of positions"
-        raise UsageError(f"{option} {path.name} has {which}: join it by --with {path.name}, and name its topic")
-    return names[0]
-
-
-def raw_positions(reader: Reader, choice: TopicChoice) -> RawRecords:
-    """Read the unconverted records of a topic."""
-    topic, layout = choice.topic, choice.layout
-    paths = wanted_paths(topic, layout)
-    records = read_whole(reader, {topic.name: list(paths.values())})[topic.name]
-    return raw_records(reader.path, topic, layout, records, paths)
-
-
-def recorded_truth(
-    file: Path, chosen_by: str, section: TruthSection, origin: Origin | None
-) -> tuple[pd.DataFrame, Provenance, list[Finding]]:
-    """Return the positions of a recording, how they were read, and what was found."""
-    reader = open_configured(file, Request(configuration="none")).reader
-    topics = reader.topics()
-    choice = topic_named(file, topics, "truth", only_positions(file, topics, "truth"), chosen_by)
-    try:
-        made = gps(raw_positions(reader, choice), GpsSection(frame=section.frame), origin)
-    except SettingError as err:
-        raise UsageError(f"[truth] {err.text}", path=file) from err
-    table, found = sorted_by_time(made.table, file.name, "truth")
-    topic = choice.topic
-    how = Provenance(file.name, topic.type, chosen_by, made.conventions, topic.count, len(table), made.geodetic)
-    return table, how, [*made.findings, *found]

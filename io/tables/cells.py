@@ -5,12 +5,10 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from usbldr.filters.errors import LogError
 from usbldr.io.messages.field_names import named_column
 from usbldr.io.reader import MAX_TIME_NS, Column
 from usbldr.io.tables.clean_csv import NumberColumn
@@ -41,12 +39,6 @@ class ParsedColumn(NamedTuple):
 
     values: Column  # (n,)
     faults: Mapping[int, str]  # row -> what is wrong with its cell; its value means nothing
-
-    def checked(self, file: Path, lines: Sequence[int]) -> Column:
-        """Return the values; raise LogError with the line of the first fault. ``lines``: those of the rows."""
-        for row, text in self.faults.items():
-            raise LogError(f"line {lines[row]}: {text}", path=file)
-        return self.values
 
 
 def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: float = 0) -> ParsedColumn:

@@ -68,9 +68,15 @@ class CsvSource:
 class CsvLog:
     """A folder of CSV files, or one such file."""
 
-    def __init__(self, path: Path, configured: Sequence[ConfiguredColumns] = (), files: Sequence[Path] = ()) -> None:
-        """Take a file or a folder, and which files of the folder to read if the caller knows them."""
-        self.path, self._given = path, files
+    def __init__(
+        self,
+        path: Path,
+        configured: Sequence[ConfiguredColumns] = (),
+        files: Sequence[Path] = (),
+        cells: TextTable | None = None,
+    ) -> None:
+        """Take a file or a folder, and if the caller knows them, which files to read, or the cells of the only one."""
+        self.path, self._given, self._given_cells = path, files, cells
         self._configured, self._formats = tuple(configured), time_formats(configured)
         self._read: dict[Path, TextTable] = {}
         self._raw = cache(self._wide_texts)
@@ -103,15 +109,16 @@ class CsvLog:
 
     def _wide_texts(self, file: Path) -> TextTable:
         """Return the cells of a file; those of a long table made wide."""
-        read = read_texts(file, beside=self._texts)
+        read = self._given_cells or read_texts(file, beside=self._texts)
         long = long_columns(list(read.columns))
         return widened(read, long) if long else read
 
     def _header_and_row(self, file: Path) -> tuple[Sequence[str], Sequence[str]]:
         """Return a file's column names as written, and the cells of its first row; those of a long table made wide."""
-        names, cells = header_and_row(file, self._texts)
-        if long_columns(names) is None:
-            return names, cells
+        if self._given_cells is None:
+            names, cells = header_and_row(file, self._texts)
+            if long_columns(names) is None:
+                return names, cells
         columns = self._table(file).columns
         return list(columns), [next(iter(column), "") for column in columns.values()]
 
@@ -191,6 +198,11 @@ class CsvLog:
             empty = self._begin(source.file)[1] in ([], [""])
             return f"{source.file.name} {'has no rows' if empty else sheet.problem}"
         return f"{source.file.name} {NO_HEADER}" if source.header[:1] == ("1",) else unmatched_text(source.header)
+
+    @property
+    def first_row(self) -> FirstRow:
+        """The columns and first cells of a log of one file."""
+        return self._first_row(CsvSource(self.path, tuple(self._begin(self.path)[0])))
 
     def _first_row(self, source: CsvSource) -> FirstRow:
         """Return the columns and first cells of a file with one sensor."""

@@ -82,6 +82,18 @@ def test_a_track_whose_east_and_north_are_exchanged_is_read_by_the_truth(own: Pa
     assert wrong["metrics"]["mean_horizontal_m"] > 100
 
 
+def test_a_row_of_a_track_that_is_no_position_is_left_out_and_reported(own: Path) -> None:
+    header, first, *rows = (own / "adf" / "track_5hz.csv").read_text(encoding="utf-8").splitlines()
+    (own / "bad.csv").write_text("\n".join([header, "later" + first, *rows, ""]), encoding="utf-8")
+
+    done = run("evaluate", own / "paper.mcap", "-e", own / "bad.csv", "-q", "--plots", "none", "-o", own / "bad")
+
+    assert 'line 2: time_s is "later' in done.stderr
+    assert "[UNDECODED]" in done.stderr
+    left = report_of(own / "bad")["metrics"]["mean_horizontal_m"]
+    assert left == pytest.approx(report_of(own / "adf")["metrics"]["mean_horizontal_m"], abs=1e-3)
+
+
 def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> list[Row]:
     """Two minutes east at 1 m/s by GPS, and an estimate with a right sigma, white errors and a heading of east."""
     rng, rows = np.random.default_rng(2), list[Row]()

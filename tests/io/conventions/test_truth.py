@@ -61,6 +61,7 @@ BY_USUAL_NAMES = [
     f"timestamp,heading,east_m,north_m,x,y\n{T0 // SECOND + 1},9,1,2,99,99",
     f"time_ns  east_m north_m\n{T0 + SECOND}   1 2",
     "UTC time,Easting [m],Northing [m],x,y\n2020-09-13 12:26:41,1,2,99,99",
+    "UTC time;Easting [ft];Northing [ft]\n13.09.2020 12:26:41;3,2808;6,5617",
 ]
 
 
@@ -68,7 +69,7 @@ BY_USUAL_NAMES = [
     ("toml", "more", "option", "text", "time_s", "position_m", "source", "kind"),
     [
         # a file beside the log, sorted, its decimal seconds exact: as floats of today's seconds they are off by 0.1 us
-        (NED_FILE, [], None, "", [0.374442, 1.500001, 1.908468], [[0.2, 0.1], [4, 3], [2.5, 1.5]], "vertices.txt",
+        (NED_FILE, [], None, "", [0.374442, 1.500001, 1.908468], [[0.2, 0.1], [6.5, 5.5], [2.5, 1.5]], "vertices.txt",
          "slam"),
         (NED_FILE + "skip_rows = 1", [], "t.csv", AFTER, [0.1, 1.1], [[2, 1], [4, 3]], "t.csv", "other"),
         (LATLON, [], "t.csv", "t,lat,lon\n1.25,45.00001,7.0\n", [1.25], [[0, NORTH_M]], "t.csv", "other"),
@@ -106,11 +107,15 @@ def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
     assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
 
 
-def test_repeated_rows_of_the_truth_are_counted_and_its_keys_its_sigmas_and_the_gps_are_kept(tmp_path: Path) -> None:
+def test_rows_of_one_time_are_averaged_and_the_keys_and_sigmas_of_the_truth_are_kept(
+    tmp_path: Path,
+) -> None:
     log = dive(tmp_path, NED_FILE, FIXES)
 
     assert log.truth.max_gap_s == 12.0
-    assert only(log, "TRUTH-REPEATED") == "vertices.txt: 1 truth rows have the time of an earlier one and are left out"
+    assert only(log, "SAME-STAMP") == (
+        "vertices.txt: 1 of 4 records have another's stamp and other values; records of one stamp are averaged"
+    )
     assert len(log.tables["gps"]) == 3
     file = saved(tmp_path / "t.csv", f"time_ns,east_m,north_m,sd_m\n{T0 + SECOND},1,2,0.25\n")
     assert dive(tmp_path, request=Request(truth=str(file))).truth.sd_m[0] == 0.25
@@ -141,22 +146,19 @@ def test_a_frame_that_columns_or_the_gps_rule_out_is_said_to_be_unused(tmp_path,
     ("toml", "text", "option", "fault", "said"),
     [
         ("", "time_ns,lat_deg,lon_deg\n1,45,7\n", "{file}", LogError,
-         "{file}: holds latitudes and longitudes, but the plane has no origin; state origin_lat_deg and origin_lon_deg "
-         "under [map]"),
+         "{file}: t.csv holds latitudes and longitudes, but the plane has no origin; state origin_lat_deg and "
+         "origin_lon_deg under [map]"),
         ("", "epoch,px,py\n1,2,3\n", "{file}", UsageError,
          "{file}: which columns hold time and position (it has epoch, px, py)? Call them time_unix_s, lat_deg and "
          "lon_deg or x and y; of a truth, or state columns = { time_unix_s = \"...\", x = \"...\", y = \"...\" } "
          "under [truth]"),
-        (NED_FILE, "stamp,x,y\n1600000000.1,1,2\n", "{file}", LogError,
-         "{file}: has no column timestamp (its columns: stamp, x, y)"),
-        (NED_FILE, "timestamp,x,y\n1600000000.1,1,2\nnoon,1,2\n", "{file}", LogError,
-         '{file}: line 3: timestamp is "noon", not a number of seconds before 2116'),
+        (NED_FILE, "stamp,x,y\n1600000000.1,1,2\n", "{file}", UsageError,
+         "{file}: /t has no timestamp ([truth] columns time_unix_s); did you mean stamp? (it has stamp, x, y)"),
+        (NED_FILE, "timestamp,x,y\nnoon,1,2\n", "{file}", LogError,
+         '{file}: /t cannot be read as truth: {file}: line 2: timestamp is "noon", not a number of seconds before '
+         "2116"),
         (NED_FILE + "skip_rows = 9", "timestamp,x,y\n1600000000.1,1,2\n", "{file}", LogError,
-         "t.csv: no truth row is left of 1 (skip_rows = 9)"),
-        (NED_FILE + "skip_rows = 1", "timestamp,x,y\ns,m,m\n1.1,1,2\n2.1,east,4\n", "{file}", LogError,
-         '{file}: line 4: x is "east", not a number'),
-        ("", "# timestamp tx ty tz qx qy qz qw\n1 3.0 4.0 0 0 0 0 1\n2 east 6.0 0 0 0 0 1\n", "{file}", LogError,
-         '{file}: line 3: tx is "east", not a number'),
+         "{file}: no row is left of 1 (skip_rows = 9)"),
         ("", "", "slam/gone.txt", LogError,
          "{log}: truth slam/gone.txt is neither a file, here or beside the log, nor a topic"),
         ("", "", "/no/topic", LogError,
@@ -176,6 +178,24 @@ def test_a_truth_that_cannot_be_read_is_one_sentence(tmp_path, toml, text, optio
     for name, place in names.items():
         said = said.replace(f"{{{name}}}", str(tmp_path / place))
     assert sentence == said
+
+
+@pytest.mark.parametrize(
+    ("name", "toml", "text", "said"),
+    [
+        ("t.csv", NED_FILE, "timestamp,x,y\n1600000000.1,1,2\nnoon,1,2\n",
+         '1 of 2 rows are left out: line 3: timestamp is "noon", not a number of seconds before 2116'),
+        ("t.csv", NED_FILE + "skip_rows = 1", "timestamp,x,y\ns,m,m\n1.1,2,1\n2.1,east,4\n",
+         '1 of 2 rows are left out: line 4: x is "east", not a number'),
+        ("slam.tum", "", "# timestamp tx ty tz qx qy qz qw\n1 1.0 2.0 0 0 0 0 1\n2 east 6.0 0 0 0 0 1\n",
+         '1 of 2 rows are left out: line 3: tx is "east", not a number'),
+    ],
+)  # fmt: skip
+def test_a_row_of_a_truth_that_is_no_position_is_left_out_and_reported(tmp_path, name, toml, text, said):
+    log = dive(tmp_path, toml, request=Request(truth=str(saved(tmp_path / name, text))))
+
+    assert len(log.truth.position_m) == 1
+    assert only(log, "UNDECODED") == f"{name}: {said}"
 
 
 @pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
