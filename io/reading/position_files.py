@@ -25,6 +25,7 @@ from usbldr.io.reader import Reader, TopicInfo, name_of
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.settings.sensor_sections import GpsSection, TruthSection
 from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.csv_sheets import side_columns
 from usbldr.io.tables.csv_text import read_texts
 from usbldr.io.tables.time_columns import dated_columns, keys_since_1970
 
@@ -131,7 +132,8 @@ def _columns(
     keys = [clock.name] if clock.name in TIME_UNITS_NS else keys_since_1970(cells[clock.name])
     key = next((key for key in keys if not clock.known or TIME_UNITS_NS[key] == clock.factor), "time_unix_s")
     x, y = OF_LATLON.values() if (PLACES[pair] or section.frame) == "latlon" else OF_LATLON
-    return {key: clock.name, x: places[pair[0]], y: places[pair[1]], **more}, PLACES[pair], "column names"
+    columns = {key: clock.name, x: places[pair[0]], y: places[pair[1]], **more}
+    return columns | side_columns(columns, cells), PLACES[pair], "column names"
 
 
 def only_positions(path: Path, topics: Sequence[TopicInfo], option: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from logs import MAP, only, read_as, refusal
+from logs import MAP, logged_csv, only, read_as, refusal
 from recordings import ODOMETRY, POSE, SECOND, T0, Row, fix, point, saved, short_dive, turned, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.types import Array, Truth, Vector
@@ -196,6 +196,16 @@ def test_a_row_of_a_truth_that_is_no_position_is_left_out_and_reported(tmp_path,
 
     assert len(log.truth.position_m) == 1
     assert only(log, "UNDECODED") == f"{name}: {said}"
+
+
+@pytest.mark.parametrize("source", ['topic = "/gps"', 'file = "dive/gps.csv"'])
+def test_letters_beside_the_degrees_of_a_truth_say_its_hemisphere(tmp_path: Path, source: str) -> None:
+    rows = "".join(f"{1_600_000_000 + k},45,S,7,W\n" for k in range(2))
+
+    log = logged_csv(tmp_path, f"[truth]\n{source}\n", gps=f"Time [s],Latitude [deg],N/S,Longitude [deg],E/W\n{rows}")
+
+    assert (log.origin.lat_deg, log.origin.lon_deg) == (-45.0, -7.0)
+    np.testing.assert_allclose(log.truth.position_m, 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
