@@ -128,7 +128,7 @@ def counted(form: str, kind: str, cases: int, folder: Path) -> Counter[str]:
         found["silently wrong"] += wrong and not said
         found["silently short"] += short and not wrong and not said and len(spoilt) not in ends
         found["messages"] += sum(len(rows[topic] & all_rows[topic]) for topic in all_rows)
-    found["of 100 messages read"] = round(100 * found["messages"] / (cases * total))
+    found["read, %"] = round(100 * found["messages"] / (cases * total))
     return found
 
 
@@ -149,7 +149,7 @@ def job(form: str, kind: str, cases: int) -> Counter[str]:
 
 def row(form: str, cuts: Counter[str], flips: Counter[str]) -> str:
     of_flips = f"{flips['silently short']}, {flips['silently wrong']}"
-    return f"| {form} | {FORMATS[form].shows} | {cuts['of 100 messages read']} | {of_flips} | {flips['of 100 messages read']} |"
+    return f"| {form} | {FORMATS[form].shows} | {cuts['read, %']} | {of_flips} | {flips['read, %']} |"
 
 
 def main() -> None:
