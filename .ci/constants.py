@@ -30,8 +30,8 @@ STUDIED = {
 HEAD = """# Constants
 
 Every tuned number of the code, made by `.ci/constants.py` and held to the code by a test. The last column quotes
-[the field study](studies/field.md): the largest change of the error on any of its logs if the number is halved, and if
-it is doubled; "-": not measured.
+`benchmarks/field/sensitivity.md`: the largest change of the error on any log of [the field study](studies/field.md) if
+the number is halved, and if it is doubled; "-": not measured.
 
 | module | name | value | unit | reason | half / twice |
 | --- | --- | --- | --- | --- | --- |
@@ -50,7 +50,7 @@ class Constant(NamedTuple):
 
 def page() -> str:
     """Return the text of docs/constants.md."""
-    effects = measured((ROOT / "docs" / "studies" / "field.md").read_text(encoding="utf-8"))
+    effects = measured((ROOT / "benchmarks" / "field" / "sensitivity.md").read_text(encoding="utf-8"))
     rows = (
         (*one, effects.get(one.name) or effects.get(f"{Path(one.module).stem}.{one.name}", "-")) for one in constants()
     )
