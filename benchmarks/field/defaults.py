@@ -216,7 +216,7 @@ def cell(name: str, change: Change, halved: bool) -> str:
     (usual, _), (metres, nees) = before.mean(axis=0), after.mean(axis=0)
     if np.array_equal(before[:, 0], after[:, 0]):
         return "·"  # the log does not use what was changed
-    return f"{100 * (metres / usual - 1):+.1f} %" if halved else f"{metres - usual:+.3f} m, NEES {nees:.2f}"
+    return f"{100 * (metres / usual - 1):+.1f} %" if halved else f"{metres - usual:+.3f} ({nees:.2f})"
 
 
 def main() -> None:
