@@ -43,7 +43,7 @@ class AxisErrors(NamedTuple):
     """Errors along one axis, east or north."""
 
     bias_m: Annotated[float, Metric("bias_{}_m", "Signed mean of the {} error.")]
-    rmse_m: Annotated[float, Metric("rmse_{}_m", "Root mean square of the {} error.", "lower")]
+    rmse_m: Annotated[float, Metric("rmse_{}_m", "RMS of the {} error.", "lower")]
     mean_abs_m: Annotated[float, Metric("mean_abs_{}_m", "Mean of the absolute {} error.", "lower")]
     median_abs_m: Annotated[float, Metric("median_abs_{}_m", "Median of the absolute {} error.", "lower")]
     std_abs_m: Annotated[float, Metric("std_abs_{}_m", "Standard deviation of the absolute {} error.", "lower")]
@@ -55,7 +55,7 @@ class AxisErrors(NamedTuple):
 class HorizontalErrors(NamedTuple):
     """Lengths of the errors in the plane."""
 
-    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "Root mean square of the horizontal error.", "lower")]
+    rmse_m: Annotated[float, Metric("rmse_horizontal_m", "RMS of the horizontal error.", "lower")]
     mean_m: Annotated[float, Metric("mean_horizontal_m", "Mean horizontal error.", "lower")]
     median_m: Annotated[float, Metric("median_horizontal_m", "Median horizontal error, CEP50.", "lower")]
     std_m: Annotated[float, Metric("std_horizontal_m", "Standard deviation of the horizontal error.", "lower")]
@@ -206,7 +206,7 @@ class HeadingErrors(NamedTuple):
     """Errors of the estimated heading, clockwise."""
 
     bias_deg: Annotated[float, Metric("bias_heading_deg", "Signed mean of the heading error, clockwise.")]
-    rmse_deg: Annotated[float, Metric("rmse_heading_deg", "Root mean square of the heading error.", "lower")]
+    rmse_deg: Annotated[float, Metric("rmse_heading_deg", "RMS of the heading error.", "lower")]
     max_abs_deg: Annotated[float, Metric("max_abs_heading_deg", "Largest absolute heading error.", "lower")]
 
 
@@ -214,13 +214,9 @@ class VelocityErrors(NamedTuple):
     """Errors of the estimated velocity along the axes of the vehicle."""
 
     bias_starboard_mps: Annotated[float, Metric("bias_starboard_mps", "Signed mean error of the starboard velocity.")]
-    rmse_starboard_mps: Annotated[
-        float, Metric("rmse_starboard_mps", "Root mean square error of the starboard velocity.", "lower")
-    ]
+    rmse_starboard_mps: Annotated[float, Metric("rmse_starboard_mps", "RMS error of the starboard velocity.", "lower")]
     bias_forward_mps: Annotated[float, Metric("bias_forward_mps", "Signed mean error of the forward velocity.")]
-    rmse_forward_mps: Annotated[
-        float, Metric("rmse_forward_mps", "Root mean square error of the forward velocity.", "lower")
-    ]
+    rmse_forward_mps: Annotated[float, Metric("rmse_forward_mps", "RMS error of the forward velocity.", "lower")]
 
 
 def heading_errors(track: Trajectory, scored: Mask, truth: Truth, rotation_rad: float) -> HeadingErrors | None:
