@@ -1,7 +1,7 @@
 """What each feature and each default is worth on the field logs.
 
     python benchmarks/field/defaults.py            a feature taken away: metres, the table of docs/studies/field.md
-    python benchmarks/field/defaults.py --halved   a default halved and doubled: per cent, benchmarks/field/sensitivity.md
+    python benchmarks/field/defaults.py --halved   a default halved and doubled: per cent, sensitivity.md beside it
 
 `adf --calibrate auto`; it changes constants that are no setting, so it is no `usbldr compare --set`.
 """
