@@ -22,6 +22,7 @@ from usbldr.io.gps_time import EPOCH_S, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.time_parts import (
+    CLOCK_PARTS,
     DAY_S,
     PARTS_NS,
     WEEK,
@@ -55,6 +56,7 @@ DATE_TIME = re.compile(
 DIGITS_THEN_CLOCK = re.compile(r"^(\d{4})(\d\d)(\d\d)[-T _](?=\d\d:)")
 WHOLLY_DIGITS = re.compile(rf"^{ALL_DIGITS}(?![\d:])")
 DAY_OF_YEAR = re.compile(r"^(\d{4})[-:/](\d{3})[-T:/ ]")
+HOUR_24 = r"(?<![\d:.])24(?=:[0-5]\d)"
 MILLISECONDS = r"(?<=:\d\d:\d\d):(?=\d{3})"
 CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
@@ -167,6 +169,10 @@ def with_iso_times(
     if parts and all(_are(columns[name], NUMBER) for name in parts.values()):
         name = list(parts.values())[-1]
         found[name] = whole = of_parts(parts, columns)
+        if not {*CLOCK_PARTS, "second_of_day"} & parts.keys() and any(
+            _are(cells, CLOCK_ONLY) for cells in columns.values()
+        ):
+            dates, columns = [name], {**columns, name: [text[:10] for text in whole]}
         if "hour" in parts and "year" not in parts:
             found[name] = on_days([ISO.sub(r"\2.\3", text) for text in whole], whole)
     for name, cells in columns.items():
@@ -328,8 +334,10 @@ def _iso(texts: list[str], cells: Sequence[str], orders: Mapping[str, DateOrder]
     zoned = zoned.str.replace(r" ?(UTC|GMT|Z)$", "+00:00", regex=True)
     mark = next((found[2] for found in map(NUMERIC_DATE.search, texts) if found), "")
     day_first = mark in orders and orders[mark].day_first
+    late = zoned.str.contains(HOUR_24, regex=True).to_numpy(np.bool_)  # of the day before
+    zoned = zoned.str.replace(HOUR_24, "00", regex=True)
     moments = pd.to_datetime(zoned, format="mixed", dayfirst=day_first, utc=True, errors="coerce")
-    return as_text(moments, cells)
+    return as_text(moments + pd.to_timedelta(late.astype(int), unit="D"), cells)
 
 
 def _of_digits(found: re.Match[str]) -> str:

@@ -13,7 +13,7 @@ from usbldr.io.reader import Nanoseconds
 from usbldr.io.units import named_unit
 
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
-WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$"
+WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$|^seconds$"
 PARTS: Mapping[str, str] = {
     "year": "year|yr|yyyy",
     "month": "month|mon|^mo",
@@ -36,7 +36,7 @@ CLOCKS = *((part, *CLOCK_PARTS) for part in PARTS_NS), CLOCK_PARTS, ("second_of_
 PARTED: Sequence[Sequence[str]] = (
     *((*d, *c) for d in DATES for c in CLOCKS),
     *CLOCKS[:-1],  # beside a column of dates
-    DATES[1],
+    *DATES,  # beside a column of times of day
     ("nanosecond", "second"),
     ("microsecond", "second"),
 )
