@@ -33,8 +33,9 @@ _SPELLINGS: Mapping[str, str] = {
     "mm/s": "mmps mm_s",
     "km/h": "kmh kph km_h",
     "ft/s": "ft_s",
-    "knots": "knot kn kt kts",
-    "deg": "degs degree degrees grad ° degt °t degtrue deg_true deg_north deg_east deg_n deg_e degreestrue degreet "
+    "knots": "knot kn kt kts knop knoten nudos nœuds noeuds nodi nos knopen",
+    "deg": "degs degree degrees grad grader grados degrés degres gradi graus graden "
+    "° degt °t degtrue deg_true deg_north deg_east deg_n deg_e degreestrue degreet "
     "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
     "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
     "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",

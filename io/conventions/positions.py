@@ -30,12 +30,12 @@ IMC_NO_FIXES = (2, 3)  # fixed: dead reckoning, manual input
 FIX_2D, FIX_3D = 2, 3  # fixed: types of fixes of MAVLink and ArduPilot; a status of ROS ends at 2, of NMEA 3 is rare
 UBX_FIXES = (2, 3, 4)  # fixed: 2D, 3D, with dead reckoning; 5 is the time alone
 ROUNDING = 1e-6  # fixed: relative, of numbers that were stored in single precision
-MINUTES, TEN_MILLIONTHS = "ddmm.mmmm", "1e-7deg"  # fixed: notations of latitudes and longitudes
+MINUTES, SECONDS, TEN_MILLIONTHS = "ddmm.mmmm", "ddmmss.ss", "1e-7deg"  # fixed: notations of latitudes and longitudes
 SD_OF_95_PERCENT = 1 / 2.4477  # fixed: a circle of 2.4477 sigma holds 95 % of a round normal distribution
 
 
 def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
-    """Return latitude and longitude in degrees, (n,) each; they may be ddmm.mmmm, with N, S, E or W beside, or 1e-7.
+    """Return latitude and longitude in degrees, (n,) each, of any notation; with N, S, E or W beside, or a sign.
 
     If they have columns for these letters, values without a letter are NaN.
     """
@@ -43,6 +43,10 @@ def geodetic(raw: RawRecords) -> tuple[Vector, Vector]:
     notation = _notation(raw)
     if notation == MINUTES:
         lat, lon = (np.trunc(v / 100) + np.fmod(v, 100) / 60 for v in (lat, lon))
+    elif notation == SECONDS:
+        lat, lon = (
+            np.trunc(v / 1e4) + np.trunc(np.fmod(v, 1e4) / 100) / 60 + np.fmod(v, 100) / 3600 for v in (lat, lon)
+        )
     elif notation == TEN_MILLIONTHS:
         lat, lon = lat * 1e-7, lon * 1e-7
     if "lat_side" not in raw.values:
@@ -58,12 +62,13 @@ def _notation(raw: RawRecords) -> str:
     """
     places = np.abs(np.column_stack([raw.number("lat_deg"), raw.number("lon_deg")]))  # (n, 2)
     if "lat_side" in raw.values:
-        return MINUTES if np.any(places > [90, 180]) else ""
+        return SECONDS if np.any(places > [90_00, 180_00]) else MINUTES if np.any(places > [90, 180]) else ""
     places = places[np.isfinite(places).all(axis=1)]
     usual_lat = np.median(places[:, 0]) if len(places) else 0.0
     if usual_lat > 90_00:
         whole = (places <= [90e7, 180e7]) & (places == np.trunc(places))
-        return TEN_MILLIONTHS if whole.all() else ""
+        seconds = (places <= [90_00_00, 180_00_00]) & (np.fmod(places, 100) <= 60) & (np.fmod(places, 1e4) < 60_00)
+        return TEN_MILLIONTHS if whole.all() else SECONDS if seconds.all() else ""
     minutes = (places <= [90_00, 180_00]) & (np.fmod(places, 100) <= 60)  # 59.99999 is written as 60.000
     return MINUTES if usual_lat > FULL_CIRCLE and minutes.all() else ""
 

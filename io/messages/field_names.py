@@ -76,7 +76,7 @@ FIX_TYPE = Rule("", "fix_type", None, "^status")
 OF_ARDUPILOT = re.compile("nsats|gwk|gms")
 NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
-    "angle": "angle|dms|ddm|dmm?|dd|d{2,3}mm(_?mm*)?",
+    "angle": "angle|dms|ddm|dmm?|dd|d{2,3}mm(ss)?(_?[ms]*)?",
     "length": "position|pos|coordinate|distance",
 }
 """Words behind a quantity that add nothing: its dimension, and for velocities over the bottom that they are some."""
@@ -153,10 +153,11 @@ class NamedColumn(NamedTuple):
 ENGLISH: Mapping[str, str] = {
     word: english
     for english, words in {
-        "time": "zeit uhrzeit zeitstempel tid tidspunkt klokkeslett horodatage heure temps fecha hora tempo tijd ora",
+        "time": "zeit uhrzeit zeitpunkt zeitstempel tid tidspunkt klokkeslett horodatage heure temps fecha hora "
+        "tempo tijd ora",
         "heading": "steuerkurs cap rumbo rumo prua koers kompass_kurs kompasskurs kompassretning",
-        "heading_true": "kurs_rw",
-        "true": "rw rettvisende rattvisande vrai verdadero verdadeiro vera vero waar ware",
+        "heading_true": "kurs_rw kurs_rettvisende kurs_rattvisande kurs_rechtweisend rechtweisender_kurs",
+        "true": "rw rechtweisend rettvisende rattvisande vrai verdadero verdadeiro vera vero waar ware",
         "forward": "voraus vorwarts vorwaerts forover fremover framover framat avant avante adelante avance avanti "
         "vooruit",
         "aft": "achteraus ruckwarts rueckwaerts arriere atras akterut",

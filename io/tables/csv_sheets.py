@@ -19,11 +19,13 @@ import numpy as np
 from usbldr.filters.errors import UsageError
 from usbldr.io.messages.configured import ARRIVALS, AT_1970, TIME_UNITS_NS, ConfiguredColumns, named_fields, plain
 from usbldr.io.messages.field_names import (
+    ALONG_EARTH,
     DIRECTION,
     KEYS,
     RULES,
     SHIP,
     NamedColumn,
+    earth_velocities,
     named_column,
     sensors_by_name,
     words_of,
@@ -47,7 +49,7 @@ ANGLES: Mapping[str, tuple[float, float]] = {
 }
 """Angles that are degrees if their sizes are between these: beyond radians of half a circle, or of two whole ones."""
 FULL_CIRCLE = 360.0  # fixed: degrees
-OF_MINUTES = re.compile("ddmm", re.IGNORECASE)  # a latitude of degrees and minutes
+OF_MINUTES = re.compile("ddmm", re.IGNORECASE)  # a latitude of degrees and minutes, perhaps seconds
 STAMPS = ("header.stamp.sec", "header.stamp.secs")  # with the nanoseconds beside it, which are added to it
 CANONICAL = "usbldr/"  # types of files with usbldr's own columns: "usbldr/dvl"
 
@@ -132,6 +134,7 @@ def _own(stem: str, header: Sequence[str]) -> Sheet | None:
         if list(header[:1]) == ["1"]:
             return Sheet(CANONICAL + sensor, columns, problem=NO_HEADER)
         unnamed = "has no column whose name states quantity and unit"
+        unnamed = f"holds {ALONG_EARTH}" if sensor == "dvl" and earth_velocities(header) else unnamed
         lacks = f"has no column {', '.join(missing)}" if columns or "time_ns" in header else unnamed
         problem = f"{lacks} (its columns: {', '.join(header)}); {PROPOSED}"
         return Sheet(CANONICAL + sensor, columns, problem=problem)
@@ -259,10 +262,10 @@ def _is_degrees(key: str, cell: str) -> bool:
 
 
 def _in_minutes(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str]) -> bool:
-    """Return whether a place is named ddmm, and its latitude, beyond a full circle, cannot be degrees."""
+    """Return whether a place is named ddmm or ddmmss, and its latitude, beyond a full circle, cannot be degrees."""
     names = [columns[key][0].name for key in ("lat_deg", "lon_deg") if key in columns]
     places = [abs(float(cells[name])) for name in names if is_number(cells.get(name, "")) and OF_MINUTES.search(name)]
-    return len(places) == 2 and FULL_CIRCLE < places[0] <= 90_00 and places[1] <= 180_00
+    return len(places) == 2 and FULL_CIRCLE < places[0] <= 90_00_00 and places[1] <= 180_00_00
 
 
 def _in_degrees(columns: Mapping[str, Sequence[NamedColumn]], cells: Mapping[str, str]) -> bool:

@@ -193,6 +193,13 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "short German": ("dive", "V voraus [m/s],V stb [m/s],Heading rw [°]\n1.5,0.25,30.5", AHEAD),
     "Norwegian": ("dykk", "Fart fremover [m/s],Fart styrbord [m/s],Kompasskurs [°]\n1.5,0.25,30.5", AHEAD),
     "French": ("plongée", "Vitesse avant (m/s),Vitesse bâbord (m/s),Cap vrai (°)\n1.5,-0.25,30.5", AHEAD),
+    "Spanish units": ("x", "Velocidad avante [nudos],Velocidad estribor (nudos),Rumbo verdadero (grados)\n"
+                      f"{1.5 / 1852 * 3600},{0.25 / 1852 * 3600},30.5",
+                      {name: pytest.approx(values) for name, values in AHEAD.items()}),
+    "Norwegian courses": ("dykk", "Fart fremover [m/s],Fart styrbord [m/s],Kurs rettvisende [grader]\n1.5,0.25,30.5",
+                          AHEAD),
+    "German courses": ("dive", "Voraus [m/s],Steuerbord [m/s],Kurs rechtweisend [°]\n1.5,0.25,30.5", AHEAD),
+    "transponders": ("x", "TP_LAT [deg],TP_LON [deg]\n45,-30", {"usbl.east_m": [0]}),
     "Spanish": ("x", "Velocidad atrás (cm/s),Velocidad estribor (cm/s),Rumbo (°)\n-150,25,30.5", AHEAD),
     "parts of units": ("dive", "vFwd_mm_s,vStbd_mm_s,hdg_cdeg\n1500,250,3050", AHEAD),
     "Prometheus": ("dive", '"fwd_mps {a=""dvl"", b=""1""}","{__name__=""stbd_mps"",a=""1""}","hdg_deg {a: ""1""}"\n'
@@ -202,6 +209,10 @@ UNDERSTOOD = {  # what is understood: file, text, columns
        for brand in ("HiPAP", "muPAP", "GAPS", "SeaTrac", "EvoLogics", "S2C", "TrackLink", "EasyTrak", "BAC")},
     "degrees and minutes with signs": ("gps", "gps_lat_ddmm,gps_lon_dddmm\n-4530.000,-3015.000\n-4460.000,-3000.000",
                                        {"gps.lat_deg": pytest.approx([-45.5, -45]), "gps.lon_deg": [-30.25, -30]}),
+    "degrees, minutes and seconds": ("gps", "Lat (DDMMSS.ss),N/S,Lon (DDDMMSS.ss),E/W\n453000.00,S,0301500.00,W",
+                                     SOUTH_WEST),
+    "degrees, minutes and seconds with signs": ("gps", "gps_lat_ddmmss,gps_lon_dddmmss\n-453000.00,-301459.99\n"
+                                                "-453000.00,-301500.00", {"gps.lat_deg": [-45.5] * 2}),
     "standard deviations": ("usbl", "lat_deg,lon_deg,Std Dev East [m],Std Dev North [m]\n45,-30,1.5,1.5",
                             {"usbl.east_m": [0]}),
     "offsets": ("usbl", "Offset East [m],Offset North [m],lat_deg,lon_deg\n5,5,45,-30", {"usbl.east_m": [0]}),
