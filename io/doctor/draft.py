@@ -17,9 +17,11 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination, examine
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
+from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.messages.field_names import ALONG_EARTH, earth_velocities
 from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import SENSORS, Roles, TopicChoice
+from usbldr.io.messages.topic_names import names_ship
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, open_configured
 from usbldr.io.reading.sensors import roles_of
@@ -41,7 +43,7 @@ class Draft:
     unread: Mapping[str, str]  # sensor that the configuration has to name -> why it is not read
     unused: tuple[TopicInfo, ...]  # topics of no sensor
     fault: str  # why the log cannot be replayed as drafted, empty if it can
-    head: Mapping[str, object] = field(default_factory=dict[str, object])  # a ship's position and heading for the head
+    of_ship: Mapping[str, object] = field(default_factory=dict[str, object])  # the head on a ship, and frame of fixes
     chosen: Mapping[str, TopicChoice] = field(default_factory=dict[str, TopicChoice])  # sensors without a proposal
     refused: Mapping[str, Proposal] = field(default_factory=dict[str, Proposal])  # with which the log cannot be read
 
@@ -86,17 +88,20 @@ def _draft(path: Path, request: Request) -> Draft:
         fitting = [(one, read) for one, read in again if one and one.log is not None and "DVL-UNIT" not in _codes(one)]
         if fitting:
             examination, proposals = min(fitting, key=lambda one: _unlike_fixes_m(one[0]))
-    head: Mapping[str, object] = {}
+    of_ship: Mapping[str, object] = {}
     refused: Mapping[str, Proposal] = {}
-    if examination is None or examination.log is None:
-        tried = [
-            (keys, _with_proposals(path, request, _stating(stated, keys), proposals)[0])
-            for keys in _of_ship(topics, roles, stated)
-        ]
-        readable = [(keys, found) for keys, found in tried if found is not None and found.log is not None]
-        if readable:
-            keys, examination = min(readable, key=lambda one: _unlike_fixes_m(one[1]))
-            head = cast("Mapping[str, object]", keys["usbl"]["head"])
+    read = examination if examination is not None and examination.log is not None else None
+    tried = [
+        (
+            keys["usbl"],
+            read if read and not keys["usbl"] else _with_proposals(path, request, _stating(stated, keys), proposals)[0],
+        )
+        for keys in _of_ship(topics, roles, proposals, stated)
+    ]
+    readable = [(keys, found) for keys, found in tried if found is not None and found.log is not None]
+    if readable:  # the more keys, the better the fit has to be
+        ratio = THRESHOLDS.clearly_better_ratio
+        of_ship, examination = min(readable, key=lambda one: _unlike_fixes_m(one[1]) / ratio ** len(one[0]))
     # if only the place of the head lacks, the proposals may be right
     if examination is None or (examination.log is None and not fault.endswith(STATE_HEAD)):
         without = _examined(path, request, stated)
@@ -120,7 +125,7 @@ def _draft(path: Path, request: Request) -> Draft:
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})
     fault = fault.replace(f"; {PROPOSED}", "")
-    return Draft(examination, stated, proposals, unread, unused, fault, head, roles.chosen, refused)
+    return Draft(examination, stated, proposals, unread, unused, fault, of_ship, roles.chosen, refused)
 
 
 def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: set[str]) -> tuple[TopicInfo, ...]:
@@ -136,24 +141,37 @@ def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: set[str
 
 
 def _of_ship(
-    topics: Sequence[TopicInfo], roles: Roles, stated: ConfigurationFile
+    topics: Sequence[TopicInfo], roles: Roles, proposals: Mapping[str, Proposal], stated: ConfigurationFile
 ) -> list[dict[str, dict[str, object]]]:
-    """Return sections that give the only GPS, and one of two headings, to the ship that carries the head.
+    """Return sections that give the ship that carries the head its GPS and heading: those named for a ship, else the
+    only GPS and one of two headings.
 
-    None if fixes do not count from a head by their type, or if the configuration states where the head is.
+    Fixes in metres may count from a named ship, or not; bearings and X, Y from its bow. None if the fixes do not count
+    from a head, or if the configuration states where it is.
     """
-    content = cast("Mapping[str, Mapping[str, object]]", stated.content or {})
+    section = cast("Mapping[str, Mapping[str, object]]", stated.content or {}).get("usbl", {})
     gps, headings = ([one.name for one in topics if message_layout_of(role, one)] for role in ("gps", "compass"))
-    fixes = roles.chosen.get("usbl")
-    from_head = fixes and (fixes.layout.defaults.get("relative_to") == "head" or "bearing_deg" in fixes.layout.required)
-    if not from_head or len(gps) != 1 or not {"head", "beacon"}.isdisjoint(content.get("usbl", ())):
+    ships, gyros = ([one for one in names if names_ship(one)] for names in (gps, headings))
+    gps = ships or gps
+    fixes, proposed = roles.chosen.get("usbl"), proposals.get("usbl")
+    by_type: Mapping[str, object] = {**fixes.layout.defaults, **fixes.layout.fixed} if fixes else {}
+    keys = proposed.keys if proposed else by_type
+    quantities: Mapping[str, str] = fixes.layout.required if fixes else proposed.columns if proposed else {}
+    from_head = keys.get("relative_to") == "head" or "bearing_deg" in quantities
+    in_metres = ships and quantities and "lat_deg" not in quantities
+    if not (from_head or in_metres) or len(gps) != 1 or not {"head", "beacon", "relative_to"}.isdisjoint(section):
         return []
-    if len(headings) != 2:
-        return [{"usbl": {"head": {"topic": gps[0]}}}]
-    return [
-        {"usbl": {"head": {"topic": gps[0], "heading_topic": ship}}, "compass": {"topic": own}}
-        for ship, own in permutations(headings)
-    ]
+    if len(gyros) != 1 and len(headings) == 2:
+        return [
+            {"usbl": {"head": {"topic": gps[0], "heading_topic": ship}}, "compass": {"topic": own}}
+            for ship, own in permutations(headings)
+        ]
+    head = {"topic": gps[0]} | ({"heading_topic": gyros[0]} if len(gyros) == 1 else {})
+    bows: list[dict[str, object]] = [{"frame": "body", "axes": axes} for axes in ("SFU", "FSD")]
+    bows = [{"frame": "body"}] if "bearing_deg" in quantities else bows
+    bows = [] if "frame" in {**keys, **section} or len(gyros) != 1 else bows
+    found: list[dict[str, dict[str, object]]] = [{"usbl": {"head": head, **frame}} for frame in ({}, *bows)]
+    return found if from_head else [{"usbl": {}}, *found]
 
 
 def _unlike_fixes_m(found: Examination) -> float:

@@ -83,8 +83,8 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
                 entry = f"{key} = {quoted(value)}"
                 if key != "unit" or entry in dict(sections[role]):  # else the fixes show another one
                     _keep(sections[role], entry, key, why)
-        if drafted.head:
-            _keep(sections["usbl"], f"head = {inline(drafted.head)}", "head", WHY_HEAD)
+        for key, value in drafted.of_ship.items():
+            _keep(sections["usbl"], f"{key} = {inline(value)}", key, WHY_HEAD if key == "head" else "by the fixes")
         for one in (one for one in examination.findings if one.code == "DEPTH-UNIT"):
             if "depth" in log.tables:
                 _keep(sections["depth"], f'unit = "{one.unit}"', "unit", "CHECK: the least pressure is that of the air")

@@ -52,13 +52,20 @@ AXES_OF_PLACES = (  # the doctor finds the frame
 YAW = Rule(
     "compass", "heading_deg", "angle", "yaw(_enu)?|kurs|psi|gyro|(attitude|euler|rpy|rph)_(z|2)"
 )  # whose sense the doctor finds
-COMPLETE = {**NEEDED, "compass": (*NEEDED["compass"], frozenset(QUATERNION))}
+IN_METRES = tuple(one for one in NEEDED["usbl"] if "horizontal_range_m" not in one)  # which no key names
+COMPLETE = {**NEEDED, "usbl": IN_METRES, "compass": (*NEEDED["compass"], frozenset(QUATERNION))}
 FLAG = Rule("", "valid", None, "valid|bottom_lock|lock|locked")
 QUATERNIONS = tuple(
     Rule("compass", key, None, f"(q|quat|quaternion|orientation)_?({key[1]}|{number})")
     for key, number in zip(QUATERNION, (1, 2, 3, 0), strict=True)  # the scalar comes first, as PX4 writes it
 )
 AXES = {("forward_mps", 1): "F", ("starboard_mps", 1): "S", ("starboard_mps", -1): "P", ("up_mps", 1): "U"}
+FROM_SHIP: Mapping[str, Mapping[str, str]] = {
+    "relative_bearing_deg": {"frame": "body"},
+    "starboard_m": {"frame": "body", "axes": "SFU"},
+    "east_offset_m": {"relative_to": "head"},
+}
+"""The keys that columns of fixes from a ship need."""
 BY_NAMES = "by the names of its columns"
 FIX_FLAGS = {"fix_type", "fix_status", "quality"}  # whose numbers say whether there is a fix; words say something else
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
@@ -244,4 +251,6 @@ def _proposal(
         words["frame"] = (frame, BY_NAMES)
     if "heading_deg" in found and words_of(found["heading_deg"].unit.label).endswith("_enu"):
         words["convention"] = ("ENU", BY_NAMES)
+    for key in FROM_SHIP.keys() & found.keys():
+        words |= {name: (value, BY_NAMES) for name, value in FROM_SHIP[key].items()}
     return Proposal(topic, columns, others, words)

@@ -26,6 +26,7 @@ class Rule(NamedTuple):
 TIME_OF_WEEK = (
     "i?tow|sow|(gps_?)?(time|seconds?|secs?)_(of|in)_(the_)?(gps_)?week|(week|gps)_?(time|seconds?|secs?)"  # GPS time
 )
+FROM_SHIP = "(d|delta|rel(ative)?)_"  # before an easting or northing that counts from the ship
 RULES: Sequence[Rule] = (
     Rule(
         "",
@@ -58,10 +59,16 @@ RULES: Sequence[Rule] = (
     Rule("depth", "pressure_pa", "pressure", "pressure"),
     Rule("", "lat_deg", "angle", "lat|latitude"),
     Rule("", "lon_deg", "angle", "lon|long|lng|longitude"),
+    Rule("", "starboard_m", "length", "(starboard|stbd|stb|right)(_offset)?", alone=False),  # from a ship's head
+    Rule("", "forward_m", "length", "(forward|fwd|ahead)(_offset)?", alone=False),
+    Rule("", "east_offset_m", "length", f"{FROM_SHIP}e(ast(ing)?)?|e(ast(ing)?)?_offset", alone=False),
+    Rule("", "north_offset_m", "length", f"{FROM_SHIP}n(orth(ing)?)?|n(orth(ing)?)?_offset", alone=False),
     Rule("", "east_m", "length", "east(ing)?"),
     Rule("", "north_m", "length", "north(ing)?"),
+    Rule("usbl", "horizontal_range_m", "length", "(horizontal|horiz|hor|h)_(range|distance)"),
     Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
-    Rule("usbl", "bearing_deg", "angle", "bearing"),
+    Rule("usbl", "relative_bearing_deg", "angle", "rel(ative)?_(bearing|brg)|(bearing|brg)_rel(ative)?"),
+    Rule("usbl", "bearing_deg", "angle", "(bearing|brg)(_t(rue)?)?"),
     Rule("usbl", "elevation_deg", "angle", "elevation"),
     Rule("usbl", "elevation_deg", "angle", "depression", -1.0),
     Rule(
@@ -83,12 +90,25 @@ NEUTRAL: Mapping[Dimension | None, str] = {
 NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
     "dvl": (frozenset({"forward_mps", "starboard_mps"}), frozenset({"x_mps", "y_mps"})),
     "compass": (frozenset({"heading_deg"}),),
-    "usbl": tuple(map(frozenset, (("lat_deg", "lon_deg"), ("east_m", "north_m"), ("slant_range_m", "bearing_deg")))),
+    "usbl": tuple(
+        map(
+            frozenset,
+            (
+                *(("lat_deg", "lon_deg"), ("east_m", "north_m"), ("slant_range_m", "bearing_deg")),
+                *(("slant_range_m", "relative_bearing_deg"), ("horizontal_range_m", "bearing_deg")),
+                *(("starboard_m", "forward_m"), ("east_offset_m", "north_offset_m")),
+            ),
+        )
+    ),
     "gps": (frozenset({"lat_deg", "lon_deg"}), frozenset({"east_m", "north_m"})),
     "depth": (frozenset({"depth_m"}), frozenset({"pressure_pa"})),
+    "ship/gps": (frozenset({"lat_deg", "lon_deg"}),),
+    "ship/compass": (frozenset({"heading_deg"}),),
 }
 """A sensor is there if all columns of one of these are."""
 
+OF_SHIP: Mapping[str, str] = {"lat_deg": "ship/gps", "lon_deg": "ship/gps", "heading_deg": "ship/compass"}
+"""The sensors that columns named for a ship belong to."""
 KEYS = {
     "x_mps": "x",
     "y_mps": "y",
@@ -100,6 +120,11 @@ KEYS = {
     "pressure_pa": "pressure",
     "east_m": "x",
     "north_m": "y",
+    "relative_bearing_deg": "bearing_deg",
+    "starboard_m": "x",
+    "forward_m": "y",
+    "east_offset_m": "x",
+    "north_offset_m": "y",
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
@@ -240,7 +265,7 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     """Return sensor -> own column -> the columns that could hold it; "" has the times.
 
     A position belongs to the USBL or the GPS that its name suggests, or that of its ``place``, the file; another may be
-    an estimate. A depth that is named for the USBL is no depth sensor's.
+    an estimate. A depth that is named for the USBL is no depth sensor's. The ship has sensors of its own.
     """
     names = list(names)
     acoustic = any(OF_USBL.search(words_of(name)) for name in names)
@@ -251,13 +276,17 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     for name in names:
         first = re.sub(r"\.\d+$", "", name)  # of which pandas names a second one Time.1
         wrapped = words_of(named_unit(name).label) in ("value", "data")  # whose file is named for what it holds
-        column = named_column(f"{place} {name}" if wrapped else first if first in names else name, rules)
+        ship = bool(SHIP.search(words_of(name)))
+        others = (OTHER,) if ship else (OTHER, SHIP)
+        column = named_column(f"{place} {name}" if wrapped else first if first in names else name, rules, others)
         if column is None:
             continue
         column = column._replace(name=name)
         own, file = (_positioning(words) for words in (words_of(column.unit.label), words_of(place)))
         sensor = column.rule.sensor
-        if column.rule.dimension != "time" and not sensor:
+        if ship:
+            sensor = OF_SHIP.get(column.rule.key, "?")
+        elif column.rule.dimension != "time" and not sensor:
             sensor = own or file or ("usbl" if acoustic and TARGET.search(words_of(column.name)) else "?")
         if sensor != "?" and not (sensor == "depth" and own == "usbl"):
             found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)

@@ -22,6 +22,7 @@ from usbldr.io.messages.field_names import (
     ALONG_EARTH,
     DIRECTION,
     KEYS,
+    OF_SHIP,
     RULES,
     SHIP,
     NamedColumn,
@@ -193,11 +194,11 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
         return refused
     clocks = {sensor: [time_column(one, cells) for one in (*arrivals, *own)] for sensor, own in beside.items()}
     taken = {same[0].name for columns in found.values() for same in columns.values()}
-    own = {sensor: sorted(OWN_COLUMNS[sensor].optional & {*names} - taken) for sensor in found}
+    own = {one: sorted(OWN_COLUMNS[one].optional & {*names} - taken) if one in OWN_COLUMNS else [] for one in found}
     return {
         sensor: refused.get(sensor)
         or Sheet(
-            CANONICAL + sensor,
+            CANONICAL + sensor.removeprefix("ship/"),
             named[sensor] | sides[sensor] | {name: name for name in own[sensor]},
             clocks[sensor][0],
             clocks[sensor][-1],
@@ -205,6 +206,7 @@ def foreign_sheets(stem: str, header: Sequence[str], first_row: Sequence[str]) -
             scale={key: same[0].factor for key, same in columns.items()},
         )
         for sensor, columns in found.items()
+        if not (sensor in refused and sensor in OF_SHIP.values())
     }
 
 

@@ -11,7 +11,7 @@ from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
-from usbldr.io.messages.field_names import words_of
+from usbldr.io.messages.field_names import OF_SHIP, words_of
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
 from usbldr.io.tables.date_times import UNKNOWN_ZONE, named_zone, of_times
@@ -132,9 +132,9 @@ def topic_sheets(
         unused = _unused(table, [*by_name.values(), sheet]) if foreign else ()
         if sheet or not by_name:
             found[topic] = TopicSheet(topic, sheet or own, False, shared, unused)
-        apart = sensors or len(by_name) > 1
+        apart = sensors or sum(s not in OF_SHIP.values() for s in by_name) > 1
         found |= {
-            f"{topic}/{s}" if apart else topic: TopicSheet(topic, one, True, shared, unused)
+            f"{topic}/{s}" if apart or s in OF_SHIP.values() else topic: TopicSheet(topic, one, True, shared, unused)
             for s, one in by_name.items()
         }
     return found

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from commands import drafted
-from logs import columns, logged_csv, read_as, refusal
+from logs import columns, logged_csv, places, read_as, refusal
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.formats.detect import open_log
@@ -236,6 +236,31 @@ def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_pa
     log = read_as(folder, draft)
     assert log.tables["gps"][["lat_deg", "lon_deg"]].iloc[0].tolist() == pytest.approx([lat, lon], abs=1e-7)
     assert ("POSITION-RADIANS" in {one.code for one in log.findings}) == (unit == "deg")
+
+
+@pytest.mark.parametrize("names", ["Range [m],Bearing [deg]", "Beacon,X [m],Y [m]"])
+def test_init_places_fixes_from_the_ship_beside_them(tmp_path: Path, names: str, monkeypatch) -> None:
+    """Circles of 60 m at 1 m/s, north-east of a ship that turns and goes north; bearings count from its bow."""
+    monkeypatch.setattr("usbldr.io.doctor.cross_check._identified", lambda *_: None)  # which takes a minute
+    t = np.arange(120)
+    turned, ship_deg, ship_m = t / 60, 20 * np.sin(t / 40), 0.2 * t
+    east, north = 160 + (1 - np.cos(turned)) * 60, 90 + np.sin(turned) * 60 - ship_m
+    bow_deg = np.degrees(np.arctan2(east, north)) - ship_deg
+    away, bow = np.hypot(east, north), np.radians(bow_deg)
+    cells = [away, bow_deg] if "Bearing" in names else [0 * t, away * np.sin(bow), away * np.cos(bow)]
+    rows = zip(t + T0_S, *cells, 45 + ship_m / 111_131.8, 0 * t - 30, ship_deg % 360, strict=True)
+    fixes = "".join(",".join(f"{cell:.7f}" for cell in row) + "\n" for row in rows)
+    headings = zip(t + T0_S, np.degrees(turned) % 360, strict=True)
+    sheets = {"dvl": "time_ns,forward_mps,starboard_mps\n" + "".join(f"{T0_S + k}000000000,1,0\n" for k in t)}
+    sheets["compass"] = "time_ns,heading_deg\n" + "".join(f"{k}000000000,{angle:.3f}\n" for k, angle in headings)
+    ship = "Ship Lat [deg],Ship Lon [deg],Ship Heading [deg]"
+    folder = write_csv(tmp_path / "dive", **sheets, usbl=f"Time [s],{names},{ship}\n{fixes}")
+
+    draft = drafted(folder)
+
+    assert 'head = { topic = "/usbl/ship/gps", heading_topic = "/usbl/ship/compass" }' in draft
+    assert 'frame = "body"' in draft
+    assert places(read_as(folder, draft)) == pytest.approx(np.column_stack([east, north + ship_m]), abs=0.2)
 
 
 PANEL = """[compass]

@@ -318,17 +318,46 @@ def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_pat
     assert log.convention("compass", "sd_deg").value == 0.7
 
 
-@pytest.mark.parametrize(("name", "level"), [("Foo", "error"), ("Vessel GPS", "warning"), ("EKF", ""), ("Foo_m", "")])
+@pytest.mark.parametrize(("name", "level"), [("Foo", "error"), ("Bar", "warning"), ("EKF", ""), ("Foo_m", "")])
 def test_a_position_that_no_sensor_uses_is_named(tmp_path: Path, name: str, level: str) -> None:
     text = timed(
         f"Heading (deg),{name} Lat [deg],{name} Lon [deg]\n30,45,-30\n31,45,-30".replace("_m Lat [deg]", " Width")
     )
-    usbl = {"usbl": f"time_ns,east_m,north_m\n{T0},1,2\n"} if "GPS" in name else {}
+    usbl = {"usbl": f"time_ns,east_m,north_m\n{T0},1,2\n"} if name == "Bar" else {}
 
     found = [one for one in logged_csv(tmp_path, "", dive=text, **usbl).findings if one.code == "TOPIC-UNREAD"]
 
     assert [one.level if one.lost_data else "warning" for one in found] == [level] * bool(level)
     assert all(f'lat_deg = "{name} Lat [deg]", lon_deg = "{name} Lon [deg]" }};' in one.text for one in found)
+
+
+SHIP = "Ship Latitude [deg],Ship Longitude [deg],Ship Heading [deg]"
+ON_SHIP = 'head = { topic = "/usbl/ship/gps", heading_topic = "/usbl/ship/compass" }'
+FROM_SHIP = [
+    ("Slant Range [m],Relative Bearing [deg]", "{0},{along:.0f}"),
+    ("Range (m),rel_brg_deg", "{0},{along:.0f}"),
+    ("Slant Range [m],Bearing [deg]", "{0},90"),
+    ("USBL Starboard Offset [m],USBL Forward Offset [m]", "0,{0}"),
+    ("Target X (stbd) [m],Target Y (fwd) [m]", "0,{0}"),
+    ("USBL East Offset [m],USBL North Offset [m]", "{0},0"),
+    ("USBL dE [m],USBL dN [m]", "{0},0"),
+]
+
+
+@pytest.mark.parametrize(("names", "cells"), FROM_SHIP)
+def test_fixes_count_from_the_ship_whose_place_and_heading_are_beside(tmp_path: Path, names: str, cells: str) -> None:
+    rows = "".join(f"\n{cells.format(away, along=0)},45,-30,90" for away in (100, 101))
+
+    log = logged_csv(tmp_path, f"[usbl]\n{ON_SHIP}", usbl=timed(f"{names},{SHIP}{rows}"))
+
+    assert places(log) == pytest.approx(np.array([[100, 0], [101, 0]]), abs=1e-6)
+    assert "gps" not in log.tables
+
+
+def test_horizontal_ranges_are_not_taken_for_slant_ranges(tmp_path: Path) -> None:
+    text = timed("Horizontal Range [m],Bearing [deg]\n100,90")
+
+    assert "holds horizontal ranges; write slant ranges" in refusal(UsageError, logged_csv, tmp_path, HEAD, usbl=text)
 
 
 @pytest.mark.parametrize("name", ["Beacon", "BeaconID", "Target", "transponder_no"])
@@ -548,7 +577,7 @@ def test_thousands_are_parted_by_any_other_mark_than_decimals(value: float, mark
 
 @pytest.mark.parametrize(
     "header",
-    ["Yaw (deg)", "Heading Rate (deg)", "Ship Heading (deg)", "Easting [m],Northing [m]", "Surge [m/s],Sway [m/s]",
+    ["Yaw (deg)", "Heading Rate (deg)", "Easting [m],Northing [m]", "Surge [m/s],Sway [m/s]",
      "Forward [m/s]", "x [m],y [m]", "Water X [m/s],Water Y [m/s]", "Target Heading (deg)", "Länge [m],Breite [m]",
      "USBL true_east_m,USBL true_north_m", "Latitude (deg),Longitude (deg)",
      "Forward (m/s),Speed Port/Stbd (m/s)", "Forward (m/s),Velocity Stbd/Port (m/s)", "Forward (m/s),Left-Right (m/s)"],
