@@ -5,6 +5,7 @@ Between two tables is a blank line, a title or a comment. A copy has the lines o
 
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -20,8 +21,12 @@ from usbldr.io.tables.csv_log import CsvLog
 from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.units import named_unit
 
-ANOTHER = re.compile(rb"""[\r\n][ \t"]*[-+.]?\d[^\r\n]*+[\r\n][\s,;|"]*+[A-Za-z[#%=*\x80-\xff]""")
-"""A row of numbers, and behind it the beginning of a title or of names."""
+ANOTHER = re.compile(
+    rb"""[\r\n][ \t"]*[-+.]?\d[^\r\n]*+[\r\n][\s,;|"]*+[A-Za-z[#%=*\x80-\xff]"""
+    rb"""|[\r\n]"?[A-Za-z]\w*"?[,;\t|][ "]*\d[^\r\n]*+(\r?\n)++"""
+    rb"""("?[A-Za-z]\w*"?[,;\t|][ "]*[A-Za-z]|[\s,;|"]*+[\[#%=*])"""
+)
+"""A row of numbers, perhaps behind a sensor's name, and behind it the beginning of a title or of names."""
 PAIR = re.compile(r"\w\s*[:=]\s*\w")  # a word and its value, which is no title
 OVERLAP = 4096  # [bytes] of two blocks that are searched: longer than two lines
 MOST_TABLES = 100  # by judgement: more are records of words
@@ -35,25 +40,39 @@ class StackedTable(NamedTuple):
     title: str  # empty if it has none
     names_at: int  # line
     names: tuple[str, ...]
+    rows_at: int  # line of the first one
+
+    @property
+    def kind(self) -> tuple[str, tuple[str, ...]]:
+        """What the parts of one table have in common."""
+        return self.title, self.names
 
 
 def stacked_log(path: Path) -> CopiedLog | None:
     """Return the log of a file of several tables, None if it holds one alone."""
     tables = list(_tables(path)) if _goes_on_with_words(path) else []
-    if len({table.names for table in tables}) < 2 or len(tables) > MOST_TABLES:
+    kinds = list(dict.fromkeys(table.kind for table in tables))
+    if len({names for _, names in kinds}) < 2 or len(kinds) > MOST_TABLES:
         return None
-    titles = [table.title or f"{path.stem}_{number}" for number, table in enumerate(tables, 1)]
+    titles = [title or f"{path.stem}_{number}" for number, (title, _) in enumerate(kinds, 1)]
     titles = [f"{title}_{k}" if titles.count(title) > 1 else title for k, title in enumerate(titles, 1)]
-    text = f"the file holds {len(tables)} tables, one below the other: {', '.join(titles)}"
+    text = f"the file holds {len(kinds)} tables, one below the other: {', '.join(titles)}"
 
     def copy(folder: Path) -> Copies:
         copies = [folder / f"{title}.csv" for title in titles]
         lines = enumerate(text_lines(path, WESTERN))
-        for to, table, end in zip(copies, tables, [*(table.line for table in tables[1:]), None], strict=True):
-            with written(to, path) as file:
-                file.write(b"#\n" * table.line)
+        with ExitStack() as opened_files:
+            files = {
+                kind: opened_files.enter_context(written(to, path)) for kind, to in zip(kinds, copies, strict=True)
+            }
+            done = dict.fromkeys(kinds, 0)  # lines
+            for table, end in zip(tables, [*(table.line for table in tables[1:]), None], strict=True):
+                begin = table.rows_at if done[table.kind] else table.names_at
+                files[table.kind].write(b"#\n" * (table.line - done[table.kind]))
                 for number, line in islice(lines, None if end is None else end - table.line):
-                    file.write((line if number >= table.names_at else f"# {line}").encode())
+                    files[table.kind].write((line if number >= begin else f"# {line}").encode())
+                done[table.kind] = end or 0
+        for to in copies:
             note_copy(to, path, min(1.0, to.stat().st_size / path.stat().st_size))
         return dict.fromkeys(copies, path), [Finding("CONCATENATED", text)]
 
@@ -76,26 +95,29 @@ def _tables(path: Path) -> Iterator[StackedTable]:
     The lines before the first table, and those behind a break, belong to the table that follows.
     """
     begin: int | None = 0  # of the lines that belong to a table to come; None: these are its rows
-    title, before = "", list[tuple[int, list[str]]]()
+    title, before = "", list[tuple[int, list[str], str]]()  # line, cells, and the title before it
     for number, line in enumerate(text_lines(path, WESTERN)):
         text = line.strip(f"{BLANKS},;|\r\n")
-        separator = separator_of(text)
-        if not text or text.startswith((*COMMENTS, "[")) or (separator not in text and not is_value(text)):
+        separator = separator_of(text) if separator_of(text) in text else None
+        cells = cells_of(line if separator else text, separator) or [""]
+        remark = not text or text.startswith((*COMMENTS, "["))
+        titled = title
+        if remark or (separator is None and not is_value(cells[0])):  # a title, or names between blanks
             begin = number if begin is None else begin
             words = "" if PAIR.search(text) else words_of(text[: 2 * LONGEST_TITLE].strip("[]#%/=*:- "))
             title = re.sub(r"\W+", "_", words) or title
-        elif begin is not None:
-            cells = cells_of(line, separator)
-            if _is_cell(cells[0]):
-                named = title if len(title) < LONGEST_TITLE else ""
-                for place, names in reversed(before):
-                    units = len(before) > 1 and any(map(_is_unit, names))
-                    if len(names) == len(set(names)) == len(cells) > 1 and not (units or any(map(_is_cell, names))):
-                        yield StackedTable(begin, named, place, tuple(names))
-                        break
-                begin, title, before = None, "", []
-            else:
-                before = [*before[-1:], (number, cells)]
+        if begin is None or remark:
+            continue
+        if _is_cell(cells[0]) or (len(cells) > 2 and cells[1] and _is_cell(cells[1])):  # behind a sensor's name
+            for place, names, named in reversed(before):
+                units = len(before) > 1 and any(map(_is_unit, names))
+                if len(names) == len(set(names)) == len(cells) > 1 and not (units or any(map(_is_cell, names))):
+                    named = named if len(named) < LONGEST_TITLE else ""
+                    yield StackedTable(begin, named, place, tuple(names), number)
+                    break
+            begin, title, before = None, "", []
+        else:
+            before = [*before[-1:], (number, cells, titled)]
 
 
 def _is_unit(text: str) -> bool:

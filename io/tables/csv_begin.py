@@ -112,18 +112,18 @@ def _header_place(lines: Sequence[str]) -> int:
     number comes first. If no row is found, it is the first line that is not blank.
     """
     filled = [k for k, line in enumerate(lines) if line.strip() and not SEPARATOR_LINE.fullmatch(line)]
-    names, width, worded = filled[0] if filled else 0, 0, -1
+    names, width, worded = filled[0] if filled else 0, ("", 0), -1
     for k, following in pairwise(filled):
-        separator = separator_of(lines[k])
-        if separator not in lines[k] and _is_dated(bare(lines[k]).split(), lines[following].split()):
+        separator = separator_of(lines[k]) if separator_of(lines[k]) in lines[k] else None
+        if separator is None and _is_dated(bare(lines[k]).split(), lines[following].split()):
             return k
         cells, row = (cells_of(bare(lines[place]), separator) for place in (k, following))
         title = len(cells) > 1 and sum(map(bool, cells)) < 2  # a spreadsheet fills its line with separators
         if title or any(map(is_value, cells)):
-            width = 0
+            width = "", 0
             continue
-        if len(cells) != width or COMMENT.match(lines[names]):
-            names, width = k, len(cells)
+        if (separator, len(cells)) != width or COMMENT.match(lines[names]):
+            names, width = k, (separator, len(cells))
         if 1 < len(cells) == len(row) + _ends_in_comment(cells, row) and any(map(is_value, row)):
             if is_value(row[0]) or foreign_time(row[0]):
                 return names

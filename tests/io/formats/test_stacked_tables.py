@@ -31,8 +31,22 @@ def stacked(before: str, separator: str = ",") -> list[str]:
     return [line.replace(",", separator) for line in lines]
 
 
+def by_turns(parts: int) -> list[str]:
+    """Return the lines of all tables in so many parts each, by turns, and their names before each."""
+    per = ROWS // parts
+    turns = [(name, part[0], part[1 + k * per :][:per]) for k in range(parts) for name, part in PARTS.items()]
+    return [line for name, names, rows in turns for line in (f"[{name}]", names, *rows)]
+
+
 LAYOUTS = {
     "a blank line": stacked(""),
+    "a blank line, and sensors' names": [
+        line and f"{'Sensor' if line.startswith('Time') else name},{line}"
+        for name, part in PARTS.items()
+        for line in ("", *part)
+    ],
+    "parts by turns": by_turns(4),
+    "parts with units": [line for one in by_turns(2) for line in ([one, UNITS[one]] if one in UNITS else [one])],
     "titles": stacked("[{}]"),
     "titles behind blank lines": stacked("\n{} data"),
     "comments and settings": ["Job,Otter", *stacked("# {}\nDate: 2020-09-13\nrate,5\nowner,me")],
@@ -53,7 +67,21 @@ def test_each_table_is_read(tmp_path: Path, layout: str, line_end: str, coding: 
         assert log.tables[role].equals(table)
     (text,) = [finding.text for finding in log.findings if finding.code == "CONCATENATED"]
     titles = re.fullmatch("the file holds 3 tables, one below the other: (\\w+), (\\w+), (\\w+)", text).groups()
-    assert layout == "a blank line" or all(map(str.startswith, titles, TABLES))
+    assert layout.startswith("a blank line") or all(map(str.startswith, titles, TABLES))
+
+
+@pytest.mark.parametrize("before", ["{} data", "# {}"])
+def test_names_between_blanks_begin_a_table(tmp_path: Path, before: str) -> None:
+    plain = {"dvl": "t_s stbd_mps fwd_mps", "compass": "t_s hdg_deg", "usbl": "t_s usbl_east_m usbl_north_m"}
+    rows = {name: [row.replace(",", "  ") for row in PARTS[name][1:]] for name in plain}
+    lines = [line for name in plain for line in (before.format(name), plain[name], *rows[name], "")]
+
+    log = read_log(saved_lines(tmp_path / "dive.txt", lines))
+
+    assert {role: of.topic for role, of in log.provenance.items()} == {
+        name: f"/{name}{'_data' * ('data' in before)}" for name in TABLES
+    }
+    assert {role: of.used for role, of in log.provenance.items()} == dict.fromkeys(TABLES, ROWS)
 
 
 def test_a_line_is_named_by_its_number_in_the_file(tmp_path: Path) -> None:
