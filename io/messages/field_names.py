@@ -91,13 +91,10 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
     "dvl": (frozenset({"forward_mps", "starboard_mps"}), frozenset({"x_mps", "y_mps"})),
     "compass": (frozenset({"heading_deg"}),),
     "usbl": tuple(
-        map(
-            frozenset,
-            (
-                *(("lat_deg", "lon_deg"), ("east_m", "north_m"), ("slant_range_m", "bearing_deg")),
-                *(("slant_range_m", "relative_bearing_deg"), ("horizontal_range_m", "bearing_deg")),
-                *(("starboard_m", "forward_m"), ("east_offset_m", "north_offset_m")),
-            ),
+        frozenset(pair.split())
+        for pair in (
+            *("lat_deg lon_deg", "east_m north_m", "slant_range_m bearing_deg", "slant_range_m relative_bearing_deg"),
+            *("horizontal_range_m bearing_deg", "starboard_m forward_m", "east_offset_m north_offset_m"),
         )
     ),
     "gps": (frozenset({"lat_deg", "lon_deg"}), frozenset({"east_m", "north_m"})),
@@ -121,10 +118,8 @@ KEYS = {
     "east_m": "x",
     "north_m": "y",
     "relative_bearing_deg": "bearing_deg",
-    "starboard_m": "x",
-    "forward_m": "y",
-    "east_offset_m": "x",
-    "north_offset_m": "y",
+    **dict.fromkeys(("starboard_m", "east_offset_m"), "x"),
+    **dict.fromkeys(("forward_m", "north_offset_m"), "y"),
 }
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
