@@ -37,15 +37,9 @@ class StackedTable(NamedTuple):
     """One of several tables in a file."""
 
     line: int  # behind the table before, from 0
-    title: str  # empty if it has none
+    kind: tuple[str, tuple[str, ...]]  # title, empty if it has none, and names: the same in all parts of a table
     names_at: int  # line
-    names: tuple[str, ...]
     rows_at: int  # line of the first one
-
-    @property
-    def kind(self) -> tuple[str, tuple[str, ...]]:
-        """What the parts of one table have in common."""
-        return self.title, self.names
 
 
 def stacked_log(path: Path) -> CopiedLog | None:
@@ -113,7 +107,7 @@ def _tables(path: Path) -> Iterator[StackedTable]:
                 units = len(before) > 1 and any(map(_is_unit, names))
                 if len(names) == len(set(names)) == len(cells) > 1 and not (units or any(map(_is_cell, names))):
                     named = named if len(named) < LONGEST_TITLE else ""
-                    yield StackedTable(begin, named, place, tuple(names), number)
+                    yield StackedTable(begin, (named, tuple(names)), place, number)
                     break
             begin, title, before = None, "", []
         else:

@@ -83,10 +83,10 @@ FIX_TYPE = Rule("", "fix_type", None, "^status")
 OF_ARDUPILOT = re.compile("nsats|gwk|gms")
 NEUTRAL: Mapping[Dimension | None, str] = {
     "velocity": "v|vel|velocity|velocities|speed|spd|bottom_track|bt|body|vehicle",
-    "angle": "angle|dms|ddm|dmm?|dd|d{2,3}mm(ss)?(_?[ms]*)?",
-    "length": "position|pos|coordinate|distance",
+    "angle": "angle|gps|gnss|usbl|dms|ddm|dmm?|dd|d{2,3}mm(ss)?(_?[ms]*)?",
+    "length": "position|pos|coordinate|distance|gps|gnss|usbl",
 }
-"""Words behind a quantity that add nothing: its dimension, and for velocities over the bottom that they are some."""
+"""Words behind a quantity that add nothing: its dimension, its system, and that a velocity is over the bottom."""
 NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
     "dvl": (frozenset({"forward_mps", "starboard_mps"}), frozenset({"x_mps", "y_mps"})),
     "compass": (frozenset({"heading_deg"}),),

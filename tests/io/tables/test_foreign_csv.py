@@ -199,6 +199,7 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "Norwegian courses": ("dykk", "Fart fremover [m/s],Fart styrbord [m/s],Kurs rettvisende [grader]\n1.5,0.25,30.5",
                           AHEAD),
     "German courses": ("dive", "Voraus [m/s],Steuerbord [m/s],Kurs rechtweisend [°]\n1.5,0.25,30.5", AHEAD),
+    "systems behind": ("x", "Latitud USBL (grados),Longitud USBL (grados)\n45,-30", {"usbl.east_m": [0]}),
     "transponders": ("x", "TP_LAT [deg],TP_LON [deg]\n45,-30", {"usbl.east_m": [0]}),
     "Spanish": ("x", "Velocidad atrás (cm/s),Velocidad estribor (cm/s),Rumbo (°)\n-150,25,30.5", AHEAD),
     "parts of units": ("dive", "vFwd_mm_s,vStbd_mm_s,hdg_cdeg\n1500,250,3050", AHEAD),
