@@ -39,7 +39,6 @@ class StackedTable(NamedTuple):
     line: int  # behind the table before, from 0
     kind: tuple[str, tuple[str, ...]]  # title, empty if it has none, and names: the same in all parts of a table
     names_at: int  # line
-    rows_at: int  # line of the first one
 
 
 def stacked_log(path: Path) -> CopiedLog | None:
@@ -61,10 +60,9 @@ def stacked_log(path: Path) -> CopiedLog | None:
             }
             done = dict.fromkeys(kinds, 0)  # lines
             for table, end in zip(tables, [*(table.line for table in tables[1:]), None], strict=True):
-                begin = table.rows_at if done[table.kind] else table.names_at
                 files[table.kind].write(b"#\n" * (table.line - done[table.kind]))
                 for number, line in islice(lines, None if end is None else end - table.line):
-                    files[table.kind].write((line if number >= begin else f"# {line}").encode())
+                    files[table.kind].write((line if number >= table.names_at else f"# {line}").encode())
                 done[table.kind] = end or 0
         for to in copies:
             note_copy(to, path, min(1.0, to.stat().st_size / path.stat().st_size))
@@ -107,7 +105,7 @@ def _tables(path: Path) -> Iterator[StackedTable]:
                 units = len(before) > 1 and any(map(_is_unit, names))
                 if len(names) == len(set(names)) == len(cells) > 1 and not (units or any(map(_is_cell, names))):
                     named = named if len(named) < LONGEST_TITLE else ""
-                    yield StackedTable(begin, (named, tuple(names)), place, number)
+                    yield StackedTable(begin, (named, tuple(names)), place)
                     break
             begin, title, before = None, "", []
         else:

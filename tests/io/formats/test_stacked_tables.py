@@ -63,6 +63,7 @@ def test_each_table_is_read(tmp_path: Path, layout: str, line_end: str, coding: 
     log = read_log(saved(tmp_path / "dive.csv", line_end.join([*LAYOUTS[layout], ""]).encode(coding)))
 
     assert {role: of.used for role, of in log.provenance.items()} == dict.fromkeys(TABLES, ROWS)
+    assert "UNDECODED" not in codes(log)
     for role, table in apart.tables.items():
         assert log.tables[role].equals(table)
     (text,) = [finding.text for finding in log.findings if finding.code == "CONCATENATED"]

@@ -212,8 +212,8 @@ UNDERSTOOD = {  # what is understood: file, text, columns
                                        {"gps.lat_deg": pytest.approx([-45.5, -45]), "gps.lon_deg": [-30.25, -30]}),
     "degrees, minutes and seconds": ("gps", "Lat (DDMMSS.ss),N/S,Lon (DDDMMSS.ss),E/W\n453000.00,S,0301500.00,W",
                                      SOUTH_WEST),
-    "degrees, minutes and seconds with signs": ("gps", "gps_lat_ddmmss,gps_lon_dddmmss\n-453000.00,-301459.99\n"
-                                                "-453000.00,-301500.00", {"gps.lat_deg": [-45.5] * 2}),
+    "degrees, minutes and seconds with signs": ("gps", "gps_lat_ddmmss,gps_lon_dddmmss\n-452960.00,-301459.99",
+                                                {"gps.lat_deg": [-45.5]}),
     "standard deviations": ("usbl", "lat_deg,lon_deg,Std Dev East [m],Std Dev North [m]\n45,-30,1.5,1.5",
                             {"usbl.east_m": [0]}),
     "offsets": ("usbl", "Offset East [m],Offset North [m],lat_deg,lon_deg\n5,5,45,-30", {"usbl.east_m": [0]}),
