@@ -68,8 +68,10 @@ class CrossCheck(NamedTuple):
     identification: Identification | None = None  # by the best interpretation
 
 
-def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = ()) -> CrossCheck:
-    """Compare DVL, heading and fixes; ``sources`` as of `compare_interpretations`."""
+def cross_check(
+    log: Log, timeline: Timeline, sources: Sequence[HandednessEvidence] = (), with_errors: bool = True
+) -> CrossCheck:
+    """Compare DVL, heading and fixes, and identify sensor errors; ``sources`` as of `compare_interpretations`."""
     result = compare_interpretations(log, timeline, sources)
     if result is None:
         text = "too few fixes within valid dead reckoning, or too far from the map's origin, to check the conventions"
@@ -79,14 +81,14 @@ def cross_check(log: Log, timeline: Timeline, sources: Sequence[HandednessEviden
         return CrossCheck(tuple(in_radians), result)
     if errors:
         found = single_error_findings(log, result, errors, rms_m)
-        return CrossCheck(tuple(found), result, _identified(log, errors[0].line, result))
+        return CrossCheck(tuple(found), result, _identified(log, errors[0].line, result) if with_errors else None)
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
     moving = motion_findings(log, timeline, result)
     if any(one.code == "USBL-MOTION" for one in moving):
         return CrossCheck((*steps, *moving))
     line = flipped(log, timeline, result.best.flips)
-    identification = _identified(log, line, result)
+    identification = _identified(log, line, result) if with_errors else None
     if identification is not None:
         result, identification = _by_evidence(log, timeline, result, result.best, identification)
         line = flipped(log, timeline, result.best.flips)

@@ -15,7 +15,7 @@ import msgspec
 
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.conventions.usbl import STATE_HEAD
-from usbldr.io.doctor.doctor import Examination, examine
+from usbldr.io.doctor.doctor import Examination, examine, with_sensor_errors
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.messages.field_names import ALONG_EARTH, earth_velocities
@@ -58,11 +58,13 @@ def draft(path: Path, request: Request) -> Draft:
     if found.examination.log is None and request.truth != "none":
         without = _draft(path, replace(request, truth="none"))
         if without.examination.log is not None:
-            return replace(without, unread={**without.unread, "truth": found.fault}, fault=without.fault or found.fault)
-    return found
+            unread = {**without.unread, "truth": found.fault}
+            found = replace(without, unread=unread, fault=without.fault or found.fault)
+    return replace(found, examination=with_sensor_errors(found.examination))
 
 
 def _draft(path: Path, request: Request) -> Draft:
+    """Return the draft without the errors of the sensors, which choose nothing."""
     stated = configuration_of(path, request)
     request = replace(request, configuration=stated, set_keys=())
     opened = open_configured(path, request)
@@ -229,13 +231,13 @@ def _examined(path: Path, request: Request, stated: ConfigurationFile) -> Examin
 
     The first findings stay.
     """
-    found = examine(path, request)
+    found = examine(path, request, with_errors=False)
     units = {one: ("compass", "rad") for one in found.findings if one.code == "HEADING-RADIANS"}
     units |= {one: ("depth", one.unit) for one in found.findings if one.code == "DEPTH-UNIT" and one.unit}
     if not units:
         return found
     keys = {sensor: {"unit": unit} for sensor, unit in units.values()}
-    again = examine(path, replace(request, configuration=_stating(stated, keys)))
+    again = examine(path, replace(request, configuration=_stating(stated, keys)), with_errors=False)
     return replace(again, findings=(*units, *again.findings))
 
 
