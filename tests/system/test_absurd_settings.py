@@ -161,10 +161,9 @@ def test_every_key_that_holds_a_number_or_a_date_is_among_those_tried() -> None:
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.long
 def test_an_absurd_value_is_a_run_or_a_sentence(log: Path, key: str) -> None:
-    rng = random.Random(key)
+    value = random.Random(key).choice(ABSURD)
 
-    for value in rng.sample(ABSURD, 2):
-        check_sentence(replay_with(log, {key: value}, "--filter", "ekf"), key)
+    check_sentence(replay_with(log, {key: value}, "--filter", "ekf"), key)
 
 
 def test_a_start_too_far_from_the_fixes_for_any_covariance_is_one_sentence(log: Path) -> None:
