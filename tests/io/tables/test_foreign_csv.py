@@ -355,6 +355,13 @@ def test_fixes_count_from_the_ship_whose_place_and_heading_are_beside(tmp_path: 
     assert "gps" not in log.tables
 
 
+@pytest.mark.parametrize(("names", "cells"), FROM_SHIP)
+def test_fixes_from_a_ship_need_its_place(tmp_path: Path, names: str, cells: str) -> None:
+    text = timed(f"{names}\n{cells.format(100, along=0)}")
+
+    assert "state head = {...} under [usbl]" in refusal(LogError, logged_csv, tmp_path, "", usbl=text)
+
+
 def test_horizontal_ranges_are_not_taken_for_slant_ranges(tmp_path: Path) -> None:
     text = timed("Horizontal Range [m],Bearing [deg]\n100,90")
 
