@@ -55,7 +55,7 @@ HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 4.0  # [-] on the sigma of a settled error: its fixes come again; only 1/16 of what they say is counted twice
 OF_RIVAL = 0.5  # [-] by judgement: share of the cases in which the explanation that is not taken is the right one
-PERHAPS = 0.2  # [-] by judgement: share of the logs with a latency, or with a lever arm that is not as stated
+PERHAPS = 0.2  # [-] by judgement: share of the logs that have an error, for each sensor error
 OPEN = 0.5  # [-] of its prior sigma: an error so uncertain after the log is not distinguished from its rival
 
 
@@ -99,7 +99,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         of_lever = choice.subsets.index(choice.member.present - ({"latency"} if shared else frozenset()))
         of_dvl = {name: (found.mean[name][of_lever], found.sd[name][of_lever]) for name in KEYS[LEVER]}
         sd |= {name: math.hypot(math.sqrt(OF_RIVAL) * mean, one_sd) for name, (mean, one_sd) in of_dvl.items()}
-    parameters = replace(parameters, settled_sd=sd | _perhaps_sd(choice))
+    parameters = replace(parameters, settled_sd=sd | _perhaps_sd(choice, settled))
     separate = choice.named - (LEVER_OR_LATENCY if shared else frozenset())
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
     kept = tuple(key for key in STATES if key in present | always)
@@ -119,19 +119,25 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     return Identification(parameters, evidence, noise_changes(given, parameters), explanations(choice), pairs)
 
 
-def _perhaps_sd(choice: Choice) -> dict[str, float]:
-    """Return what errors that displace the whole track may be although they are not taken, RMS over all subsets.
+def _perhaps_sd(choice: Choice, taken: Mapping[str, float]) -> dict[str, float]:
+    """Return how far errors that displace the whole track may be from what is taken, RMS over all subsets.
 
-    Each subset counts as much as it is likely: on a straight way a log says little against a latency. J. Hoeting and
-    others, "Bayesian Model Averaging: A Tutorial", Statistical Science 14(4), 1999, doi:10.1214/ss/1009212519.
+    Each subset counts as much as it is likely: on a straight way a log says little against a latency, and in a circle
+    a latency is a turned compass. J. Hoeting and others, "Bayesian Model Averaging: A Tutorial", Statistical Science
+    14(4), 1999, doi:10.1214/ss/1009212519.
     """
-    absent, found = sorted(LEVER_OR_LATENCY - choice.member.present), choice.found
+    present, found = choice.member.present, choice.found
+    keys = sorted(key for key in LEVER_OR_LATENCY if key not in present or KEYS[key][0] in taken)
     odds = math.log(PERHAPS / (1 - PERHAPS)) - LOG_PRIOR_ODDS
-    log_share = choice.score + odds * np.array([len(subset.intersection(absent)) for subset in choice.subsets])
+    log_share = choice.score + odds * np.array([len(subset) for subset in choice.subsets])
     share = np.exp(log_share - log_share.max())
-    exists = {key: share * [key in subset for subset in choice.subsets] / share.sum() for key in absent}
-    square = {name: found.mean[name] ** 2 + found.sd[name] ** 2 for key in absent for name in KEYS[key]}
-    return {name: math.sqrt(exists[key] @ square[name]) for key in absent for name in KEYS[key]}
+    share /= share.sum()
+    sd = dict[str, float]()
+    for key in keys:
+        for name in KEYS[key]:
+            own_sd = 0.0 if key in present else found.sd[name]  # else a state covers it
+            sd[name] = math.sqrt(share @ ((found.mean[name] - taken.get(name, 0.0)) ** 2 + own_sd**2))
+    return sd
 
 
 def _open_pairs(timeline: Timeline, choice: Choice, sd: Mapping[str, float]) -> tuple[OpenPair, ...]:

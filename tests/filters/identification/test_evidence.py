@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from checkout import ROOT
+from scored_runs import scored
 from timelines import HZ
 from usbldr.filters.identification.conclusions import Choice, explanations
 from usbldr.filters.identification.evidence import _likeliest, _present, _score, identify, subsets_of
@@ -37,7 +38,7 @@ from usbldr.filters.replay.run import run
 from usbldr.filters.types import Timeline
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
-from usbldr.io.scenarios.shipped import find_scenario
+from usbldr.io.scenarios.shipped import find_scenario, read_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
 from weaving import DIVE, SD_M, Faults, apart_m, mean_nees, weaving_dive
 
@@ -166,6 +167,51 @@ def test_at_one_speed_the_sigma_covers_lever_arm_and_latency() -> None:
     assert mean_nees(track, clean) < 4.0
 
 
+CIRCLES = """
+schema = 1
+about = "a vehicle that circles at one speed, and a fix every 5 s"
+duration_s = 1000.0
+
+[[leg]]
+duration_s = 1000.0
+forward_mps = 1.0
+turn_rate_dps = 1.0
+
+[dvl]
+rate_hz = 5.0
+sd_mps = 0.02
+
+[compass]
+rate_hz = 10.0
+sd_deg = 0.3
+bias_deg = {bias_deg}
+
+[usbl]
+rate_hz = 0.2
+accuracy = {{ sd_m = 0.7 }}
+latency_s = {latency_s}
+
+[gps]
+rate_hz = 1.0
+"""
+
+
+@pytest.mark.parametrize(("bias_deg", "latency_s"), [(1.2, 0.0), (0.0, 2.0)])
+def test_in_a_circle_the_sigma_covers_a_turned_compass_and_late_fixes(bias_deg, latency_s, tmp_path) -> None:
+    """While a vehicle turns by a degree in a second, fixes late by two are a compass turned by two, or a lever arm."""
+    file = tmp_path / "circles.toml"
+    file.write_text(CIRCLES.format(bias_deg=bias_deg, latency_s=latency_s))
+    log = simulated_log(read_scenario(file), 3)
+    line = timeline(log)
+
+    found = identify(line, Parameters())
+    errors = scored(log, line, run("adf", line, found.parameters)).report
+
+    assert len(found.explanations) > 1
+    assert errors.nees is not None
+    assert errors.nees.mean < 4.0
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_on_a_straight_way_the_sigma_covers_a_latency_that_no_fix_shows(seed: int) -> None:
     line, assumed = weaving_dive(Faults(), seed, weaves=False), replace(ASSUMED, start=None)
@@ -237,11 +283,14 @@ def test_two_of_three_clocks_say_all() -> None:
     assert not any(subset >= {COMPASS_CLOCK, usual} for subset in SUBSETS for usual in (DVL_CLOCK, "latency"))
 
 
-@pytest.mark.parametrize(("key", "is_taken"), [("latency", True), ("scale", False)])
-def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, is_taken: bool) -> None:
+@pytest.mark.parametrize(
+    ("key", "better", "is_taken"), [("latency", 3.1, True), ("latency", 2.9, False), ("scale", 9.0, False)]
+)
+def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, better: float, is_taken: bool) -> None:
+    """And if the evidence against the usual prior is strong."""
     score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
     usual = chosen(score, rows, key)
-    wide = chosen(score + 0.1, rows, key)._replace(far=frozenset({"latency"}))
+    wide = chosen(score + better, rows, key)._replace(far=frozenset({"latency"}))
 
     assert _likeliest([usual, wide]) is (wide if is_taken else usual)
 
