@@ -92,10 +92,11 @@ def test_stpere_marina_is_read_as_expected_and_cpf_takes_two_thirds_off_the_raw_
 
 
 LOGS = [
-    "uib_field/uib_field.mcap",
-    "stpere_marina/stpere_marina.mcap",
-    "mhkit_riverpro/mhkit_riverpro.mcap",
-    "mhkit_tanana/tanana_003.mcap",
+    *("stpere_marina/stpere_marina.mcap", "mhkit_riverpro/mhkit_riverpro.mcap"),
+    *(
+        pytest.param(log, marks=pytest.mark.slow)
+        for log in ("uib_field/uib_field.mcap", "mhkit_tanana/tanana_003.mcap")
+    ),
 ]
 
 

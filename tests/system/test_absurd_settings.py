@@ -307,7 +307,7 @@ def commands(log: Path) -> list[list[str]]:
     ]
 
 
-@pytest.mark.parametrize("some", [pytest.param(12, marks=pytest.mark.long), pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("some", [pytest.param(6, marks=pytest.mark.long), pytest.param(None, marks=pytest.mark.slow)])
 def test_odd_logs_end_in_findings_or_one_sentence(tmp_path: Path, some: int | None) -> None:
     every = odd_logs()
     for what in random.Random(1).sample(sorted(every), some or len(every)):

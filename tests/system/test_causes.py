@@ -234,7 +234,7 @@ CAUSES = {
 
 
 @pytest.mark.parametrize("name", CAUSES)
-@pytest.mark.parametrize("kind", ["made", "real"])
+@pytest.mark.parametrize("kind", [pytest.param("made", marks=pytest.mark.slow), "real"])
 @pytest.mark.long
 def test_each_cause_is_said_of_a_made_and_of_a_real_log(kind: str, name: str, request, edited) -> None:
     """The ship's GPS is named, too: by --gps it is as wrong."""

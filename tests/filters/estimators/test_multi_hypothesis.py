@@ -128,7 +128,9 @@ def test_a_track_that_followed_a_long_cluster_returns_with_its_end() -> None:
     assert result.error_m[result.after(46)].max() < 3
 
 
-@pytest.mark.parametrize("name", ["ekf", "ckf", "ukf", "cpf", "upf"])
+@pytest.mark.parametrize(
+    "name", ["ukf", "cpf", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ekf", "ckf", "upf"))]
+)
 def test_every_filter_can_be_guarded(name: str) -> None:
     line, truth = dive(2, 10, 50.0)
 

@@ -210,7 +210,13 @@ def through_water(from_s: float, to_s: float, current_mps: tuple[float, float]) 
     return replace(DIVE, dvl_mps=DIVE.dvl_mps - there * along_axes, dr_mps=DIVE.dr_mps - there * along_axes)
 
 
-@pytest.mark.parametrize(("from_s", "to_s"), [(100.0, 220.0), (250.0, 320.0), (200.0, 1e9), (-1.0, 150.0)])
+@pytest.mark.parametrize(
+    ("from_s", "to_s"),
+    [
+        (-1.0, 150.0),
+        *(pytest.param(*span, marks=pytest.mark.slow) for span in ((100.0, 220.0), (250.0, 320.0), (200.0, 1e9))),
+    ],
+)
 def test_a_dvl_that_measures_through_a_current_for_a_while_is_corrected(from_s: float, to_s: float) -> None:
     line = through_water(from_s, to_s, (0.25, -0.3))
 
@@ -328,7 +334,7 @@ def test_speeds_that_change_by_more_than_a_scale_error_are_said_to_be_none() -> 
     assert ["so much is no scale error" in text for text in texts.values()] == [False, True, True]
 
 
-@pytest.mark.parametrize("from_s", [90.0, 150.0, 260.0])
+@pytest.mark.parametrize("from_s", [150.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (90.0, 260.0))])
 def test_a_dvl_that_reads_no_motion_for_a_while_is_left_out_there(from_s: float) -> None:
     """Most fixes follow, or precede: the others would be false otherwise."""
     still = ((DIVE.time_s >= from_s) & (DIVE.time_s < from_s + 40.0))[:, None]

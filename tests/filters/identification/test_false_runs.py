@@ -192,7 +192,10 @@ def test_in_the_order_of_arrival_only_later_fixes_show_which_ones_are_false(off_
     assert f"the first {start.fixes} were false" in track.warnings[0]
 
 
-FAR = [*(("heading_bias_deg", deg) for deg in (20.0, 170.0, 178.0)), ("dvl_scale", 0.25), ("usbl_latency_s", 4.9)]
+FAR = [
+    *(("heading_bias_deg", 170.0), ("dvl_scale", 0.25), ("usbl_latency_s", 4.9)),
+    *(pytest.param("heading_bias_deg", deg, marks=pytest.mark.slow) for deg in (20.0, 178.0)),
+]
 
 
 @pytest.mark.parametrize(("name", "value"), FAR)
@@ -266,7 +269,11 @@ def measured(head_m: Array, heading_deg: float = 0.0, range_scale: float = 0.0, 
 
 
 @pytest.mark.parametrize(
-    ("heading_deg", "scale"), [(0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-2.0, -0.02), (-15.0, 0.0), (40.0, 0.07)]
+    ("heading_deg", "scale"),
+    [
+        *((0.0, 0.0), (2.0, 0.0), (0.0, 0.02), (-15.0, 0.0)),
+        *(pytest.param(*both, marks=pytest.mark.slow) for both in ((-2.0, -0.02), (40.0, 0.07))),
+    ],
 )
 def test_a_ship_that_moves_shows_the_errors_of_its_head(heading_deg: float, scale: float) -> None:
     line = measured(SHIP, heading_deg, scale)

@@ -209,11 +209,13 @@ def warned(log: Path, config: str = "none") -> dict[str, Finding]:
 @pytest.mark.parametrize(
     ("sensor", "log_time_too", "step_s"),
     [
-        ("dvl", True, STEP_S),
         ("compass", False, STEP_S),
         ("usbl", True, STEP_S),
-        ("compass", True, 3),
-        *((each, True, 3600) for each in TOPICS),
+        ("dvl", True, 3600),
+        *(
+            pytest.param(sensor, True, step_s, marks=pytest.mark.slow)
+            for sensor, step_s in (("dvl", STEP_S), ("compass", 3), ("compass", 3600), ("usbl", 3600))
+        ),
     ],
 )
 def test_a_clock_that_was_set_is_named_and_undone_by_its_key(tmp_path, sensor, log_time_too, step_s):
