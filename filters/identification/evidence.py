@@ -14,7 +14,7 @@ run; states of the filter estimate what is left of them.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -89,9 +89,22 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
 
     Without fixes there is evidence of the DVL's noise alone. Raises LogError if nothing gives the start.
     """
+    return explained(timeline, given).conclude()
+
+
+class Explained(NamedTuple):
+    """How likely a log is if it is read right, and the function that says which sensor errors exist then."""
+
+    log_evidence: float
+    conclude: Callable[[], Identification]
+
+
+def explained(timeline: Timeline, given: Parameters) -> Explained:
+    """Return the evidence for a way to read a log, which needs no choice of the errors. Raises LogError as above."""
     stated = estimate_compass_noise(timeline, estimate_dvl_noise(timeline, given))
     if not len(timeline.fix_time_s):
-        return Identification(replace(stated, calibrate=()), (), noise_changes(given, stated))
+        only_noise = Identification(replace(stated, calibrate=()), (), noise_changes(given, stated))
+        return Explained(only_noise.log_evidence, lambda: only_noise)
     errors = stated.errors
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
@@ -114,16 +127,14 @@ def identify(timeline: Timeline, given: Parameters) -> Identification:
     possible.append(_with_lost_reckoning(timeline, stated, outliers, unchanged, shifts_s))
     best = _fitted(max(possible, key=lambda one: one.log_evidence), stated)
     rivals = [one.changes for one in shifted if 0 < best.log_evidence - one.log_evidence < math.log(STRONG_ODDS)]
-    false, kept = best.false, best.timeline.with_fixes(~best.false)
-    choice = _likeliest([_choice(kept, member, stated) for member in best.members])
-    found = concluded(kept, given, stated, choice)
-    rows = tuple(np.flatnonzero(false).tolist())
-    starts = false_starts(best.timeline, choice.member) if false[0] else ()
-    kept_linearised.cache_clear()
-    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
-    parameters = replace(parameters, changes=without_both(with_noise(best.changes, noise.changes)))
-    parameters = replace(parameters, rival_shift=rivals[0] if rivals else ())
-    return replace(found, parameters=parameters, false_runs=_runs(timeline, false), log_evidence=best.log_evidence)
+
+    def conclude() -> Identification:
+        found = _concluded(best, given, stated)
+        changes = without_both(with_noise(best.changes, noise.changes))
+        parameters = replace(found.parameters, changes=changes, rival_shift=rivals[0] if rivals else ())
+        return replace(found, parameters=parameters, false_runs=_runs(timeline, best.false))
+
+    return Explained(best.log_evidence, conclude)
 
 
 class _Explanation(NamedTuple):
@@ -135,6 +146,18 @@ class _Explanation(NamedTuple):
     left_out: Mask  # (F,) fixes, when the members were fitted
     members: list[Member]  # with all errors and the noise that fits the other fixes
     log_evidence: float  # of the fixes that are no gross outliers, less what changes cost
+
+
+def _concluded(best: _Explanation, given: Parameters, stated: Parameters) -> Identification:
+    """Return the explanation with the errors that exist beside its changes."""
+    false, kept = best.false, best.timeline.with_fixes(~best.false)
+    choice = _likeliest([_choice(kept, member, stated) for member in best.members])
+    found = concluded(kept, given, stated, choice)
+    rows = tuple(np.flatnonzero(false).tolist())
+    starts = false_starts(best.timeline, choice.member) if false[0] else ()
+    kept_linearised.cache_clear()
+    parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
+    return replace(found, parameters=parameters, log_evidence=best.log_evidence)
 
 
 def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed: FoundChanges) -> _Explanation:

@@ -14,7 +14,7 @@ import numpy as np
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
 from usbldr.filters.frames import wrapped
-from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.evidence import Explained, explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
@@ -90,7 +90,8 @@ def cross_check(
     line = flipped(log, timeline, result.best.flips)
     identification = _identified(log, line, result) if with_errors else None
     if identification is not None:
-        result, identification = _by_evidence(log, timeline, result, result.best, identification)
+        result, there = _by_evidence(log, timeline, result, result.best, identification)
+        identification = there.conclude()
         line = flipped(log, timeline, result.best.flips)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     delay_s = result.best.fit.latency_s
@@ -147,9 +148,14 @@ def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
 
 def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Identification | None:
     """Return what the log settles about sensor errors and noise; None without a start."""
+    found = _explained(log, line, result)
+    return found.conclude() if found else None
+
+
+def _explained(log: Log, line: Timeline, result: InterpretationResult) -> Explained | None:
     *_, mirrored = result.best.flips
     try:
-        return identify(line, replace(log.parameters, aid=(), start=None if mirrored else log.parameters.start))
+        return explained(line, replace(log.parameters, aid=(), start=None if mirrored else log.parameters.start))
     except LogError:
         return None
 
@@ -177,23 +183,23 @@ def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: I
 
 def _by_evidence(
     log: Log, timeline: Timeline, result: InterpretationResult, by: Interpretation, found: Identification
-) -> tuple[InterpretationResult, Identification]:
+) -> tuple[InterpretationResult, Explained]:
     """Return the rival interpretation with the largest evidence, each with its sensor errors, if that is strong.
 
     ``found`` is the identification by one of them, ``by``.
     """
-    tried = [(found.log_evidence, by, found)]
+    tried = [(by, Explained(found.log_evidence, lambda: found))]
     for one in _rivals(log, result, by, found):
-        other = _identified(log, flipped(log, timeline, one.flips), replace(result, best=one))
-        tried += [(other.log_evidence, one, other)] if other else []
-    most, best, found_there = max(tried, key=lambda each: each[0])
-    log_odds = most - max((odds for odds, one, _ in tried if one.mirror_class != best.mirror_class), default=most)
+        other = _explained(log, flipped(log, timeline, one.flips), replace(result, best=one))
+        tried += [(one, other)] if other else []
+    best, there = max(tried, key=lambda each: each[1].log_evidence)
+    others = (one.log_evidence for rival, one in tried if rival.mirror_class != best.mirror_class)
+    log_odds = there.log_evidence - max(others, default=there.log_evidence)
     if log_odds <= math.log(STRONG_ODDS) or (best.flips == result.best.flips and result.observable):
-        return result, next(
-            (one for _, interpretation, one in tried if interpretation.flips == result.best.flips), found
-        )
+        taken = next((one for rival, one in tried if rival.flips == result.best.flips), tried[0][1])
+        return result, taken
     fitting = tuple(one for one in result.plausible if one.mirror_class == best.mirror_class) or (best,)
-    return replace(result, best=best, plausible=fitting, log_odds=log_odds), found_there
+    return replace(result, best=best, plausible=fitting, log_odds=log_odds), there
 
 
 FIXED_ADVICE = "the names of its columns say how it was read; check them, and the signs of their values"

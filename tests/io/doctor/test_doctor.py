@@ -15,7 +15,7 @@ from commands import drafted, findings, finished, output_of, report_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv
-from usbldr.filters.identification.evidence import identify
+from usbldr.filters.identification.evidence import Explained, explained
 from usbldr.filters.identification.identification import Identification, SensorErrorEvidence
 from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.types import Timeline
@@ -486,13 +486,13 @@ def test_all_is_parsed_decoded_and_identified_once(tmp_path: Path, monkeypatch: 
         calls["decode"] += 1
         return decode(self, wanted)
 
-    def counted_identify(timeline: Timeline, given: Parameters) -> Identification:
+    def counted_identify(timeline: Timeline, given: Parameters) -> Explained:
         calls["identify"] += 1
-        return identify(timeline, given)
+        return explained(timeline, given)
 
     monkeypatch.setattr(tomllib, "loads", counted_parse)
     monkeypatch.setattr(McapLog, "blocks", counted_decode)
-    monkeypatch.setattr("usbldr.io.doctor.cross_check.identify", counted_identify)
+    monkeypatch.setattr("usbldr.io.doctor.cross_check.explained", counted_identify)
 
     assert "DVL-AXES" in findings(log)
 

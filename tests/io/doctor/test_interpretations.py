@@ -64,8 +64,9 @@ def test_a_log_as_read_is_preferred_if_its_sensor_errors_explain_more_than_anoth
     found = cross_check._identified(log, cross_check.flipped(log, line, by.flips), wrong)
 
     assert found is not None
-    judged, _ = cross_check._by_evidence(log, line, wrong, by, found)
+    judged, there = cross_check._by_evidence(log, line, wrong, by, found)
 
+    assert (there.conclude() is found) == by_as_read
     assert judged.best.flips == result.as_read.flips
     assert [one.flips for one in judged.plausible] == [judged.best.flips]
 
