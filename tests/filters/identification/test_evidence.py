@@ -251,6 +251,7 @@ def test_late_fixes_are_moved_to_when_they_were_valid_and_early_ones_are_not() -
     found, of_early = identify(late, assumed).parameters, identify(early, assumed).parameters
 
     assert found.settled == {"usbl_latency": pytest.approx(1.5, abs=0.1)}
+    assert found.settled_sd["usbl_latency"] < 0.05  # as no other error moves the fixes so
     assert of_early.settled == {}
     off_m, as_state_m = (
         apart_m(run("adf", late, one), CLEAN)[: 30 * HZ].mean() for one in (found, replace(found, settled={}))
