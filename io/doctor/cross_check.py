@@ -24,6 +24,7 @@ from usbldr.io.doctor.gross_errors import (
     correct_clock_offset,
     correct_velocity_unit,
     heading_unit_findings,
+    sensor_clock_error,
     single_error_findings,
     single_errors,
     velocity_unit_findings,
@@ -92,6 +93,8 @@ def cross_check(
     if identification is not None:
         result, there = _by_evidence(log, timeline, result, result.best, identification)
         identification = there.conclude()
+        if not clock_offset_s and (clock := _clock_by_evidence(log, timeline, result, identification)):
+            return CrossCheck((*steps, *clock[0]), result, clock[1].conclude())
         line = flipped(log, timeline, result.best.flips)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     delay_s = result.best.fit.latency_s
@@ -202,6 +205,18 @@ def _by_evidence(
     return replace(result, best=best, plausible=fitting, log_odds=log_odds), there
 
 
+def _clock_by_evidence(
+    log: Log, timeline: Timeline, result: InterpretationResult, found: Identification | None
+) -> tuple[list[Finding], Explained] | None:
+    """Return the clock of DVL or compass that is far off, if the evidence for it is strong, and what is found then."""
+    clock = sensor_clock_error(log, timeline, result) if found else None
+    there = _explained(log, clock[0].line, result) if clock else None
+    if not (found and clock and there) or there.log_evidence - found.log_evidence < math.log(STRONG_ODDS):
+        return None
+    error, rms_m = clock
+    return single_error_findings(log, result, [error], rms_m), there
+
+
 FIXED_ADVICE = "the names of its columns say how it was read; check them, and the signs of their values"
 
 
@@ -227,6 +242,9 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
         return moving
     if identification is not None and result.best != result.as_read:  # else only doctor asks, as it takes time
         result, _ = _by_evidence(log, corrected, result, result.as_read, identification)
+    clock = _clock_by_evidence(log, corrected, result, identification) if not clock_offset_s else None
+    if clock is not None:
+        return [*steps, *clock[0]]
     asked = result.best == result.as_read
     found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()

@@ -3,8 +3,9 @@
 Units and clocks are corrected before the conventions are compared; otherwise no interpretation would fit.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from usbldr.filters.identification.dr_usbl_fit import (
     fix_points,
     segment_numbers,
 )
+from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.filters.types import Array, Mask, Timeline
 from usbldr.io.doctor.interpretations import (
     HandednessEvidence,
@@ -25,6 +27,7 @@ from usbldr.io.doctor.interpretations import (
     compare_interpretations,
     recorded_value,
     reinterpret,
+    white_noise_m,
 )
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -160,17 +163,20 @@ def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
 
 def clock_offset_findings(log: Log, late_s: float, truth_agrees: bool = False) -> list[Finding]:
     """Report an offset of the fixes' clock that is larger than any delay; the truth may agree with it."""
-    is_leap = abs(abs(late_s) - LEAP_S) < THRESHOLDS.leap_second_tolerance_s
-    leap = f" (GPS time and UTC are {LEAP_S} s apart)" if is_leap else ""
     stated = log.settings.usbl.latency_s
     advice = f"if that clock is right, state latency_s = {stated + late_s:.2f} under [usbl]"
     if truth_agrees:
         advice = f"the truth has the fixes' clock: state latency_s = {-late_s:.2f} under [dvl] and [compass]"
     text = (
         f"stamps are {abs(late_s):.2f} s {'after' if late_s > 0 else 'before'} the time of validity that fits "
-        f"dead reckoning far better, by the DVL's clock{leap}; {advice}"
+        f"dead reckoning far better, by the DVL's clock{_leap_text(late_s)}; {advice}"
     )
     return [log.finding("CLOCK-OFFSET", "usbl", text, None, late_s, "s")]
+
+
+def _leap_text(late_s: float) -> str:
+    is_leap = abs(abs(late_s) - LEAP_S) < THRESHOLDS.leap_second_tolerance_s
+    return f" (GPS time and UTC are {LEAP_S} s apart)" if is_leap else ""
 
 
 def heading_unit_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:
@@ -223,6 +229,38 @@ def single_errors(log: Log, timeline: Timeline, result: InterpretationResult) ->
     least_m = min(rms_m for rms_m, _ in fitting)
     alike = [(rms_m, one) for rms_m, one in fitting if rms_m * better <= least_m]
     return [one for _, one in sorted(alike, key=lambda pair: pair[0])], least_m
+
+
+def sensor_clock_error(log: Log, timeline: Timeline, result: InterpretationResult) -> tuple[SingleError, float] | None:
+    """Return the clock of DVL or compass that explains the fixes best if it is off, and the RMS that is left, metres.
+
+    GPS time beside UTC is off by more than want of synchronisation, and bends dead reckoning in each turn or change of
+    speed. None if no clock fits clearly better; a deviation or a lost bottom lock may fit better still.
+    """
+    most_m, limits = THRESHOLDS.clearly_better_ratio * result.interpretations[0].residual_m, THRESHOLDS
+    if most_m < white_noise_m(timeline):
+        return None
+    group = segment_numbers(timeline, timeline.fix_time_s)
+
+    def best(tried: Iterable[tuple[str, float]]) -> tuple[float, str, float]:
+        lines = ((sensor, late_s, freed(timeline, {f"{sensor}_clock": late_s})) for sensor, late_s in tried)
+        return min(
+            (fit_rotation(reinterpret(log, line, AS_READ), group, [0.0]).rms_m, sensor, late_s)
+            for sensor, late_s, line in lines
+        )
+
+    tried_s = np.arange(-limits.max_clock_offset_s, limits.max_clock_offset_s + 1, limits.clock_offset_step_s).tolist()
+    far_s = [late_s for late_s in tried_s if abs(late_s) > limits.min_clock_offset_s]
+    _, sensor, about_s = best(product(("dvl", "compass"), far_s))
+    near_s = np.arange(-limits.clock_offset_step_s, limits.clock_offset_step_s, float(np.diff(timeline.time_s[:2])[0]))
+    rms_m, _, late_s = best((sensor, about_s + float(s)) for s in near_s)
+    if rms_m > most_m:
+        return None
+    stated_s = (log.settings.dvl if sensor == "dvl" else log.settings.compass).latency_s
+    what = f"its stamps are {abs(late_s):.1f} s {'late' if late_s > 0 else 'early'} against the other sensors"
+    advice = f"state latency_s = {stated_s + late_s:.1f} under [{sensor}]"
+    line = freed(timeline, {f"{sensor}_clock": late_s})
+    return SingleError(f"{sensor.upper()}-CLOCK", sensor, what + _leap_text(late_s), advice, line), rms_m
 
 
 def single_error_findings(

@@ -135,8 +135,7 @@ def compare_interpretations(
     if read.frame in ("ENU", "NED"):  # a map has a mirror image, which fits as well; latitudes have none
         interpretations += [_mirror_image_of(log, timeline, r, group) for r in interpretations]
     least = min(r.residual_m for r in interpretations)
-    steps = np.diff(as_points(timeline.fix_m) - dead_reckoned(timeline, timeline.fix_time_s))  # shorter than the noise
-    fits = least <= THRESHOLDS.fitting_sigmas * robust_sd(np.concatenate([steps.real, steps.imag]))
+    fits = least <= THRESHOLDS.fitting_sigmas * white_noise_m(timeline)
     ratio = THRESHOLDS.clearly_better_ratio if fits else THRESHOLDS.gross_residual_ratio
     plausible = [r for r in interpretations if r.residual_m * ratio <= least]
     by_fit = min(plausible, key=lambda r: (r.residual_m * (1 - 1e-6 * (r == read)), sum(r.flips)))
@@ -163,6 +162,12 @@ def compare_interpretations(
         contradicting=tuple(source for source in evidence if decided_by is not None and not source.agrees(best)),
         plausible=tuple(sorted(plausible, key=lambda r: r.residual_m)),
     )
+
+
+def white_noise_m(timeline: Timeline) -> float:
+    """Return the RMS distance of the fixes from a track, without outliers, that their white noise alone makes."""
+    steps = np.diff(as_points(timeline.fix_m) - dead_reckoned(timeline, timeline.fix_time_s))  # shorter than the noise
+    return robust_sd(np.concatenate([steps.real, steps.imag]))  # of a difference: of two fixes, as the RMS of two axes
 
 
 def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:

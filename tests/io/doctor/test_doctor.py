@@ -401,6 +401,25 @@ def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path
 
 @pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
 @pytest.mark.long
+def test_a_clock_that_only_the_fixes_contradict_is_named(tmp_path: Path, topic: str, section: str, ahead_s: float):
+    """Log times are of the same clock, as in a table."""
+    by_ns = round(ahead_s * SECOND)
+    moved = [(time_ns + by_ns * (of == topic), of, *rest) for time_ns, of, *rest in ahead(topic, ahead_s)]
+    log = written(tmp_path, sorted(moved, key=lambda row: row[0]))
+    code = f"{section.upper()}-CLOCK"
+
+    ill = findings(log)[code]
+    key = re.search(rf"state (latency_s = (\S+)) under \[{section}\]", ill["text"])
+
+    assert key is not None
+    assert float(key[2]) == pytest.approx(ahead_s, abs=0.5)
+    assert "(GPS time and UTC are 18 s apart)" in ill["text"]
+    assert code in replayed(log, "-f", "adf", "--plots", "none")
+    assert {code, "DVL-MOUNT", "SENSOR-CHANGE", "FALSE-FIXES"}.isdisjoint(cured_by(log, f"[{section}]\n{key[1]}\n"))
+
+
+@pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
+@pytest.mark.long
 def test_the_clock_that_no_driver_explains_is_wrong(tmp_path: Path, topic: str, section: str, ahead_s: float) -> None:
     log = written(tmp_path, ahead(topic, ahead_s))
 
