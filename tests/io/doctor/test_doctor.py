@@ -404,7 +404,7 @@ def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path
 def test_a_clock_that_only_the_fixes_contradict_is_named(tmp_path: Path, topic: str, section: str, ahead_s: float):
     """Log times are of the same clock, as in a table."""
     by_ns = round(ahead_s * SECOND)
-    moved = [(time_ns + by_ns * (of == topic), of, *rest) for time_ns, of, *rest in ahead(topic, ahead_s)]
+    moved = [(row[0] + by_ns * (row[1] == topic), *row[1:]) for row in ahead(topic, ahead_s)]
     log = written(tmp_path, sorted(moved, key=lambda row: row[0]))
     code = f"{section.upper()}-CLOCK"
 
