@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.clusters import OFFSET_SD_M
-from usbldr.filters.identification.histories import CORRECT, Followed, HistorySearch, followed
+from usbldr.filters.identification.histories import CORRECT, KINDS, Followed, HistorySearch, followed
 from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
@@ -38,6 +38,7 @@ class FalseRuns(NamedTuple):
     false: Mask  # (F,) fixes, of which only the first MAX_FIXES can be
     log_likelihood: float  # predictive, of all of them
     after: Sequence[Followed]  # the histories after each fix
+    kind: int  # in KINDS, of its runs
 
 
 def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple[Mask, float]:
@@ -90,7 +91,9 @@ def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:
     return tuple(starts[1:])
 
 
-def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> FalseRuns:
+def false_runs(
+    timeline: Timeline, member: Member, gradual: bool = True, kinds: Sequence[int] = range(len(KINDS))
+) -> FalseRuns:
     """Return the likeliest history with the noise and the priors of a member; it starts in the spread of the fixes.
 
     A run may begin gradually if it ends: if the fixes leave the track slowly and for ever, dead reckoning is at fault.
@@ -124,17 +127,18 @@ def false_runs(timeline: Timeline, member: Member, gradual: bool = True) -> Fals
         cov=np.diag(np.append(sd[used] ** 2, np.zeros(4))),
         gradual=gradual,
         cell_m=CELL_SIGMAS * float(np.sqrt(np.median(np.einsum("fkk->fk", noise.cov[0])))),
+        kinds=np.array(KINDS)[list(kinds)],
     )
     after = followed(search)
     row = int(np.argmax(after[-1].log_weight))
     if gradual and after[-1].gradual[row]:
-        return false_runs(timeline, member, gradual=False)
+        return false_runs(timeline, member, False, kinds)
     total = float(after[-1].log_weight[row])
     false = np.zeros(len(timeline.fix_time_s), np.bool_)
     for f in range(len(time_s) - 1, -1, -1):
         false[f] = after[f].decision[row] != CORRECT
         row = int(after[f].parent[row])
-    return FalseRuns(false, total, after)
+    return FalseRuns(false, total, after, kinds[row])
 
 
 def _sd_scale(timeline: Timeline, member: Member) -> float:

@@ -44,10 +44,11 @@ class HistorySearch(NamedTuple):
     cov: Array  # (n, n)
     gradual: bool  # a run may begin with a fix that is not far from the track
     cell_m: float  # histories whose positions lie in one square of this size may be one
+    kinds: Array  # (k, 3) those of KINDS that are followed
 
     def followed(self) -> list["Followed"]:
         """Return the histories after each fix: the reference of the kernel."""
-        kinds, n = len(KINDS), len(self.mean)
+        kinds, n = len(self.kinds), len(self.mean)
         now = _Histories(
             np.zeros(kinds),
             np.tile(self.mean, (kinds, 1)),
@@ -84,7 +85,7 @@ class _Histories(NamedTuple):
     cov: Array  # (N, n, n)
     in_run: Mask  # (N,)
     gradual: Mask  # (N,) the run began with a fix that was not far from the track
-    kind: Indices  # (N,) in KINDS
+    kind: Indices  # (N,) row of the search's kinds
     recent: Indices  # (N,) the last RECENT decisions as bits
     first: Indices  # (N,) how many of the first fixes are false
     octave: Indices  # (N,) of the fix with which the run began, or the last one if it was long, counted from 1; 0: none
@@ -114,7 +115,7 @@ def _updated(
     cross = np.concatenate([now.cov @ H.T] * 3)  # (3 N, n, 2)
     e, S = z - now.mean @ H.T, H @ cross[:count]
     # two offsets of which none is known: that of a run that begins, and that of first fixes that were all false
-    usual_m2 = np.array(KINDS)[now.kind, 2] ** 2
+    usual_m2 = search.kinds[now.kind, 2] ** 2
     begun = np.maximum(usual_m2, (e**2).sum(axis=1) / 2)
     apart = np.where((now.first == f) & (f > 0), begun - usual_m2, 0.0)
     begun_m2, apart_m2 = (variance[:, None, None] * np.eye(2) for variance in (begun, apart))
@@ -130,7 +131,7 @@ def _updated(
     )
     of_fix = np.logaddexp.reduce(log_l, axis=0)
     near = _chi_square(e, S + noise.cov[0]) < FAR
-    log_prior = _log_prior(now, dt_s, f)
+    log_prior = _log_prior(now, search.kinds, dt_s, f)
     log_prior[BEGINS, near & (now.first < f) & (not search.gradual)] = -np.inf
     log_weight = of_fix + (now.log_weight + log_prior).ravel()
     # a tail as heavy as a scale that is not known
@@ -161,9 +162,9 @@ def _updated(
     return after, parent, decision
 
 
-def _log_prior(now: _Histories, dt_s: float, f: int) -> Array:
+def _log_prior(now: _Histories, kinds: Array, dt_s: float, f: int) -> Array:
     """Return the log probability that each history takes the fix for correct, the first or another one of a run."""
-    run_s, gap_s, _ = np.array(KINDS)[now.kind].T
+    run_s, gap_s, _ = kinds[now.kind].T
     begins = run_s / (run_s + gap_s) if f == 0 else -np.expm1(-dt_s / gap_s)
     ends = np.where(now.in_run, -np.expm1(-dt_s / run_s), 1.0)
     with np.errstate(divide="ignore"):
@@ -240,7 +241,7 @@ def _correction(p: Array, inverse: Array, weighted: Array) -> tuple[Array, Array
 def followed(search: HistorySearch) -> list[Followed]:
     """Return what HistorySearch.followed returns, from the kernel if it runs and has room for so many."""
     (F, _, n), noise, limits = search.measurement_matrix.shape, search.noise, KERNEL.limits
-    kinds, modes = len(KINDS), len(noise.probabilities)
+    kinds, modes = len(search.kinds), len(noise.probabilities)
     most = kinds * (2 * HISTORIES + F.bit_length()) + 2 * F.bit_length()  # see _chosen
     if KERNEL.run_histories is None or n > limits.states or modes > limits.modes or most > limits.histories:
         return search.followed()
@@ -259,7 +260,7 @@ def followed(search: HistorySearch) -> list[Followed]:
         noise.cov,
         np.tile(search.mean, (kinds, 1)),
         np.tile(search.cov, (kinds, 1, 1)),
-        np.array(KINDS),
+        search.kinds,
     )
     arrays = (np.ascontiguousarray(array, np.float64) for array in inputs)
     KERNEL.run_histories(KERNEL.variant, SEARCH.pack(FAR, *searched, *sizes), *arrays, log_weight, *rows, count)

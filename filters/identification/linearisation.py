@@ -9,7 +9,8 @@ record of t + c. An error that is not linear is freed of its value at the point 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import lru_cache
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -172,29 +173,42 @@ def drift_variances_m2(
 
     ``scaled`` says of each of N members whether the DVL's scale error is one of its states.
     """
-    dvl_rows = np.flatnonzero(timeline.dvl_count)
-    dvl_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
-    spacing_s = np.diff(dvl_s)
-    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
+    process = [p.process for p in members]
+    measured, held, turned = _open_by_records(timeline, process[0].turn_rate_radps)
     # of the modes, what grows with R: records that contamination stands for do not enter dead reckoning
     dvl = BankNoise([p.dvl for p in members], [p.dvl_sd_scale for p in members])
-    noise_m2 = _gained(time_s, dvl_s, R * spacing_s**2) * (dvl.probabilities * dvl.gain).sum(axis=0)
-    process = [p.process for p in members]
-    held_m2 = _gained(time_s, dvl_s, spacing_s**3 / 3) * [q.velocity_mps**2 for q in process]
-
-    yaw_s = np.append(timeline.time_s[timeline.yaw_count > 0], timeline.time_s[-1])
-    moved_m2 = np.sum(np.diff(columns_at(yaw_s, timeline.time_s, displacement_m(timeline)), axis=0) ** 2, axis=1)
-    # a random walk of the turn rate q, interpolated over s seconds: the integral of yaw has the variance q^2 s^5 / 120
-    turned = np.minimum(process[0].turn_rate_radps ** 2 * np.diff(yaw_s) ** 3 / 120, UNKNOWN_DIRECTION)
-
+    noise_m2 = _gained(time_s, measured) * (dvl.probabilities * dvl.gain).sum(axis=0)
+    held_m2 = _gained(time_s, held) * [q.velocity_mps**2 for q in process]
     walk_m2 = [
         q.position_m**2 + (0.0 if known else q.uncalibrated_m**2) for q, known in zip(process, scaled, strict=True)
     ]
     dt_s = np.maximum(np.diff(time_s, prepend=0.0), 0.0)[:, None]
-    return dt_s * walk_m2 + noise_m2 + held_m2 + _gained(time_s, yaw_s, moved_m2 * turned)
+    return dt_s * walk_m2 + noise_m2 + held_m2 + _gained(time_s, turned)
 
 
-def _gained(time_s: Vector, edges_s: Vector, gained: Vector) -> Array:
-    """Return what is gained from time to time, (T, 1), of a quantity that grows linearly between edges."""
-    total = np.interp(time_s, edges_s, np.append(0.0, np.cumsum(gained)))
-    return np.diff(total, prepend=0.0)[:, None]
+class _Gain(NamedTuple):
+    """A quantity that grows linearly between edges."""
+
+    edges_s: Vector  # (n,)
+    total: Vector  # (n,) at the edges
+
+
+@lru_cache(maxsize=1)  # a search asks for the same timeline again and again
+def _open_by_records(timeline: Timeline, turn_radps: float) -> tuple[_Gain, _Gain, _Gain]:
+    """Return the variances of dead reckoning by noise of the DVL, by a random walk of 1 m/s/√s, and by turns."""
+    dvl_rows = np.flatnonzero(timeline.dvl_count)
+    dvl_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
+    spacing_s = np.diff(dvl_s)
+    R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
+    yaw_s = np.append(timeline.time_s[timeline.yaw_count > 0], timeline.time_s[-1])
+    moved_m2 = np.sum(np.diff(columns_at(yaw_s, timeline.time_s, displacement_m(timeline)), axis=0) ** 2, axis=1)
+    # a random walk of the turn rate q, interpolated over s seconds: the integral of yaw has the variance q^2 s^5 / 120
+    turned = np.minimum(turn_radps**2 * np.diff(yaw_s) ** 3 / 120, UNKNOWN_DIRECTION)
+    steps = (dvl_s, R * spacing_s**2), (dvl_s, spacing_s**3 / 3), (yaw_s, moved_m2 * turned)
+    measured, held, turns = (_Gain(edges_s, np.append(0.0, np.cumsum(gained))) for edges_s, gained in steps)
+    return measured, held, turns
+
+
+def _gained(time_s: Vector, gain: _Gain) -> Array:
+    """Return what is gained from time to time, (T, 1)."""
+    return np.diff(np.interp(time_s, gain.edges_s, gain.total), prepend=0.0)[:, None]

@@ -24,6 +24,7 @@ FINER = (0.7, 0.8, 0.9, 1.0, 1.15, 1.3, 1.5)  # of a reach: between neighbours o
 MOST = 0.25  # [-] of the log, by judgement: dead reckoning that is wrong for longer is not to be trusted at all
 MARGIN_S = 5.0  # a span that is too long costs little, one that is too short displaces the rest of the track
 BOTH = ("dvl", "compass")
+USUAL_KIND = 0  # fixed: row of KINDS
 LOST = (("dvl",), BOTH)  # sensors that a span is sought without
 Lost = tuple[SensorChange, SensorChange]  # dead reckoning is lost, and there again
 
@@ -39,7 +40,8 @@ def lost_spans(
     none = false_runs(timeline, member)
     edges_s = {*_edges_s(timeline, none.false[:MAX_FIXES]), *filter(math.isfinite, shifts_s)}
     least = max(none.log_likelihood, log_likelihood) + cost(timeline)
-    spans = (_likeliest(timeline, member, edge_s, lost, least) for edge_s in sorted(edges_s) for lost in LOST)
+    kinds = sorted({USUAL_KIND, none.kind})
+    spans = (_likeliest(timeline, member, edge_s, lost, least, kinds) for edge_s in sorted(edges_s) for lost in LOST)
     return tuple(span for span in spans if span)
 
 
@@ -60,7 +62,7 @@ def _edges_s(timeline: Timeline, false: Mask) -> Sequence[float]:
     return [float(timeline.fix_time_s[row]) for row, there in ((steps[0], false[0]), (steps[-1], false[-1])) if there]
 
 
-def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...], least: float) -> Lost | None:
+def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...], least: float, kinds: Sequence[int]) -> Lost | None:
     def tried(reach_s: tuple[float, float]) -> Lost:
         begin_s = max(edge_s - reach_s[0], float(timeline.time_s[0]))
         return SensorChange(begin_s, 0.0, 0.0, lost), SensorChange(edge_s + reach_s[1], 0.0, 0.0)
@@ -69,7 +71,7 @@ def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[st
     def log_likelihood(reach_s: tuple[float, float]) -> float:
         if not 0 < sum(reach_s) < MOST * float(timeline.time_s[-1]):
             return -math.inf
-        return false_runs(without_changes(timeline, tried(reach_s)), member).log_likelihood
+        return false_runs(without_changes(timeline, tried(reach_s)), member, kinds=kinds).log_likelihood
 
     before_s = after_s = REACHES_S[1]
     for finer in (False, False, True):

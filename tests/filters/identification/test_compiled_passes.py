@@ -81,9 +81,11 @@ def test_histories_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch, family: N
     cov_m2 = LINE.fix_cov_m2.copy()
     cov_m2[:, [0, 1], [1, 0]] = 0.01
     line: Timeline = replace(LINE, fix_m=LINE.fix_m + FAULTS[fault], fix_cov_m2=cov_m2)
-    for start, gradual in ((None, True), (Start(*LINE.fix_m[0].tolist(), sd_m=2.0), False)):
+    near_first = Start(*LINE.fix_m[0].tolist(), sd_m=2.0)
+    for start, gradual, kinds in ((None, True, range(4)), (near_first, False, range(4)), (None, True, [0, 2])):
         member = Member(Parameters(usbl=family, start=start), frozenset({"scale", "heading", "latency"}))
-        found = false_runs.false_runs(line, member, gradual)
+        found = false_runs.false_runs(line, member, gradual, kinds)
+        assert found.kind in kinds
         assert found.false.any() or fault in ("none", "gradual")
 
 
