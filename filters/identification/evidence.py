@@ -57,7 +57,7 @@ from usbldr.filters.identification.noise_fit import estimate_compass_noise, esti
 from usbldr.filters.identification.unmodelled_errors import unmodelled_errors
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
 from usbldr.filters.models.parameters import Parameters, SensorChange
-from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.replay.dead_reckoning import rival_share, without_changes
 from usbldr.filters.replay.position_fixes import with_gps_fixes
 from usbldr.filters.types import Mask, Timeline, Vector
 
@@ -257,8 +257,11 @@ def _likeliest(choices: Sequence[Choice]) -> Choice:
 
 def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
     edges = np.flatnonzero(np.diff(false.astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
-    t = timeline.fix_time_s
-    return tuple(FalseRun(float(t[first]), float(t[end - 1]), end - first, end == len(t)) for first, end in edges)
+    t, correct = timeline.fix_time_s, int(np.count_nonzero(~false))
+    return tuple(
+        FalseRun(float(t[first]), float(t[end - 1]), end - first, end == len(t), rival_share(end - first, correct))
+        for first, end in edges
+    )
 
 
 def _best_subset(timeline: Timeline, member: Member, far: frozenset[str]) -> Choice:

@@ -16,6 +16,7 @@ STRONG_ODDS = 20.0  # [-] from which on evidence is strong: Kass and Raftery, se
 MOST_OF_SCALE = 1.5  # [-] by judgement: sound speed and angles of beams change speeds by per cents
 OUTLIERS = 3  # [fixes] the most in a row that 5 to 10 % of outliers among a thousand fixes are by chance
 EARLY_SIGMAS = 3.0  # [-] by which stamps of fixes are early before it is said
+NOTABLE_SHARE = 0.01  # [-] of logs in which a run is right: less adds no tenth of its offset to the sigma
 CONTRADICTED = 10.0  # [-] by judgement: a random walk of dead reckoning so much larger than stated is a fault
 
 
@@ -81,6 +82,7 @@ class FalseRun(NamedTuple):
     end_s: float
     fixes: int
     last: bool = False  # no fix follows them
+    rival_share: float = 0.0  # of the logs in which so many are right and dead reckoning is wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,6 +256,11 @@ class Identification:
         for run in self.false_runs:
             if run.last:
                 decided += f"; no fix follows those from {run.start_s:.0f} s on: perhaps dead reckoning is wrong there"
+            elif run.rival_share > NOTABLE_SHARE:
+                decided += (
+                    f"; those from {run.start_s:.0f} to {run.end_s:.0f} s are so many that perhaps dead reckoning is "
+                    "wrong before or after them instead, which is part of the track's sigma there"
+                )
         return (
             f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
             "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"

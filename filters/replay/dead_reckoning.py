@@ -276,3 +276,8 @@ def shift_covariance_m2(fix_time_s: Vector, changed: Sequence[SensorChange]) -> 
     shift_m = np.array([(0.0, 0.0), *(one.fix_shift_m for one in changed)])
     weight = np.bincount(since, minlength=len(shift_m)) ** MAJORITY
     return np.einsum("n,ni,nj->ij", weight / max(weight.sum(), 1.0), shift_m, shift_m)
+
+
+def rival_share(rivals: int, others: int) -> float:
+    """Return the share of the logs in which the rivals are right, of fixes that lie together in two places."""
+    return 1 / (1 + (others / rivals) ** MAJORITY)

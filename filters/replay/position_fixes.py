@@ -16,7 +16,7 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, Parameters
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import MAJORITY
+from usbldr.filters.replay.dead_reckoning import rival_share
 from usbldr.filters.types import Array, Indices, Timeline, Vector
 from usbldr.filters.windows import TimeWindow, columns_at, in_windows, windows_text
 
@@ -115,8 +115,7 @@ class RivalFixes(NamedTuple):
     @property
     def cov_m2(self) -> Array:
         """What they leave open of the track, (2, 2): the more lie in one place, the likelier is it right."""
-        rival, own = float(self.fixes) ** MAJORITY, float(self.on_track) ** MAJORITY
-        return rival / (rival + own) * np.outer(self.offset_m, self.offset_m)
+        return rival_share(self.fixes, self.on_track) * np.outer(self.offset_m, self.offset_m)
 
     @property
     def text(self) -> str:
@@ -137,8 +136,7 @@ def rival_fixes(
 
     ``lever_m`` (2,) is that of the transponder, ``sd_scale`` the factor on the sigmas of the fixes.
     """
-    transponder_m = position_m + rotated(yaw_rad, lever_m)
-    off_m = timeline.fix_m - columns_at(timeline.fix_time_s, timeline.time_s, transponder_m)
+    off_m = _off_track_m(timeline, position_m, yaw_rad, lever_m)
     near_m = NEAR_SIGMAS * sd_scale * np.sqrt(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)
     elsewhere = np.hypot(*off_m.T) > near_m
     on_track = int(np.count_nonzero(~elsewhere))
@@ -149,3 +147,26 @@ def rival_fixes(
     count = int(np.count_nonzero(elsewhere & (np.hypot(*(off_m - place_m).T) < near_m)))
     apart = float(np.hypot(*place_m)) > 2 * float(np.median(near_m))
     return RivalFixes(place_m, count, on_track) if apart and count >= least else None
+
+
+def false_run_covariance_m2(
+    timeline: Timeline, position_m: Array, yaw_rad: Vector, lever_m: Vector, false_fixes: Indices
+) -> Array:
+    """Return what false fixes in a row leave open of the positions at K epochs, (K, 2, 2), while each run lasts.
+
+    They may be right, and dead reckoning wrong before and after them: the more they are, the likelier.
+    """
+    off_m, cov_m2 = _off_track_m(timeline, position_m, yaw_rad, lever_m), np.zeros((len(position_m), 2, 2))
+    for run in np.split(false_fixes, np.flatnonzero(np.diff(false_fixes) > 1) + 1):
+        if len(run):
+            begin, end = np.searchsorted(timeline.time_s, timeline.fix_time_s[run[[0, -1]]])
+            share, offset_m = rival_share(len(run), len(off_m) - len(false_fixes)), np.median(off_m[run], axis=0)
+            cov_m2[begin : end + 1] += share * np.outer(offset_m, offset_m)
+    return cov_m2
+
+
+def _off_track_m(timeline: Timeline, position_m: Array, yaw_rad: Vector, lever_m: Vector) -> Array:
+    """Return how far each fix lies from a track, (F, 2); ``lever_m`` is that of the transponder."""
+    transponder_m = position_m + rotated(yaw_rad, lever_m)
+    off_m: Array = timeline.fix_m - columns_at(timeline.fix_time_s, timeline.time_s, transponder_m)
+    return off_m

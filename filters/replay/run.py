@@ -31,7 +31,7 @@ from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, shift_covariance_m2, without_changes
 from usbldr.filters.replay.methods import FilterSettings, Method, method_named, methods_that
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
-from usbldr.filters.replay.position_fixes import RivalFixes, rival_fixes
+from usbldr.filters.replay.position_fixes import RivalFixes, false_run_covariance_m2, rival_fixes
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource, sensor_kinds, vehicle_motion
@@ -119,9 +119,9 @@ def _run(
     x, y = layout.rows("x", "y")
     open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd)
     open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.rival_shift or parameters.changes)
-    lever_m = np.array(parameters.usbl_lever_m[:2])
-    rivals = rival_fixes(timeline, mean[:, x : y + 1], mean[:, psi], lever_m, parameters.usbl_sd_scale)
-    open_cov_m2 += rivals.cov_m2 if rivals else 0.0
+    at_fixes = timeline, mean[:, x : y + 1], mean[:, psi], np.array(parameters.usbl_lever_m[:2])
+    rivals = rival_fixes(*at_fixes, parameters.usbl_sd_scale)
+    open_cov_m2 += rivals.cov_m2 if rivals else false_run_covariance_m2(*at_fixes, np.array(parameters.false_fixes, int))
     cov[:, x : y + 1, x : y + 1] += open_cov_m2
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0

@@ -438,6 +438,13 @@ def test_false_fixes_at_the_end_of_a_log_may_be_a_fault_of_dead_reckoning_unless
     assert ("no fix follows those from" in text) == (last and "in a row" not in begins)
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.02, True), (0.005, False)])
+def test_false_fixes_that_may_be_right_instead_are_said(share, said):
+    (text,) = Identification(ASSUMED, false_runs=(FalseRun(10.0, 290.0, 281, rival_share=share),)).warnings
+
+    assert ("those from 10 to 290 s are so many that perhaps dead reckoning is wrong" in text) == said
+
+
 @pytest.mark.parametrize(("late_s", "ahead_m", "unusual"), [(5.0, 6.0, True), (2.0, 2.4, False)])
 def test_a_lever_arm_or_a_latency_that_is_larger_than_usual_is_said_to_be(late_s, ahead_m, unusual):
     late = Explanation(("latency",), 0.0, (ErrorEstimate("usbl_latency_s", late_s, 0.1),))

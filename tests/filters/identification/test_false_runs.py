@@ -47,8 +47,24 @@ def test_false_fixes_in_a_row_are_found_wherever_they_are(name: str) -> None:
     assert found.parameters.changes == ()
     assert sum(one.fixes for one in found.false_runs) == RUNS[name].sum()
     assert [one.last for one in found.false_runs][-1] == RUNS[name][-1]
+    rivals, others = found.false_runs[0].fixes, int((~RUNS[name]).sum())
+    assert found.false_runs[0].rival_share == pytest.approx(rivals**4 / (rivals**4 + others**4))
     assert str(RUNS[name].sum()) in found.warnings[0]
     assert mean_error_m(line, found.parameters) < 0.5
+
+
+@pytest.mark.parametrize("place", ["first", "middle"])
+def test_so_many_false_fixes_that_they_may_be_right_widen_the_sigma_while_they_last(place: str) -> None:
+    count, others, first = 120, len(T) - 120, 0 if place == "first" else 150
+    false = np.arange(first, first + count)
+    line = moved(np.isin(np.arange(len(T)), false), np.array([6.0, -8.0]))
+    track = run("adf", line, replace(ASSUMED, false_fixes=tuple(false.tolist())))
+    share = count**4 / (count**4 + others**4)
+
+    begin, there, end = np.searchsorted(line.time_s, T[false[[0, count // 2, -1]]])
+    np.testing.assert_allclose(track.open_cov_m2[there], share * np.outer([6, -8], [6, -8]), rtol=0.2)
+    assert not track.open_cov_m2[:begin].any()
+    assert not track.open_cov_m2[end + 1 :].any()
 
 
 @pytest.mark.long
