@@ -196,9 +196,10 @@ class _Gain(NamedTuple):
 @lru_cache(maxsize=1)  # a search asks for the same timeline again and again
 def _open_by_records(timeline: Timeline, turn_radps: float) -> tuple[_Gain, _Gain, _Gain]:
     """Return the variances of dead reckoning by noise of the DVL, by a random walk of 1 m/s/√s, and by turns."""
+    # each record holds from its time to the next, the first one also before it
     dvl_rows = np.flatnonzero(timeline.dvl_count)
-    dvl_s = np.append(timeline.time_s[dvl_rows], timeline.time_s[-1])  # each record holds from its time to the next
-    spacing_s = np.diff(dvl_s)
+    dvl_s = np.concatenate([timeline.time_s[:1], timeline.time_s[dvl_rows], timeline.time_s[-1:]])
+    spacing_s, dvl_rows = np.diff(dvl_s), np.append(dvl_rows[:1], dvl_rows)
     R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
     yaw_s = np.append(timeline.time_s[timeline.yaw_count > 0], timeline.time_s[-1])
     moved_m2 = np.sum(np.diff(columns_at(yaw_s, timeline.time_s, displacement_m(timeline)), axis=0) ** 2, axis=1)
