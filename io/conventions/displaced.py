@@ -24,6 +24,7 @@ RETURNING = 0.5  # [-] of a jump of the velocity, by judgement: what is left of 
 MIN_LOG_ODDS = 3.0  # log 20: strong evidence, as of sensor errors
 FAR_S = ((60.0, 0.0), (0.0, 60.0))  # before and after a stretch, by judgement: false fixes in a row end by then
 FIXES_BESIDE = 7  # before and after a stretch: their median endures two outliers
+LEAST_BESIDE = 3  # [fixes] of a side: one or two false ones say nothing of a velocity
 RIGHT = 0.5  # [-] of the way between fixes, by judgement: what right velocities leave of it, noise included, at most
 DRIFTS_M = (0.03, 0.1, 0.3, 1.0, 3.0)  # [m/√s] of dead reckoning, from good to hardly any
 FIX_DOF = 4.0  # [-] by judgement: of Student's t, as fixes have outliers
@@ -191,7 +192,7 @@ class _Judge:
         self._velocity_mps[one.first : one.end] = self._without(one)
 
     def log_odds_against(self, one: Stretch, before_s: float = 0.0, after_s: float = 0.0) -> float:
-        """Return the log odds of fixes so long before and after against the velocities of a stretch; 0: there are none.
+        """Return the log odds of fixes so long before and after against the velocities of a stretch; 0: too few.
 
         Of a side that has no fixes so far away, the nearest ones count.
         """
@@ -201,7 +202,7 @@ class _Judge:
         before = before or int(np.searchsorted(times_s, began_s))
         after = after if after < len(times_s) else int(np.searchsorted(times_s, ended_s))
         count = min(FIXES_BESIDE, before, len(times_s) - after)
-        if not count:
+        if count < LEAST_BESIDE:
             return 0.0
         last, first = after + np.arange(count), before - 1 - np.arange(count)
         rows = slice(int(self._row[first[-1]]), int(self._row[last[-1]]) + 1)
