@@ -111,21 +111,21 @@ def explained(timeline: Timeline, given: Parameters) -> Explained:
     outliers = gross(timeline)
     unchanged = _explanation(timeline, stated, outliers, FoundChanges())
     noise = change_of_noise(timeline.with_fixes(~outliers), stated)
-    louder = _explanation(timeline, stated, outliers, noise) if noise.changes else unchanged
+    louder, false = _explanation(timeline, stated, outliers, noise) if noise.changes else unchanged, unchanged.false
     if louder.log_evidence > unchanged.log_evidence:  # the others are compared with these sigmas
         unchanged = louder._replace(changes=(), log_evidence=louder.log_evidence + noise.cost)
     else:
         noise = FoundChanges()
-    timeline, unchanged = unchanged.timeline, _fitted(unchanged, stated)
-    usual, blocks = blocks_of(timeline.with_fixes(~outliers), stated)
-    changed = [
-        one for one in (*changes(usual, stated, blocks), unmodelled_errors(usual, stated, blocks)) if one.changes
-    ]
+    timeline, changed = unchanged.timeline, list[FoundChanges]()
+    for left_out in (outliers, false)[: 1 + bool((false != outliers).any())]:  # false fixes hide changes
+        usual, blocks = blocks_of(timeline.with_fixes(~left_out), stated)
+        changed += [*changes(usual, stated, blocks), unmodelled_errors(usual, stated, blocks)]
+    changed = [one for one in changed if one.changes]
     possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
     shifted = [one for one in possible if any(any(change.fix_shift_m) for change in one.changes)]
     shifts_s = [change.start_s for one in shifted for change in one.changes]
     possible.append(_with_lost_reckoning(timeline, stated, outliers, unchanged, shifts_s))
-    best = _fitted(max(possible, key=lambda one: one.log_evidence), stated)
+    best = max(possible, key=lambda one: one.log_evidence)
     rivals = [one.changes for one in shifted if 0 < best.log_evidence - one.log_evidence < math.log(STRONG_ODDS)]
 
     def conclude() -> Identification:
@@ -143,8 +143,7 @@ class _Explanation(NamedTuple):
     changes: tuple[SensorChange, ...]
     timeline: Timeline  # without them
     false: Mask  # (F,) fixes
-    left_out: Mask  # (F,) fixes, when the members were fitted
-    members: list[Member]  # with all errors and the noise that fits the other fixes
+    members: list[Member]  # with all errors and the noise that fits the fixes
     log_evidence: float  # of the fixes that are no gross outliers, less what changes cost
 
 
@@ -168,15 +167,7 @@ def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed
     false[~outliers], log_likelihood = false_fixes(near, members[likeliest], stated)
     for one in at_fault:  # as likely as it is: less would speak for changes
         log_likelihood = max(log_likelihood, false_fixes(near, one, stated)[1])
-    return _Explanation(changed.changes, line, false, outliers, members, log_likelihood - changed.cost)
-
-
-def _fitted(one: _Explanation, stated: Parameters) -> _Explanation:
-    """Return the explanation with members that are fitted without its false fixes."""
-    if np.array_equal(one.false, one.left_out):
-        return one
-    members, _ = _with_every_error(one.timeline.with_fixes(~one.false), stated)
-    return one._replace(left_out=one.false, members=members)
+    return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
 
 
 def _with_lost_reckoning(
@@ -188,7 +179,7 @@ def _with_lost_reckoning(
     """
     found, near = FoundChanges(), timeline.with_fixes(~outliers)
     for _ in range(MOST_LOST):
-        before, line, best = found, without_changes(near, found.changes), _fitted(best, stated)
+        before, line = found, without_changes(near, found.changes)
         member, log_likelihood = robust_member(line, best.members[0], stated), best.log_evidence + before.cost
         for span in lost_spans(line, member, log_likelihood, () if found.changes else shifts_s):
             one = FoundChanges(tuple(sorted((*before.changes, *span))), before.cost + cost(line))
