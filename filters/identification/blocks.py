@@ -51,6 +51,7 @@ class Kind(NamedTuple):
     parts: Array  # (k, n) 1: a change may have these together
     accumulates: bool  # over the way since the change
     free: bool  # nothing is known of them before the first change
+    passes: bool  # it may end, and then they are as before
     most: int  # [changes] a log of more is not described by them
 
     @property
@@ -69,6 +70,7 @@ OF_DEAD_RECKONING = Kind(
     parts=np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
     accumulates=True,
     free=True,
+    passes=False,
     most=4,
 )
 OF_WATER = Kind(  # a DVL out of reach of the bottom measures through the water
@@ -77,7 +79,8 @@ OF_WATER = Kind(  # a DVL out of reach of the bottom measures through the water
     parts=np.array([[1.0, 1.0]]),
     accumulates=True,
     free=False,
-    most=4,
+    passes=True,
+    most=2,
 )
 OF_FIXES = Kind(
     states=_numbers("x", "y", "usbl_latency"),
@@ -85,6 +88,7 @@ OF_FIXES = Kind(
     parts=np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
     accumulates=False,
     free=False,
+    passes=False,
     most=1,
 )
 KINDS = (OF_DEAD_RECKONING, OF_WATER, OF_FIXES)
@@ -103,10 +107,14 @@ class Blocks(NamedTuple):
     share: float  # of the stated correlated error of the fixes
     kind: Kind
 
-    @property
-    def log_odds(self) -> Vector:
-        """Against a change of each of the kind's parts, which may begin before any block, (k,)."""
-        return np.log(len(self.first) * STRONG_ODDS ** self.kind.parts.sum(axis=1))
+    def log_odds(self, begins: Indices, ends: Indices) -> Array:
+        """Against a change from N fixes to M, of each of the kind's parts, (N, M, k).
+
+        It may begin or end before any block; the first and the last one are no choice of a time.
+        """
+        at_begin = np.where((begins <= self.first[1]) & (self.kind.first == 0), 1, len(self.first))
+        at_end = np.where(ends == len(self.time_s), 1, len(self.first))
+        return np.log(np.multiply.outer(np.outer(at_begin, at_end), STRONG_ODDS ** self.kind.parts.sum(axis=1)))
 
 
 def blocks_of(timeline: Timeline, given: Parameters) -> tuple[Timeline, Sequence[Blocks]]:
@@ -137,8 +145,22 @@ def _among_neighbours(timeline: Timeline, given: Parameters) -> Mask:
 def off_neighbours_m(timeline: Timeline, given: Parameters) -> Array:
     """Return how far each fix lies from the median of its neighbours, against dead reckoning, (F, 2)."""
     off_m = linearised(timeline, given.usbl_from_dvl_m, len(timeline.fix_time_s), NO_ERROR).residual_m
-    around_m = np.pad(off_m, ((NEIGHBOURS, NEIGHBOURS), (0, 0)), mode="reflect")
+    around_m = np.vstack([_continued(off_m[::-1])[::-1], off_m, _continued(off_m)])
     return off_m - np.median(sliding_window_view(around_m, 2 * NEIGHBOURS + 1, axis=0), axis=2)
+
+
+def _continued(off_m: Array) -> Array:
+    """Return NEIGHBOURS more values on the line through the last ones, which endures false ones, (NEIGHBOURS, 2).
+
+    P. Sen, "Estimates of the regression coefficient based on Kendall's tau", J. American Statistical Association
+    63(324), 1968, doi:10.1080/01621459.1968.10480934.
+    """
+    last = off_m[-2 * NEIGHBOURS - 1 :]
+    i, j = np.triu_indices(len(last), 1)
+    slope = np.median((last[j] - last[i]) / (j - i)[:, None], axis=0)
+    level = np.median(last - np.outer(np.arange(len(last)), slope), axis=0)
+    line_m: Array = level + np.outer(len(last) + np.arange(NEIGHBOURS), slope)
+    return line_m
 
 
 def blocks_about(timeline: Timeline, given: Parameters, about: Point, share: float) -> Blocks:
@@ -176,12 +198,15 @@ def blocks_about(timeline: Timeline, given: Parameters, about: Point, share: flo
 
 
 def moved_by_changes(blocks: Blocks, fixes: Indices) -> Array:
-    """Return how a change before each of N fixes moves the blocks, per number of the kind, (2 B, N, n)."""
+    """Return how a change before each of N fixes moves the blocks, per number of the kind, (2 B, N, n).
+
+    One behind the last fix does not.
+    """
     size, kind = int(blocks.first[1]), blocks.kind
     moved_m, mean_moved_m = blocks.measurement_matrix[:, :, kind.states], blocks.mean_matrix[:, :, kind.states]
     own, count = fixes // size, len(blocks.first)
     later = (np.arange(count)[:, None] > own)[..., None, None]
-    until_m = moved_m[fixes] * float(kind.accumulates)
+    until_m = moved_m[np.minimum(fixes, len(moved_m) - 1)] * float(kind.accumulates)
     since = np.where(later, mean_moved_m[:, None] - until_m, 0.0)
     for n in np.flatnonzero(own < count):
         fix, end = fixes[n], (own[n] + 1) * size

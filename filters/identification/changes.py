@@ -43,6 +43,7 @@ class _Change(NamedTuple):
 
     fix: int  # before which it is
     parts: int  # of those of the kind
+    end: int  # the fix before which it has passed, or that behind the last one
 
 
 class FoundChanges(NamedTuple):
@@ -84,13 +85,17 @@ class _Found(NamedTuple):
     cost: float  # prior odds, and evidence that is less than the likelihood of the best sizes
 
     @property
+    def sizes(self) -> Array:
+        """The numbers of each change, posterior means, (N, n)."""
+        columns = _changing(self.blocks, self.changes) * self.blocks.kind.sds**2
+        return np.einsum("bcn,b->cn", columns, self.explained)
+
+    @property
     def errors(self) -> Array:
-        """The numbers of the kind before the first change and after each, posterior means, (N + 1, n)."""
+        """The numbers of the kind before the first change and after each that does not pass, (N + 1, n)."""
         kind = self.blocks.kind
-        at_start = self.blocks.mean_matrix[:, :, kind.states].reshape(-1, len(kind.sds))
-        columns = [at_start * (FREE_SD**2 if kind.free else 0.0)]
-        columns += list(_changing(self.blocks, self.changes).swapaxes(0, 1) * kind.sds**2)
-        errors: Array = np.cumsum([each.T @ self.explained for each in columns], axis=0)
+        at_start = self.blocks.mean_matrix[:, :, kind.states].reshape(-1, len(kind.sds)) * kind.free * FREE_SD**2
+        errors: Array = np.cumsum([at_start.T @ self.explained, *self.sizes], axis=0)
         return errors
 
 
@@ -101,21 +106,23 @@ def _best(blocks: Sequence[Blocks]) -> _Found:
 def _found(blocks: Blocks) -> _Found:
     found: list[_Change] = []
     for _ in range(2 * blocks.kind.most):  # one that is added may make an earlier one needless
-        added = _likeliest(blocks, found, blocks.first[blocks.kind.first :])
+        added = _likeliest(blocks, found, blocks.first[blocks.kind.first :], blocks.first)
         if added is None:
             break
         found = _refined(blocks, [*found, added])
     cov, z = _with(blocks, found), blocks.residual_m
     explained, evidence = weighed(z, cov)
     _, likelihood = weighed(z - (cov - blocks.cov_m2) @ explained, blocks.cov_m2)  # without their posterior means
-    odds, nis = float(sum(blocks.log_odds[one.parts] for one in found)), float(z @ explained) / len(z)
+    odds = sum(float(blocks.log_odds(*np.array([[one.fix], [one.end]]))[0, 0, one.parts]) for one in found)
+    nis = float(z @ explained) / len(z)
     return _Found(blocks, sorted(found), explained, nis, evidence - odds, likelihood - evidence + odds)
 
 
 def _changing(blocks: Blocks, found: Sequence[_Change]) -> Array:
     """Return how changes move the blocks, per number of the kind that each has, (2 B, N, n)."""
-    fixes = np.array([one.fix for one in found], np.intp)
-    return moved_by_changes(blocks, fixes) * blocks.kind.parts[[one.parts for one in found]]
+    begin, end = (np.array(fixes, np.intp) for fixes in ([one.fix for one in found], [one.end for one in found]))
+    moved = moved_by_changes(blocks, begin) - moved_by_changes(blocks, end)
+    return moved * blocks.kind.parts[[one.parts for one in found]]
 
 
 def _with(blocks: Blocks, found: Sequence[_Change]) -> Array:
@@ -131,39 +138,53 @@ def _refined(blocks: Blocks, found: list[_Change]) -> list[_Change]:
         before = sorted(found)
         for one in before:
             others = [other for other in found if other != one]
-            near = np.arange(
-                max(blocks.kind.first, one.fix - 2 * size), min(len(blocks.time_s), one.fix + 2 * size + 1)
-            )
-            moved = _likeliest(blocks, others, near)
+            begins, ends = (np.arange(fix - 2 * size, fix + 2 * size + 1) for fix in (one.fix, one.end))
+            begins = begins[(begins >= blocks.kind.first) & (begins < len(blocks.time_s))]
+            moved = _likeliest(blocks, others, begins, ends[ends < len(blocks.time_s)])
             found = others if moved is None else [*others, moved]
         if sorted(found) == before:
             break
     return found
 
 
-def _likeliest(blocks: Blocks, found: Sequence[_Change], fixes: Indices) -> _Change | None:
-    """Return one more change, the likeliest before one of the fixes; None if the evidence for none is strong."""
-    apart_s = np.abs(blocks.time_s[fixes, None] - blocks.time_s[[one.fix for one in found]])
-    fixes = fixes[np.all(apart_s >= LASTING_S, axis=1)]
-    if not len(fixes):
+def _likeliest(blocks: Blocks, found: Sequence[_Change], begins: Indices, ends: Indices) -> _Change | None:
+    """Return one more change, the likeliest from one of some fixes on; None if the evidence for none is strong.
+
+    It lasts, or passes before one of ``ends`` if its kind does; between two that pass, all is as usual for a while.
+    """
+    ends = np.append(ends[: len(ends) * blocks.kind.passes], len(blocks.time_s))
+    time_s = np.append(blocks.time_s, np.inf)
+    begin_s, end_s = time_s[begins, None], time_s[ends]
+    possible = end_s - begin_s >= LASTING_S
+    for one in found:
+        if blocks.kind.passes:
+            possible &= (end_s <= time_s[one.fix] - LASTING_S) | (begin_s >= time_s[one.end] + LASTING_S)
+        else:
+            possible &= np.abs(begin_s - time_s[one.fix]) >= LASTING_S
+    if not possible.any():
         return None
-    gain = _gains(blocks, found, fixes) - blocks.log_odds
-    row, parts = np.unravel_index(np.argmax(gain), gain.shape)
-    return _Change(int(fixes[row]), int(parts)) if gain[row, parts] >= 0 else None
+    gain = _gains(blocks, found, begins, ends) - blocks.log_odds(begins, ends)
+    gain[~possible] = -np.inf
+    row, end, parts = np.unravel_index(np.argmax(gain), gain.shape)
+    return _Change(int(begins[row]), int(parts), int(ends[end])) if gain[row, end, parts] >= 0 else None
 
 
-def _gains(blocks: Blocks, found: Sequence[_Change], fixes: Indices) -> Array:
-    """Return the gain in log evidence by one more change before each of N fixes, of each of k parts, (N, k)."""
-    cov, parts, count = _with(blocks, found), blocks.kind.parts, len(blocks.kind.sds)
-    columns = (moved_by_changes(blocks, fixes) * blocks.kind.sds).reshape(len(cov), -1)
-    both = np.column_stack([blocks.residual_m, columns])
+def _gains(blocks: Blocks, found: Sequence[_Change], begins: Indices, ends: Indices) -> Array:
+    """Return the gain in log evidence by one more change from N fixes to M, of each of k parts, (N, M, k)."""
+    cov, parts, count, N = _with(blocks, found), blocks.kind.parts, len(blocks.kind.sds), len(begins)
+    edges = moved_by_changes(blocks, np.append(begins, ends)) * blocks.kind.sds
+    both = np.column_stack([blocks.residual_m, edges.reshape(len(cov), -1)])
     white: Array = np.linalg.solve(np.linalg.cholesky(cov), both).astype(np.float64)
-    z, columns = white[:, 0], white[:, 1:].reshape(len(cov), len(fixes), count)
-    information: Array = np.einsum("bna,bnc->nac", columns, columns)
-    pull: Array = np.einsum("bna,b->na", columns, z)[:, None] * parts
-    precision: Array = information[:, None] * parts[:, :, None] * parts[:, None, :] + np.eye(count)
+    z, edges = white[:, 0], white[:, 1:].reshape(len(cov), -1, count)
+    products: Array = np.tensordot(edges, edges, (0, 0)).swapaxes(1, 2)  # of all edges, (N + M, N + M, n, n)
+    own: Array = np.einsum("eenc->enc", products)
+    across = products[:N, N:]
+    information: Array = own[:N, None] - across - across.swapaxes(2, 3) + own[N:]
+    pull: Array = np.einsum("bea,b->ea", edges, z)
+    pull = (pull[:N, None] - pull[N:])[:, :, None] * parts
+    precision: Array = information[:, :, None] * parts[:, :, None] * parts[:, None, :] + np.eye(count)
     solved: Array = np.linalg.solve(precision, pull[..., None]).astype(np.float64)[..., 0]
-    gain: Array = 0.5 * (np.einsum("nka,nka->nk", pull, solved) - np.linalg.slogdet(precision)[1])
+    gain: Array = 0.5 * (np.einsum("nmka,nmka->nmk", pull, solved) - np.linalg.slogdet(precision)[1])
     return gain
 
 
@@ -183,8 +204,14 @@ def _as_errors(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
 
 def _of_water(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
     """Return the changes as currents through which the DVL measures."""
-    start_s = timeline.fix_time_s[[one.fix for one in found.changes]].tolist()
-    currents = found.errors[1:].tolist()
+    steps = [(one.fix, size) for one, size in zip(found.changes, found.sizes, strict=True)]
+    steps += [
+        (one.end, -size)
+        for (_, size), one in zip(steps, found.changes, strict=True)
+        if one.end < len(timeline.fix_time_s)
+    ]
+    fixes, sizes = zip(*sorted(steps, key=lambda step: step[0]), strict=True)
+    start_s, currents = timeline.fix_time_s[list(fixes)].tolist(), np.cumsum(sizes, axis=0).tolist()
     return tuple(SensorChange(t, 0.0, 0.0, current_mps=(e, n)) for t, (e, n) in zip(start_s, currents, strict=True))
 
 

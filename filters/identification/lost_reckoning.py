@@ -62,7 +62,9 @@ def _edges_s(timeline: Timeline, false: Mask) -> Sequence[float]:
     return [float(timeline.fix_time_s[row]) for row, there in ((steps[0], false[0]), (steps[-1], false[-1])) if there]
 
 
-def _likeliest(timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...], least: float, kinds: Sequence[int]) -> Lost | None:
+def _likeliest(
+    timeline: Timeline, member: Member, edge_s: float, lost: tuple[str, ...], least: float, kinds: Sequence[int]
+) -> Lost | None:
     def tried(reach_s: tuple[float, float]) -> Lost:
         begin_s = max(edge_s - reach_s[0], float(timeline.time_s[0]))
         return SensorChange(begin_s, 0.0, 0.0, lost), SensorChange(edge_s + reach_s[1], 0.0, 0.0)

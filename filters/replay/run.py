@@ -121,7 +121,9 @@ def _run(
     open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.rival_shift or parameters.changes)
     at_fixes = timeline, mean[:, x : y + 1], mean[:, psi], np.array(parameters.usbl_lever_m[:2])
     rivals = rival_fixes(*at_fixes, parameters.usbl_sd_scale)
-    open_cov_m2 += rivals.cov_m2 if rivals else false_run_covariance_m2(*at_fixes, np.array(parameters.false_fixes, int))
+    open_cov_m2 += (
+        rivals.cov_m2 if rivals else false_run_covariance_m2(*at_fixes, np.array(parameters.false_fixes, int))
+    )
     cov[:, x : y + 1, x : y + 1] += open_cov_m2
     done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0

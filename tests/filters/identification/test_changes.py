@@ -12,7 +12,7 @@ from textbook import log_density
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification import evidence
 from usbldr.filters.identification.blocks import OF_DEAD_RECKONING, OF_FIXES, OF_WATER, Kind, blocks_about, blocks_of
-from usbldr.filters.identification.changes import FoundChanges, _Change, _gains, _with, changes
+from usbldr.filters.identification.changes import FoundChanges, _Change, _changing, _gains, _with, changes
 from usbldr.filters.identification.evidence import change_of_noise, identify
 from usbldr.filters.identification.false_runs import false_runs
 from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
@@ -45,23 +45,36 @@ def of_dead_reckoning(line: Timeline, given: Parameters = ASSUMED) -> tuple[Sens
 @pytest.mark.parametrize("kind", [OF_DEAD_RECKONING, OF_WATER, OF_FIXES], ids=["dead reckoning", "water", "fixes"])
 def test_the_gain_is_the_ratio_of_two_densities(kind: Kind) -> None:
     blocks = blocks_about(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)._replace(kind=kind)
-    before = [_Change(150, len(kind.parts) - 1)]
-    gains = _gains(blocks, before, np.array([60, 200, 300]))
-    for (fix, parts), gain in zip(
-        itertools.product([60, 200, 300], range(len(kind.parts))), gains.ravel(), strict=True
+    last = len(blocks.time_s)
+    before, begins, ends = [_Change(150, len(kind.parts) - 1, last)], [60, 200, 300], [260, last]
+    gains = _gains(blocks, before, np.array(begins), np.array(ends))
+    for (begin, end, parts), gain in zip(
+        itertools.product(begins, ends, range(len(kind.parts))), gains.ravel(), strict=True
     ):
         with_it, without = (
-            log_density(blocks.residual_m, _with(blocks, found)) for found in ([*before, _Change(fix, parts)], before)
+            log_density(blocks.residual_m, _with(blocks, found))
+            for found in ([*before, _Change(begin, parts, end)], before)
         )
         assert gain == pytest.approx(with_it - without, rel=1e-6, abs=1e-6)
 
 
 def test_a_change_of_both_parts_of_the_factor_has_the_covariance_of_either() -> None:
     blocks = blocks_about(wrong(200.0, 1e9, 0.1), ASSUMED, NO_ERROR, 1.0)
-    assert np.allclose(
-        _with(blocks, [_Change(60, 0)]) + _with(blocks, [_Change(60, 1)]),
-        _with(blocks, [_Change(60, 2)]) + _with(blocks, []),
-    )
+    one, other, both = (_with(blocks, [_Change(60, parts, len(blocks.time_s))]) for parts in range(3))
+    assert np.allclose(one + other, both + _with(blocks, []))
+
+
+@pytest.mark.parametrize("end", [260, len(DIVE.fix_time_s)])
+def test_a_current_that_passes_moves_the_fixes_by_its_way_until_then(end: int) -> None:
+    blocks = blocks_about(DIVE, ASSUMED, NO_ERROR, 1.0)._replace(kind=OF_WATER)
+    moved = _changing(blocks, [_Change(63, 0, end)])[:, 0]
+
+    t = DIVE.fix_time_s
+    way_s = np.clip(t, t[63], t[min(end, len(t) - 1)]) - t[63]
+    of_blocks = way_s[blocks.first[:, None] + np.arange(blocks.first[1])].mean(axis=1)
+    np.testing.assert_allclose(moved[0::2, 0], of_blocks, atol=1e-9)  # of 1 m/s east
+    np.testing.assert_allclose(moved[1::2, 1], of_blocks, atol=1e-9)
+    assert not moved[1::2, 0].any()
 
 
 @pytest.mark.parametrize(
