@@ -11,20 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.filters.errors import UsbldrError
 from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
 from usbldr.filters.frames import wrapped
-from usbldr.filters.identification.evidence import Explained, explained
+from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
-from usbldr.io.doctor.gross_errors import (
+from usbldr.io.doctor.clocks import (
+    clock_by_evidence,
     clock_offset_findings,
     clock_step_findings,
     correct_clock_offset,
+)
+from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
+from usbldr.io.doctor.gross_errors import (
     correct_velocity_unit,
     heading_unit_findings,
-    sensor_clock_error,
     single_error_findings,
     single_errors,
     velocity_unit_findings,
@@ -37,7 +39,13 @@ from usbldr.io.doctor.interpretations import (
     flipped,
 )
 from usbldr.io.doctor.message_evidence import message_evidence
-from usbldr.io.doctor.sensor_errors import change_findings, false_fix_findings, log_odds_text, sensor_error_findings
+from usbldr.io.doctor.sensor_errors import (
+    change_findings,
+    explained_by,
+    false_fix_findings,
+    log_odds_text,
+    sensor_error_findings,
+)
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -93,7 +101,7 @@ def cross_check(
     if identification is not None:
         result, there = _by_evidence(log, timeline, result, result.best, identification)
         identification = there.conclude()
-        if not clock_offset_s and (clock := _clock_by_evidence(log, timeline, result, identification)):
+        if not clock_offset_s and (clock := clock_by_evidence(log, timeline, result, identification)):
             return CrossCheck((*steps, *clock[0]), result, clock[1].conclude())
         line = flipped(log, timeline, result.best.flips)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
@@ -151,16 +159,8 @@ def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
 
 def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Identification | None:
     """Return what the log settles about sensor errors and noise; None without a start."""
-    found = _explained(log, line, result)
+    found = explained_by(log, line, result)
     return found.conclude() if found else None
-
-
-def _explained(log: Log, line: Timeline, result: InterpretationResult) -> Explained | None:
-    *_, mirrored = result.best.flips
-    try:
-        return explained(line, replace(log.parameters, aid=(), start=None if mirrored else log.parameters.start))
-    except LogError:
-        return None
 
 
 def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: Identification) -> list[Interpretation]:
@@ -193,7 +193,7 @@ def _by_evidence(
     """
     tried = [(by, Explained(found.log_evidence, lambda: found))]
     for one in _rivals(log, result, by, found):
-        other = _explained(log, flipped(log, timeline, one.flips), replace(result, best=one))
+        other = explained_by(log, flipped(log, timeline, one.flips), replace(result, best=one))
         tried += [(one, other)] if other else []
     best, there = max(tried, key=lambda each: each[1].log_evidence)
     others = (one.log_evidence for rival, one in tried if rival.mirror_class != best.mirror_class)
@@ -203,18 +203,6 @@ def _by_evidence(
         return result, taken
     fitting = tuple(one for one in result.plausible if one.mirror_class == best.mirror_class) or (best,)
     return replace(result, best=best, plausible=fitting, log_odds=log_odds), there
-
-
-def _clock_by_evidence(
-    log: Log, timeline: Timeline, result: InterpretationResult, found: Identification | None
-) -> tuple[list[Finding], Explained] | None:
-    """Return the clock of DVL or compass that is far off, if the evidence for it is strong, and what is found then."""
-    clock = sensor_clock_error(log, timeline, result) if found else None
-    there = _explained(log, clock[0].line, result) if clock else None
-    if not (found and clock and there) or there.log_evidence - found.log_evidence < math.log(STRONG_ODDS):
-        return None
-    error, rms_m = clock
-    return single_error_findings(log, result, [error], rms_m), there
 
 
 FIXED_ADVICE = "the names of its columns say how it was read; check them, and the signs of their values"
@@ -242,7 +230,7 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
         return moving
     if identification is not None and result.best != result.as_read:  # else only doctor asks, as it takes time
         result, _ = _by_evidence(log, corrected, result, result.as_read, identification)
-    clock = _clock_by_evidence(log, corrected, result, identification) if not clock_offset_s else None
+    clock = clock_by_evidence(log, corrected, result, identification) if not clock_offset_s else None
     if clock is not None:
         return [*steps, *clock[0]]
     asked = result.best == result.as_read

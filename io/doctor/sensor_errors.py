@@ -6,21 +6,34 @@ clockwise. All errors are relative: the log cannot show which of two sensors is 
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from usbldr.filters.errors import LogError
+from usbldr.filters.identification.evidence import Explained, explained
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
 from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
 from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
 from usbldr.filters.types import Array, Timeline
 from usbldr.filters.windows import columns_at
+from usbldr.io.doctor.interpretations import InterpretationResult
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
 WorstAndAdvice: TypeAlias = tuple[float, str]
+
+
+def explained_by(log: Log, line: Timeline, result: InterpretationResult) -> Explained | None:
+    """Return the evidence for the best interpretation, and what concludes its sensor errors; None without a start."""
+    *_, mirrored = result.best.flips
+    try:
+        return explained(line, replace(log.parameters, aid=(), start=None if mirrored else log.parameters.start))
+    except LogError:
+        return None
 
 
 def sensor_error_findings(log: Log, found: Identification, clock_known: bool = True) -> list[Finding]:

@@ -93,6 +93,11 @@ def output_of(*arguments: object) -> str:
     return done.stdout
 
 
+def replayed(log: Path, *options: str) -> str:
+    """Return what a replay by dead reckoning, unless options say otherwise, prints on stderr."""
+    return run("replay", log, "-f", "dr", "-q", "--force", "-o", log.with_name("run"), *options).stderr
+
+
 def spoil(file: Path, old: str, new: str) -> None:
     """Put other words into a file that has the old ones, once."""
     text = file.read_text(encoding="utf-8")

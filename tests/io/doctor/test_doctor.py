@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commands import drafted, findings, finished, output_of, report_of, run
+from commands import drafted, findings, finished, output_of, replayed, report_of, run
 from curved import CONVENTIONS, FLIPPED, changed, cured_by, curved_dive, in_radians, stating, written
 from logs import logged_csv
 from recordings import SECOND, T0, Row, point, write_csv
@@ -28,10 +28,6 @@ from usbldr.io.recordings.mcap_log import McapLog
 
 MIRRORED: Mapping[str, Any] = {"dvl": "FRD", "imu": "NED", "usbl": "NED"}
 SENSOR_ERRORS = {"USBL-LATENCY", "DVL-LEVER", "DVL-CLOCK", "DVL-SCALE", "LEVER-OR-LATENCY", "RIVAL-EXPLANATIONS"}
-
-
-def replayed(log: Path, *options: str) -> str:
-    return run("replay", log, "-f", "dr", "-q", "--force", "-o", log.with_name("run"), *options).stderr
 
 
 @pytest.mark.parametrize(
@@ -365,71 +361,6 @@ def test_senseless_sensors_end_in_findings_alone(tmp_path: Path, topic: str, val
     assert found
 
 
-def ahead(topic: str, by_s: float) -> list[Row]:
-    """Return a dive with a topic's stamps on a clock that is ahead; log times stay."""
-    by_ns = round(by_s * SECOND)
-    return changed(curved_dive(gps=True), topic, header__stamp=lambda values: values["header.stamp"] + by_ns)
-
-
-@pytest.mark.parametrize("ahead_s", [-18.0, 37.0, 150.0])
-@pytest.mark.long
-def test_fixes_on_another_clock_are_no_turned_dvl(tmp_path: Path, ahead_s: float) -> None:
-    """GPS time is 18 s ahead of UTC."""
-    log, cure = written(tmp_path, ahead("/usbl", ahead_s)), f"[usbl]\nlatency_s = {ahead_s}\n"
-
-    ill, cured = findings(log), cured_by(log, cure)
-
-    assert ill["CLOCK-OFFSET"]["worst"] == pytest.approx(ahead_s, abs=0.2)
-    assert ("GPS time and UTC" in ill["CLOCK-OFFSET"]["text"]) == (abs(ahead_s) == 18.0)
-    assert (FLIPPED | {"DVL-MOUNT", "USBL-LATENCY", "TRUTH-CLOCK"}).isdisjoint(ill)
-    assert "CLOCK-OFFSET" in replayed(log)
-    assert {"CLOCK-OFFSET", "DVL-MOUNT", "USBL-LATENCY"}.isdisjoint(cured)
-
-
-@pytest.mark.long
-def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path: Path) -> None:
-    by_ns = 18 * SECOND
-    rows = curved_dive(gps=True)
-    for topic in ("/dvl", "/imu"):
-        rows = changed(rows, topic, header__stamp=lambda values: values["header.stamp"] + by_ns)
-
-    found = findings(written(tmp_path, rows))
-
-    assert "state latency_s = 18.00 under [dvl] and [compass]" in found["CLOCK-OFFSET"]["text"]
-    assert "TRUTH-CLOCK" not in found
-
-
-@pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
-@pytest.mark.long
-def test_a_clock_that_only_the_fixes_contradict_is_named(tmp_path: Path, topic: str, section: str, ahead_s: float):
-    """Log times are of the same clock, as in a table."""
-    by_ns = round(ahead_s * SECOND)
-    moved = [(row[0] + by_ns * (row[1] == topic), *row[1:]) for row in ahead(topic, ahead_s)]
-    log = written(tmp_path, sorted(moved, key=lambda row: row[0]))
-    code = f"{section.upper()}-CLOCK"
-
-    ill = findings(log)[code]
-    key = re.search(rf"state (latency_s = (\S+)) under \[{section}\]", ill["text"])
-
-    assert key is not None
-    assert float(key[2]) == pytest.approx(ahead_s, abs=0.5)
-    assert "(GPS time and UTC are 18 s apart)" in ill["text"]
-    assert code in replayed(log, "-f", "adf", "--plots", "none")
-    assert {code, "DVL-MOUNT", "SENSOR-CHANGE", "FALSE-FIXES"}.isdisjoint(cured_by(log, f"[{section}]\n{key[1]}\n"))
-
-
-@pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
-@pytest.mark.long
-def test_the_clock_that_no_driver_explains_is_wrong(tmp_path: Path, topic: str, section: str, ahead_s: float) -> None:
-    log = written(tmp_path, ahead(topic, ahead_s))
-
-    ill, cured = findings(log)["CLOCK-OFFSET"], cured_by(log, f"[{section}]\nlatency_s = {ahead_s}\n")
-
-    assert (ill["topic"], ill["worst"]) == (topic, pytest.approx(-ahead_s))
-    assert f"state latency_s = {ahead_s:.2f} under [{section}]" in ill["text"]
-    assert {"CLOCK-OFFSET", "DVL-MOUNT", "DVL-CLOCK"}.isdisjoint(cured)
-
-
 @pytest.mark.parametrize(("first", "second", "sign"), [("x", "y", -1.0), ("y", "x", 1.0)])
 def test_replay_warns_of_reversed_or_exchanged_axes(tmp_path: Path, first: str, second: str, sign: float) -> None:
     wrong = {
@@ -511,7 +442,7 @@ def test_all_is_parsed_decoded_and_identified_once(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(tomllib, "loads", counted_parse)
     monkeypatch.setattr(McapLog, "blocks", counted_decode)
-    monkeypatch.setattr("usbldr.io.doctor.cross_check.explained", counted_identify)
+    monkeypatch.setattr("usbldr.io.doctor.sensor_errors.explained", counted_identify)
 
     assert "DVL-AXES" in findings(log)
 

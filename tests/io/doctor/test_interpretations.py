@@ -1,4 +1,4 @@
-"""Conventions and clocks are judged by what the messages say, and not by fixes that no interpretation fits."""
+"""Conventions are judged by what the messages say, and not by fixes that no interpretation fits."""
 
 import re
 from collections.abc import Mapping
@@ -7,18 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from commands import findings, run
-from curved import CONVENTIONS, FLIPPED, changed, curved_dive, stating, written
+from commands import findings
+from curved import CONVENTIONS, FLIPPED, changed, curved_dive, written
 from logs import with_table
 from recordings import HEADER, SECOND, T0, Row, define, fields
-from usbldr.filters.errors import UsageError
 from usbldr.io.doctor import cross_check, interpretations
 from usbldr.io.doctor.cross_check import convention_warnings
 from usbldr.io.doctor.thresholds import THRESHOLDS
-from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
@@ -183,73 +180,3 @@ def test_where_no_type_settles_the_frame_the_sign_of_depth_or_a_whole_word_of_it
 
     assert words in found[code]["text"]
     assert ("MAP-FRAME" in found) == (code == "MAP-FRAME")
-
-
-SET_NS, STEP_S = T0 + 150 * SECOND + 1, 25
-TOPICS = {"dvl": "/dvl", "compass": "/imu", "usbl": "/usbl"}
-
-
-def stepped(rows: list[Row], topic: str, log_time_too: bool, step_s: int = STEP_S) -> list[Row]:
-    """Return the dive with a topic's clock set forward in the middle, and perhaps that of its recorder."""
-
-    def late(row: Row) -> Row:
-        if row[1] != topic or row[3]["header.stamp"] < SET_NS:
-            return row
-        values = dict(row[3]) | {"header.stamp": row[3]["header.stamp"] + step_s * SECOND}
-        return (row[0] + step_s * SECOND * log_time_too, *row[1:3], values)
-
-    return sorted(map(late, rows), key=lambda row: row[0])
-
-
-def warned(log: Path, config: str = "none") -> dict[str, Finding]:
-    """Return code -> finding of what replay warns of, which needs no identification."""
-    opened = read_log(log, Request(config))
-    return {one.code: one for one in convention_warnings(opened, timeline(opened))}
-
-
-@pytest.mark.parametrize(
-    ("sensor", "log_time_too", "step_s"),
-    [
-        ("compass", False, STEP_S),
-        ("usbl", True, STEP_S),
-        ("dvl", True, 3600),
-        *(
-            pytest.param(sensor, True, step_s, marks=pytest.mark.slow)
-            for sensor, step_s in (("dvl", STEP_S), ("compass", 3), ("compass", 3600), ("usbl", 3600))
-        ),
-    ],
-)
-def test_a_clock_that_was_set_is_named_and_undone_by_its_key(tmp_path, sensor, log_time_too, step_s):
-    """Also by an hour, after which nothing lies within the time of the other sensors."""
-    rows = curved_dive()
-    clean = written(tmp_path / "clean", rows)
-    log = written(tmp_path / "stepped", stepped(rows, TOPICS[sensor], log_time_too, step_s))
-
-    ill = warned(log)["CLOCK-STEP"]
-    proposed, section = ill.text.split("state ")[1].split(" under ")
-    cure = stating(log, f"{section}\n{proposed}\n")
-
-    assert (section, ill.topic) == (f"[{sensor}]", TOPICS[sensor])
-    assert ill.worst == pytest.approx(step_s, abs=0.01)
-    assert "[CLOCK-STEP]" in run("replay", log, "--config", "none", "--output", tmp_path / "run").stderr
-    assert "CLOCK-STEP" not in warned(log, cure)
-    cured, wanted = (read_log(path, Request(config)) for path, config in ((log, cure), (clean, "none")))
-    for name in TOPICS:
-        pd.testing.assert_frame_equal(cured.tables[name], wanted.tables[name])
-
-
-@pytest.mark.parametrize("sensor", TOPICS)
-def test_an_outage_is_no_step_and_no_step_longer_than_all_gaps_is_undone(tmp_path: Path, sensor: str) -> None:
-    def in_gap(row: Row) -> bool:
-        return row[1] == TOPICS[sensor] and SET_NS < row[3]["header.stamp"] < SET_NS + STEP_S * SECOND
-
-    log = written(tmp_path, [row for row in curved_dive() if not in_gap(row)])
-
-    assert "CLOCK-STEP" not in warned(log)
-    gap = rf"the longest gap between stamps of {TOPICS[sensor]} is 2[56]\.\d\d s"
-    with pytest.raises(UsageError, match=rf": \[{sensor}\] clock_step_s = 70, but {gap}"):
-        warned(log, stating(log, f"[{sensor}]\nclock_step_s = 70\n"))
-
-
-def test_the_doctor_names_the_step_of_a_clock(tmp_path: Path) -> None:
-    assert findings(written(tmp_path, stepped(curved_dive(), "/dvl", True)))["CLOCK-STEP"]["topic"] == "/dvl"
