@@ -189,7 +189,7 @@ def _by_evidence(
 ) -> tuple[InterpretationResult, Explained]:
     """Return the rival interpretation with the largest evidence, each with its sensor errors, if that is strong.
 
-    ``found`` is the identification by one of them, ``by``.
+    Else the result and what was ``found``, the identification by one of them, ``by``.
     """
     tried = [(by, Explained(found.log_evidence, lambda: found))]
     for one in _rivals(log, result, by, found):
@@ -199,8 +199,7 @@ def _by_evidence(
     others = (one.log_evidence for rival, one in tried if rival.mirror_class != best.mirror_class)
     log_odds = there.log_evidence - max(others, default=there.log_evidence)
     if log_odds <= math.log(STRONG_ODDS) or (best.flips == result.best.flips and result.observable):
-        taken = next((one for rival, one in tried if rival.flips == result.best.flips), tried[0][1])
-        return result, taken
+        return result, tried[0][1]
     fitting = tuple(one for one in result.plausible if one.mirror_class == best.mirror_class) or (best,)
     return replace(result, best=best, plausible=fitting, log_odds=log_odds), there
 

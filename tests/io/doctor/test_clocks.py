@@ -1,6 +1,8 @@
 """Clocks of sensors that a test has set: how far they are off is known."""
 
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
@@ -10,8 +12,19 @@ from commands import findings, replayed, run
 from curved import FLIPPED, changed, cured_by, curved_dive, stating, written
 from recordings import SECOND, T0, Row
 from usbldr.filters.errors import UsageError
-from usbldr.io.doctor.cross_check import convention_warnings
+from usbldr.filters.identification.evidence import Explained
+from usbldr.filters.identification.identification import Identification
+from usbldr.filters.models.parameters import Parameters
+from usbldr.filters.types import Timeline
+from usbldr.io.doctor import clocks
+from usbldr.io.doctor.clocks import sensor_clock_error
+from usbldr.io.doctor.cross_check import convention_warnings, cross_check
+from usbldr.io.doctor.gross_errors import SingleError
+from usbldr.io.doctor.interpretations import InterpretationResult, compare_interpretations
+from usbldr.io.drills.drill import Drill, damaged
+from usbldr.io.drills.fault_text import fault_of
 from usbldr.io.findings import Finding
+from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.read import Request, read_log
 
@@ -59,7 +72,7 @@ def test_a_clock_that_only_the_fixes_contradict_is_named(tmp_path: Path, topic: 
     """Log times are of the same clock, as in a table."""
     by_ns = round(ahead_s * SECOND)
     moved = [(row[0] + by_ns * (row[1] == topic), *row[1:]) for row in ahead(topic, ahead_s)]
-    log = written(tmp_path, sorted(moved, key=lambda row: row[0]))
+    log = written(tmp_path, sorted(moved, key=lambda row: row[0]), f"[{section}]\nlatency_s = 1.0\n")
     code = f"{section.upper()}-CLOCK"
 
     ill = findings(log)[code]
@@ -67,9 +80,82 @@ def test_a_clock_that_only_the_fixes_contradict_is_named(tmp_path: Path, topic: 
 
     assert key is not None
     assert float(key[2]) == pytest.approx(ahead_s, abs=0.5)
+    assert f"{abs(ahead_s - 1):.0f}.0 s {'late' if ahead_s > 0 else 'early'} against the other sensors" in ill["text"]
     assert "(GPS time and UTC are 18 s apart)" in ill["text"]
     assert code in replayed(log, "-f", "adf", "--plots", "none")
     assert {code, "DVL-MOUNT", "SENSOR-CHANGE", "FALSE-FIXES"}.isdisjoint(cured_by(log, f"[{section}]\n{key[1]}\n"))
+
+
+HEADINGS_OFF = "compass:40deg@160:220"
+
+
+@pytest.fixture(scope="module")
+def with_fault(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Log]:
+    """Return the function that puts a fault into the records of a dive."""
+    log = read_log(written(tmp_path_factory.mktemp("clean"), curved_dive()), Request("none"))
+    return lambda kind, text: damaged(log, Drill("", (fault_of(kind, text),)), 0)
+
+
+def candidate(log: Log) -> tuple[Timeline, InterpretationResult, tuple[SingleError, float] | None]:
+    """Return the timeline of a log, its interpretations, and the clock that fits best."""
+    line = timeline(log)
+    result = compare_interpretations(log, line)
+    assert result is not None
+    return line, result, sensor_clock_error(log, line, result)
+
+
+def test_a_clock_is_a_candidate_if_a_fifth_of_the_residual_vanishes_with_it(with_fault) -> None:
+    spans = [f"@{from_s}:{from_s + 60}" for from_s in range(40, 240, 20)]
+    found = [candidate(with_fault("bias", f"compass:40deg{span}"))[1:] for span in spans]
+
+    shares = [clock[1] / result.interpretations[0].residual_m for result, clock in found if clock]
+    assert 0 < len(shares) < len(found)
+    assert max(shares) <= 0.8
+
+
+@pytest.mark.parametrize("fault", ["dvl:2s", "compass:-2s"])
+def test_a_clock_that_replay_corrects_is_no_candidate(with_fault: Callable[[str, str], Log], fault: str) -> None:
+    """The least that is far, 4 s, fits no better than 0."""
+    *_, clock = candidate(with_fault("clock", fault))
+
+    assert clock is None
+
+
+@pytest.mark.long
+def test_a_candidate_is_refused_that_explains_less_than_headings_that_are_off_for_a_minute(with_fault) -> None:
+    log = with_fault("bias", HEADINGS_OFF)
+    line, _, clock = candidate(log)
+
+    assert clock is not None
+    assert clock[0].code not in {one.code for one in cross_check(log, line).findings}
+
+
+@pytest.mark.parametrize(("odds", "named"), [(19.0, False), (21.0, True)])
+def test_the_evidence_for_a_clock_is_strong_at_odds_of_20_to_1(with_fault, monkeypatch, odds, named):
+    log, found = with_fault("bias", HEADINGS_OFF), Identification(Parameters(), log_evidence=-500.0)
+    line, result, _ = candidate(log)
+    monkeypatch.setattr(clocks, "explained_by", lambda *_: Explained(-500.0 + math.log(odds), lambda: found))
+
+    assert (clocks.clock_by_evidence(log, line, result, found) is not None) == named
+
+
+@pytest.mark.parametrize(("fault", "named"), [("dvl:18s", "DVL-CLOCK"), ("usbl:37s", "CLOCK-OFFSET")])
+def test_a_clock_of_a_sensor_hides_no_step_and_no_offset_of_the_fixes(with_fault, monkeypatch, fault, named):
+    log, found, corrected = with_fault("clock", fault), Identification(Parameters()), Identification(Parameters())
+    line, codes = timeline(log), ("CLOCK-STEP", "DVL-CLOCK")
+    step, clock = (Finding(code, "its clock is wrong") for code in codes)
+    stubs = {
+        "clock_step_findings": [step],
+        "clock_by_evidence": ([clock], Explained(0.0, lambda: corrected), line),
+        "_identified": found,
+    }
+    for name, value in stubs.items():
+        monkeypatch.setattr(f"usbldr.io.doctor.cross_check.{name}", lambda *_, value=value: value)
+
+    check = cross_check(log, line)
+    assert (check.identification is corrected) == (named == "DVL-CLOCK")
+    for by in (check.findings, convention_warnings(log, line, found)):
+        assert {one.code for one in by} & {*codes, "CLOCK-OFFSET"} == {"CLOCK-STEP", named}
 
 
 @pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
