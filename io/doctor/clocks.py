@@ -187,16 +187,16 @@ def sensor_clock_error(log: Log, timeline: Timeline, result: InterpretationResul
     what = f"its stamps are {abs(late_s):.1f} s {'late' if late_s > 0 else 'early'} against the other sensors"
     advice = f"state latency_s = {stated_s + late_s:.1f} under [{sensor}]"
     line = freed(timeline, {f"{sensor}_clock": late_s})
-    return SingleError(f"{sensor.upper()}-CLOCK", sensor, what + _leap_text(late_s), advice, line), rms_m
+    return SingleError(f"{sensor.upper()}-CLOCK", sensor, what + _leap_text(late_s), advice, line, late_s), rms_m
 
 
 def clock_by_evidence(
     log: Log, timeline: Timeline, result: InterpretationResult, found: Identification | None
-) -> tuple[list[Finding], Explained] | None:
+) -> tuple[list[Finding], Explained, Timeline] | None:
     """Return the clock of DVL or compass that is far off, if the evidence for it is strong, and what is found then."""
     clock = sensor_clock_error(log, timeline, result) if found else None
     there = explained_by(log, clock[0].line, result) if clock else None
     if not (found and clock and there) or there.log_evidence - found.log_evidence < math.log(STRONG_ODDS):
         return None
     error, rms_m = clock
-    return single_error_findings(log, result, [error], rms_m), there
+    return single_error_findings(log, result, [error], rms_m), there, error.line

@@ -102,7 +102,8 @@ def cross_check(
         result, there = _by_evidence(log, timeline, result, result.best, identification)
         identification = there.conclude()
         if not clock_offset_s and (clock := clock_by_evidence(log, timeline, result, identification)):
-            return CrossCheck((*steps, *clock[0]), result, clock[1].conclude())
+            named, there, line = clock
+            return CrossCheck((*steps, *named), compare_interpretations(log, line, sources), there.conclude())
         line = flipped(log, timeline, result.best.flips)
     findings = [*steps, *_fit_findings(log, timeline, result, identification)]
     delay_s = result.best.fit.latency_s

@@ -132,6 +132,7 @@ class SingleError(NamedTuple):
     what: str
     advice: str
     line: Timeline
+    late_s: float = 0.0  # its stamps, if its clock is the error
 
 
 def single_errors(log: Log, timeline: Timeline, result: InterpretationResult) -> tuple[list[SingleError], float]:
@@ -168,7 +169,8 @@ def single_error_findings(
         f"{first.what}: with this corrected, dead reckoning fits the fixes within "
         f"{rms_m:.2f} m RMS, as read and rotated within {read_m:.2f} m; {first.advice}{or_else}"
     )
-    return [log.finding(first.code, first.role, text, None, read_m, "m")]
+    worst = (first.late_s, "s") if first.late_s else (read_m, "m")
+    return [log.finding(first.code, first.role, text, None, *worst)]
 
 
 def _candidates(log: Log, timeline: Timeline) -> Iterator[SingleError]:

@@ -1,7 +1,7 @@
 """The lines of DVL, compass and USBL in a drafted configuration: conventions, sensor errors, noise.
 
-A sensor error for which the log has evidence is proposed as a comment, except the rotation of DVL and heading: replay
-would find it again, and calibration is better than an estimate from one dive.
+A sensor error for which the log has evidence is proposed as a comment, except the rotation of DVL and heading, and a
+clock that is far off: replay would find it again, and calibration is better than an estimate from one dive.
 """
 
 from importlib.util import find_spec
@@ -18,6 +18,7 @@ from usbldr.io.doctor.doctor import Examination
 from usbldr.io.doctor.gross_errors import unit_or_scale_key
 from usbldr.io.doctor.interpretations import InterpretationResult, recorded_value
 from usbldr.io.doctor.sensor_errors import log_odds_text, stated_lever_m, stated_scale
+from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.log import Log
 from usbldr.io.messages.field_names import utm_code
 from usbldr.io.provenance import chosen_by_text, convention_text
@@ -53,12 +54,17 @@ def dvl_lines(examination: Examination, log: Log) -> list[ConfigLine]:
         lines.append((f"# lever_arm_m = {stated_lever_m(found)}", f"{sigmas}; {MEASURE_IT}"))
     else:
         lines.append(("lever_arm_m = [0.0, 0.0, 0.0]", f"{MEASURE_IT}; {_no_evidence(found, LEVER)}"))
-    lines += _clock(found, DVL_CLOCK, "dvl_clock_s", log.settings.dvl.latency_s)
+    lines += _clock(examination, DVL_CLOCK, "dvl", log.settings.dvl.latency_s)
     return [line for line in lines if line[0]]
 
 
-def _clock(found: Identification | None, key: str, name: str, stated_s: float) -> list[ConfigLine]:
-    if found is None or (clock := found.estimates.get(name)) is None:
+def _clock(examination: Examination, key: str, sensor: str, stated_s: float) -> list[ConfigLine]:
+    """Return the line of a sensor's clock: a comment, unless it is further off than replay corrects."""
+    found, code = examination.sensor_check.identification, f"{sensor.upper()}-CLOCK"
+    late_s = next((one.worst for one in examination.findings if one.code == code and one.worst), 0.0)
+    if abs(late_s) >= THRESHOLDS.min_clock_offset_s:
+        return [(f"latency_s = {stated_s + late_s:.1f}", "CHECK: by the fixes, against the other sensors")]
+    if found is None or (clock := found.estimates.get(f"{sensor}_clock_s")) is None:
         return []
     why = f"fitted to the other sensors, ±{clock.sd:.2f} ({log_odds_text(found, key)})"
     return [(f"# latency_s = {stated_s + clock.value:.2f}", why)]
@@ -91,7 +97,7 @@ def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
         unit = ('unit = "rad"', "by the fixes, instead of deg")
     bias = ("bias_deg = 0.0", "the log does not distinguish it from mount_deg")
     lines = [_convention(log, result, "compass", "convention"), unit, bias]
-    lines += _deviation(found) + _clock(found, COMPASS_CLOCK, "compass_clock_s", log.settings.compass.latency_s)
+    lines += _deviation(found) + _clock(examination, COMPASS_CLOCK, "compass", log.settings.compass.latency_s)
     declination = log.convention("compass", "declination_deg")
     if declination.value:
         lines.append(('declination_deg = "auto"', convention_text(declination)))
@@ -100,7 +106,7 @@ def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     lines.append(_sd("compass", "sd_deg", log, float(np.nanmedian(log.tables["compass"]["sd_deg"]))))
     topic = log.provenance["compass"].topic
     offset = [d for d in examination.findings if d.code == "CLOCK-OFFSET" and d.topic == topic]
-    if offset and offset[0].worst is not None:
+    if offset and offset[0].worst is not None and all(not entry.startswith("latency_s") for entry, _ in lines):
         headless = log.convention("compass", "time").value == LOG_TIME
         why = "as the DVL's delay" + (": it has no stamps" if headless else "; only if both have the same delay")
         lines.append((f"{'' if headless else '# '}latency_s = {-offset[0].worst:.3f}", why))

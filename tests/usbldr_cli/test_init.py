@@ -4,6 +4,7 @@ import datetime
 import json
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from commands import drafted, findings, output_of, run, spoil
-from curved import curved_dive, in_radians
+from commands import drafted, findings, output_of, report_of, run, spoil, write_short
+from curved import curved_dive, in_radians, written
 from logs import MAP, refusal
 from recordings import SECOND, T0, Row, define, point, saved, saved_lines, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.io.doctor.doctor import examine
+from usbldr.io.doctor.init_sensors import compass_lines
+from usbldr.io.findings import Finding
 from usbldr.io.messages.field_names import ALONG_EARTH
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.settings.toml_text import inline
@@ -588,3 +592,35 @@ def test_a_truth_file_that_cannot_be_read_is_asked_for_and_its_columns_can_be_st
     stated += 'columns = { time_unix_ms = "clock", lat_deg = "phi", lon_deg = "lambda" }'
     file.write_text(text.replace(asked, stated), encoding="utf-8")
     accepted(csv, file)
+
+
+@pytest.mark.long
+def test_a_table_on_gps_time_costs_nothing_once_init_has_stated_its_latency(tmp_path: Path) -> None:
+    """GPS time is 18 s ahead of UTC; the numbers are those of the same dive with one clock."""
+    found: dict[str, list[float]] = {}
+    for sensor, ahead_s in (("usbl", 0), ("dvl", 18), ("compass", 18)):
+        folder, made = write_short(tmp_path / sensor, "turns", 400.0), tmp_path / f"run_{sensor}"
+        table = pd.read_csv(folder / f"{sensor}.csv")
+        table.assign(time_ns=table["time_ns"] + ahead_s * SECOND).to_csv(folder / f"{sensor}.csv", index=False)
+        (folder / "usbldr.toml").unlink()
+
+        output_of("init", folder)
+        output_of("replay", folder, "-f", "adf", "--plots", "none", "-o", made)
+
+        text = (folder / "usbldr.toml").read_text(encoding="utf-8")
+        assert tomllib.loads(text)[sensor]["latency_s"] == pytest.approx(ahead_s, abs=0.5)
+        found[sensor] = [float(re.search(rf"{of}\D+([\d.]+)", text)[1]) for of in ("fix residual", "sd_scale")]
+        found[sensor].append(report_of(made)["metrics"]["mean_horizontal_m"])
+    assert found["dvl"] == pytest.approx(found["usbl"], rel=0.2)
+    assert found["compass"] == pytest.approx(found["usbl"], rel=0.2)
+
+
+def test_a_compass_without_stamps_has_one_latency_that_the_fixes_show(tmp_path: Path) -> None:
+    found = examine(written(tmp_path, toml='[compass]\ntime = "log"\n'), Request(), with_errors=False)
+    off = {"CLOCK-OFFSET": -0.3, "COMPASS-CLOCK": 18.0}
+    named = tuple(Finding(code, "its clock is off", "/imu", None, late_s, "s") for code, late_s in off.items())
+
+    assert found.log is not None
+    lines = compass_lines(replace(found, findings=named), found.log)
+
+    assert [entry for entry, _ in lines if "latency_s" in entry] == ["latency_s = 18.0"]
