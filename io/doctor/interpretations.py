@@ -165,9 +165,9 @@ def compare_interpretations(
 
 
 def white_noise_m(timeline: Timeline) -> float:
-    """Return the RMS distance of the fixes from a track, without outliers, that their white noise alone makes."""
+    """Return the sigma of the fixes' white noise along an axis, without outliers."""
     steps = np.diff(as_points(timeline.fix_m) - dead_reckoned(timeline, timeline.fix_time_s))  # shorter than the noise
-    return robust_sd(np.concatenate([steps.real, steps.imag]))  # of a difference: of two fixes, as the RMS of two axes
+    return robust_sd(np.concatenate([steps.real, steps.imag]))
 
 
 def reinterpret(log: Log, timeline: Timeline, flips: tuple[bool, bool, bool]) -> Timeline:

@@ -48,6 +48,12 @@ def test_an_unmodelled_current_is_no_wrong_axis_and_hides_no_wrong_heading(tmp_p
     assert {one.code for one in convention_warnings(log, timeline(log))} & FLIPPED == named
 
 
+def test_the_white_noise_of_fixes_is_that_of_an_axis_without_outliers(tmp_path: Path) -> None:
+    log = read_log(written(tmp_path, curved_dive(gross=(20, 21, 90, 160))), Request("none"))
+
+    assert interpretations.white_noise_m(timeline(log)) == pytest.approx(0.3, rel=0.1)
+
+
 @pytest.mark.parametrize("by_as_read", [True, False])
 def test_a_log_as_read_is_preferred_if_its_sensor_errors_explain_more_than_another_interpretation(tmp_path, by_as_read):
     log = read_log(written(tmp_path, curved_dive(imu="ENU", gps=True)), Request("none"))
