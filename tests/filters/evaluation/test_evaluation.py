@@ -11,7 +11,13 @@ import pytest
 
 from checkout import ROOT
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.evaluation.consistency import SensorUpdates, consistency, consistency_text
+from usbldr.filters.evaluation.consistency import (
+    SensorUpdates,
+    consistency,
+    consistency_text,
+    nees,
+    truth_covariances,
+)
 from usbldr.filters.evaluation.error_report import METRICS, Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.evaluation.metrics import AxisErrors, declared, distance_travelled_m
@@ -400,16 +406,16 @@ def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs:
 
 def test_a_truth_turned_and_scaled_within_its_stated_sigmas_leaves_nees_at_two() -> None:
     rng, tiny = np.random.default_rng(0), np.tile(1e-8 * np.eye(2), (len(SECONDS), 1, 1))
-    sds = {"heading_sd_rad": 0.05, "scale_sd": 0.03}
-    means = []
+    track, means = track_of(SECONDS, line(SECONDS) + 5.0, tiny), []
     for _ in range(300):
         factor = (1 + rng.normal(0, 0.03)) * np.exp(1j * rng.normal(0, 0.05))
-        turned = line(SECONDS) @ np.array([[factor.real, factor.imag], [-factor.imag, factor.real]])
-        truth = dataclasses.replace(truth_of(SECONDS, turned + 5.0, 1e-4), **sds)
-        judged = evaluate(track_of(SECONDS, line(SECONDS) + 5.0, tiny), truth).nees
-        means.append(judged.mean)
+        turned = line(SECONDS) @ np.array([[factor.real, factor.imag], [-factor.imag, factor.real]]) + 5.0
+        truth = dataclasses.replace(truth_of(SECONDS, turned, 1e-4), heading_sd_rad=0.05, scale_sd=0.03)
+        truth_cov_m2 = truth_covariances(truth, turned, truth.sd_m, turned[0])
+        means.append(nees(track.position_m - turned, tiny + truth_cov_m2).mean())
 
     assert np.mean(means) == pytest.approx(2.0, abs=4 * 2 / math.sqrt(300))  # chi-square of 2: sd 2
+    assert evaluate(track, truth).nees.mean == pytest.approx(means[-1])
 
 
 def report_of_ten_seconds():
