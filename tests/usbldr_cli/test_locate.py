@@ -77,10 +77,13 @@ def test_times_without_an_estimate_are_marked_and_not_extrapolated():
     assert list(found.east_m.isna()) == [True, False, False, False, True]
 
 
+CHEAPLY = ("--filter", "ekf", "--calibrate", "none", "--plots", "none", "-q")
+
+
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dive")
-    output_of("replay", "lawnmower", "--filter", "ekf", "--smooth", "--plots", "none", "-o", folder / "run", "-q")
+    output_of("replay", "lawnmower", *CHEAPLY, "--smooth", "-o", folder / "run")
     return folder / "run"
 
 
@@ -138,7 +141,7 @@ def test_the_radius_holds_the_true_places_of_a_sensor_in_simulated_dives(tmp_pat
     held, nees = [], []
     for seed in range(12):
         log = simulated_log(carried, seed)
-        line, settings = usbldr.timeline(log), usbldr.RunSettings(smooth=True, calibrate=("scale",))
+        line, settings = usbldr.timeline(log, fast_hz=1.0), usbldr.RunSettings(smooth=True, calibrate=("scale",))
         scored = ScoredTrack(usbldr.replay(log, line, "ekf", settings), None)
         there = read_smoothed_run(usbldr.write_run(tmp_path / str(seed), log, line, scored))
         time_s = np.random.default_rng(seed).uniform(line.time_s[0], line.time_s[-1], 1000)
@@ -152,16 +155,12 @@ def test_the_radius_holds_the_true_places_of_a_sensor_in_simulated_dives(tmp_pat
     assert 1.4 < np.mean(nees) < 2.6
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["lawnmower.mcap", "paper.mcap"])
-def test_places_err_as_the_track_does_on_the_sample_logs(name, tmp_path):
-    args = ("replay", SAMPLES / name, "--filter", "adf", "--smooth", "--plots", "none", "-o", tmp_path / "run", "-q")
-    output_of(*args)
-    truth = pd.read_csv(tmp_path / "run" / "truth.tum", sep=" ", header=None, dtype={0: str})
+def test_places_err_as_the_track_does(dive, tmp_path):
+    truth = pd.read_csv(dive / "truth.tum", sep=" ", header=None, dtype={0: str})
     stamps = truth[0].str.replace(".", "").rename("time_ns").astype("int64")
     stamps.to_csv(tmp_path / "times.csv", index=False)
-    output_of("locate", tmp_path / "run", "--at", tmp_path / "times.csv", "-o", tmp_path / "found.csv")
-    found, report = pd.read_csv(tmp_path / "found.csv"), report_of(tmp_path / "run")
+    output_of("locate", dive, "--at", tmp_path / "times.csv", "-o", tmp_path / "found.csv")
+    found, report = pd.read_csv(tmp_path / "found.csv"), report_of(dive)
     for axis, column in (("east", 1), ("north", 2)):
         error_m = found[f"{axis}_m"] - truth[column]
         assert np.sqrt(np.mean(error_m**2)) == pytest.approx(report["metrics"][f"rmse_{axis}_m"], abs=1e-3)
@@ -175,7 +174,7 @@ def test_what_cannot_be_located_is_one_sentence(dive, tmp_path):
     assert "row 3: 'noon' is no time" in str(run("locate", dive, "--at", table).exception)
     assert "not a run directory" in str(run("locate", tmp_path, "--at", table).exception)
     assert "is no file and no folder" in str(run("locate", dive, "--at", "/camera").exception)
-    run("replay", "lawnmower", "--filter", "ekf", "--plots", "none", "-o", tmp_path / "forward", "-q")
+    output_of("replay", SAMPLES / "lawnmower_turn_db3", *CHEAPLY, "-o", tmp_path / "forward")
     refused = str(run("locate", tmp_path / "forward", "--at", table).exception)
     assert "is not smoothed" in refused
     assert "--smooth --force" in refused
