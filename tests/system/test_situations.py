@@ -1,4 +1,4 @@
-"""What can be wrong with a log: docs/broken_files.md says of each situation what happens.
+"""What can be wrong with a log, beside what the tests of its format show (docs/broken_files.md).
 
 Messages of real systems hold traps: clocks, targets, flags and fields that mean something else. A dive may be logged
 twice: the vehicle's DVL and compass below, a survey ship's sentences above.
@@ -6,7 +6,6 @@ twice: the vehicle's DVL and compass below, a survey ship's sentences above.
 
 import json
 import math
-import re
 import tomllib
 import tracemalloc
 from pathlib import Path
@@ -17,7 +16,6 @@ import pymap3d
 import pytest
 from mcap.writer import CompressionType
 
-from checkout import ROOT
 from commands import output_of
 from logs import HEAD, MAP, METRES_A_DEGREE, codes, logged, logged_nmea, read_as, refusal
 from recordings import (
@@ -47,178 +45,6 @@ from usbldr.io.formats.detect import open_log
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 from usbldr.io.recordings.mcap_log import McapLog
-
-SHOWN_BY = {
-    1: [
-        "test_detect.test_a_missing_file_is_an_error",
-        "test_detect.test_a_folder_without_text_is_an_error_that_lists_its_content",
-        "test_situations.test_what_may_not_be_read_is_named",
-    ],
-    2: [
-        "test_detect.test_what_is_no_log_is_named",
-    ],
-    3: [
-        "test_damage.test_no_damage_goes_unsaid",
-        "test_mcap_log.test_an_uncompressed_file_loses_only_the_message_it_is_cut_in",
-        "test_mcap_log.test_a_file_without_its_index_has_lost_nothing",
-    ],
-    4: [
-        "test_mcap_log.test_a_destroyed_chunk_costs_only_its_own_messages",
-        "test_mcap_log.test_a_chunk_with_a_wrong_checksum_is_reported",
-        "test_damage.test_no_damage_goes_unsaid",
-        "test_mcap_log.test_messages_that_the_statistics_count_and_the_data_lack_are_reported",
-    ],
-    5: [
-        "test_detect.test_what_is_no_log_is_named",
-        "test_mcap_log.test_records_of_a_later_version_are_passed_over",
-    ],
-    6: [
-        "test_bag_log.test_a_bag_that_was_never_closed_has_lost_nothing",
-        "test_bag_log.test_a_bag_cut_between_two_records_is_truncated",
-        "test_bag_log.test_a_chunk_that_decompresses_to_less_than_stated_is_lost_data",
-        "test_bag_log.test_messages_that_the_index_counts_and_the_chunks_lack_are_reported",
-        "test_bag_log.test_zeros_before_the_index_lose_nothing",
-        "test_bag_log.test_behind_a_break_reading_goes_on_at_the_next_chunk",
-        "test_bag_log.test_an_unknown_compression_is_named",
-        "test_detect.test_a_file_is_what_it_holds_whatever_its_name",
-    ],
-    7: [
-        "test_rosbag2_log.test_a_cut_db3_is_an_error_that_names_a_way_to_recover_it",
-        "test_rosbag2_log.test_rows_in_the_journal_beside_the_file_are_read",
-        "test_rosbag2_log.test_a_recording_with_a_missing_journal_is_reported",
-        "test_rosbag2_log.test_a_missing_part_is_lost_data_and_a_renamed_one_is_not",
-        "test_rosbag2_log.test_a_folder_that_is_no_recording_is_named",
-    ],
-    8: [
-        "test_roles.test_a_topic_that_is_named_and_cannot_be_used_is_an_error_that_lists_the_others",
-    ],
-    9: [
-        "test_roles.test_a_topic_that_is_named_and_cannot_be_used_is_an_error_that_lists_the_others",
-    ],
-    10: [
-        "test_roles.test_two_candidates_are_an_error_that_lists_them_and_the_option",
-        "test_read.test_a_missing_sensor_is_an_error_only_for_who_needs_it",
-    ],
-    11: [
-        "test_definitions.test_the_layout_that_the_bytes_have_is_found",
-        "test_definitions.test_a_folder_of_definitions_makes_messages_readable",
-    ],
-    12: [
-        "test_mcap_log.test_messages_that_do_not_fit_their_definition_are_counted",
-        "test_nmea.test_a_sentence_that_is_cut_incomplete_or_invalid_by_its_own_word_is_left_out_and_counted",
-        "test_definitions.test_bytes_of_no_known_layout_are_named_with_the_way_out",
-        "test_situations.test_a_sensor_without_one_readable_message_is_an_error_with_the_reason",
-    ],
-    13: [
-        "test_mcap_log.test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted",
-        "test_info.test_a_sensor_that_cannot_be_read_is_exit_code_3",
-        "test_mcap_log.test_messages_that_do_not_fit_their_definition_are_counted",
-        "test_definitions.test_definitions_in_idl_are_read",
-        "test_ros_byte_layout.test_big_endian_messages_are_left_to_the_slow_decoder",
-    ],
-    14: [
-        "test_csv_log.test_a_file_that_cannot_be_read_is_one_sentence",
-    ],
-    15: [
-        "test_timestamps.test_zero_stamps_are_timed_by_log_time_and_counted",
-        "test_clock_shift.test_a_clock_of_its_own_is_moved_to_log_time_and_keeps_its_spacing",
-        "test_read.test_a_log_without_messages_or_one_moment_of_all_sensors_says_so_and_if_it_was_cut",
-        "test_nmea.test_times_around_midnight_fall_on_either_side_of_it",
-    ],
-    16: [
-        "test_dvl_depth.test_what_the_records_refute_is_one_sentence_with_its_file",
-    ],
-    17: [
-        "test_dvl_depth.test_a_dvl_in_millimetres_is_refused_though_it_lay_still_at_first",
-        "test_dvl.test_beam_and_earth_coordinates_are_refused_in_a_sentence",
-    ],
-    18: [
-        "test_dvl_depth.test_numbers_that_are_in_doubt_are_pointed_out_or_left_out",
-        "test_compass.test_numbers_that_are_no_angles_and_an_imu_that_never_turns_are_pointed_out",
-    ],
-    19: [
-        "test_usbl.test_a_fix_that_cannot_be_placed_is_one_sentence",
-        "test_usbl.test_latitude_and_longitude_in_a_pose_are_found_out",
-        "test_usbl.test_several_targets_are_not_guessed_between",
-        "test_usbl.test_a_bearing_is_clockwise_from_north_and_a_slant_range_as_steep_as_what_is_known_best",
-        "test_usbl.test_a_pose_of_degrees_polled_again_is_one_fix_and_metres_are_each_their_own",
-    ],
-    20: [
-        "test_read.test_gps_without_any_fix_is_a_finding_not_an_error",
-        "test_gps.test_each_kind_of_fix_is_a_latitude_and_a_longitude_unless_it_calls_itself_none",
-        "test_gps.test_a_fix_that_its_log_calls_invalid_is_counted_and_left_out",
-        "test_doctor.test_gps_under_water_is_found",
-        "test_gps.test_a_receiver_that_repeats_its_last_fix_is_found_without_a_depth_sensor",
-    ],
-    21: [
-        "test_doctor.test_senseless_sensors_end_in_findings_alone",
-    ],
-    22: [
-        "test_csv_log.test_a_file_that_cannot_be_read_is_one_sentence",
-        "test_csv_log.test_semicolons_part_columns_with_decimal_commas",
-        "test_csv_log.test_one_bad_cell_costs_one_row",
-        "test_csv_log.test_a_row_that_is_broken_is_left_out_and_named_by_its_line",
-        "test_damage.test_no_damage_goes_unsaid",
-    ],
-    23: [
-        "test_joined.test_a_topic_in_a_bag_and_in_a_file_of_ros_2_is_one_topic",
-    ],
-    24: [
-        "test_damage.test_no_damage_goes_unsaid",
-        "test_compressed_log.test_a_compressed_log_with_a_wrong_checksum_is_reported",
-        "test_compressed_log.test_a_log_in_any_compression_is_the_log_itself",
-        "test_compressed_log.test_what_cannot_be_decompressed_is_named",
-    ],
-    25: [
-        "test_situations.test_memory_goes_by_what_is_wanted_and_not_by_the_file",
-        "test_memory.test_memory_grows_by_a_few_columns_per_message",
-    ],
-    26: [
-        "test_damage.test_no_damage_goes_unsaid",
-    ],
-    27: [
-        "test_damage.test_no_damage_goes_unsaid",
-        "test_tables.test_a_damaged_column_is_an_error_if_it_is_used",
-        "test_tables.test_timestamps_and_nulls_of_parquet_keep_their_meaning",
-        "test_tables.test_without_its_library_the_sentence_names_the_extra",
-    ],
-    28: [
-        "test_alog.test_lines_that_are_no_postings_are_counted",
-        "test_alog.test_a_damaged_number_costs_one_value",
-        "test_damage.test_no_damage_goes_unsaid",
-    ],
-    29: [
-        "test_damage.test_no_damage_goes_unsaid",
-        "test_lsf.test_definitions_that_are_missing_or_broken_are_named",
-    ],
-    30: [
-        "test_concatenated.test_all_recordings_of_a_file_are_read",
-        "test_concatenated.test_bytes_around_a_recording_are_named_and_the_recording_is_read",
-        "test_concatenated.test_a_recording_behind_one_that_is_cut_is_read_or_the_loss_is_named",
-    ],
-    31: [
-        "test_concatenated.test_a_capture_that_begins_within_a_record_is_read_from_the_next_one",
-    ],
-    32: [
-        "test_folder.test_what_surrounds_or_encodes_a_table_costs_none_of_it",
-        "test_folder.test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss",
-        "test_folder.test_a_recording_of_any_format_beside_a_dive_is_read_or_named",
-        "test_folder.test_a_file_like_a_sensor_is_named_unless_its_ending_rules_it_out",
-        "test_folder.test_a_table_of_a_sensor_that_cannot_be_read_beside_the_one_that_is_read_is_a_loss",
-    ],
-}
-"""Of each situation of docs/broken_files.md the tests that show what happens."""
-
-
-def test_every_situation_has_a_test_that_shows_it() -> None:
-    text = (ROOT / "docs" / "broken_files.md").read_text(encoding="utf-8")
-
-    assert re.findall(r"^\| (\d+) \| .+ \| .+ \|$", text, re.MULTILINE) == [str(number) for number in SHOWN_BY]
-    for shown in SHOWN_BY.values():
-        assert shown
-        for file, test in (one.split(".") for one in shown):
-            sources = [source.read_text(encoding="utf-8") for source in (ROOT / "tests").rglob(f"{file}.py")]
-            assert any(f"def {test}(" in source for source in sources), f"{file}.{test}"
 
 
 @pytest.mark.parametrize("folder", [False, True])
