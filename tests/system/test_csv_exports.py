@@ -10,6 +10,7 @@ import pytest
 
 from commands import findings, output_of, run
 from usbldr.filters.errors import LogError
+from usbldr.filters.models.parameters import Parameters
 from usbldr.io.reading.read import read_log
 from usbldr_cli.main import cli
 
@@ -165,6 +166,7 @@ def test_an_export_is_read_after_init_alone(name: str, dive: dict[str, pd.DataFr
     away_deg = dive["usbl"][["lat_deg", "lon_deg"]].to_numpy() - (log.origin.lat_deg, log.origin.lon_deg)
     fixes_m = log.tables["usbl"][["north_m", "east_m"]]
     np.testing.assert_allclose(fixes_m, away_deg * METRES_PER_DEGREE, rtol=0, atol=0.02)
+    assert log.parameters == Parameters(calibrate=("auto",))
     assert log.truth.kind == "gps"
     assert name == "elapsed" or abs(log.start_ns - dive["dvl"]["time_ns"].iloc[0]) < 1e6
 
