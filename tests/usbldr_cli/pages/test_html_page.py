@@ -105,7 +105,7 @@ HOSTILE = "</script><img src=http://example.com/x onerror=alert(1)>{{ 7 * 7 }}"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("html") / "run"
-    output_of("replay", SAMPLES / "lawnmower_turn_db3", "-f", "ekf", "-o", out)
+    output_of("replay", SAMPLES / "lawnmower_turn_db3", "-f", "ekf", "--html", "-o", out)  # an option of before
     return out
 
 
@@ -214,12 +214,6 @@ def test_comparisons_and_checks_write_the_same_kind_of_page(tmp_path: Path) -> N
     (change,) = checked.plots["metrics"]["columns"][0]["panels"]
     failed = next(mark for mark in change["marks"] if mark.get("label") == "failed")
     assert checked.plots["metrics"]["numbers"][failed["rows"][0][1]] == ["mean_horizontal_m"]
-
-
-def test_the_old_option_changes_nothing(tmp_path: Path) -> None:
-    output_of("replay", SAMPLES / "lawnmower_turn_db3", "-f", "dr", "--html", "-o", tmp_path / "page")
-
-    assert (tmp_path / "page" / "report.html").exists()
 
 
 USE = """<script>
