@@ -14,7 +14,7 @@ from usbldr.filters.models.parameters import Parameters
 from usbldr.io.reading.read import read_log
 from usbldr_cli.main import cli
 
-LENGTH_S = 200.0
+LENGTH_S = 120.0
 KNOT_MPS = 1852 / 3600
 DAY = "2026-01-01"  # on which the dive is
 METRES_PER_DEGREE = np.array([111_131.8, 78_846.8])  # of latitude and longitude, at 45 degrees
@@ -225,6 +225,6 @@ def test_init_says_why_the_columns_that_it_would_propose_cannot_be_used(dive, tm
     with pytest.raises(LogError) as caught:
         output_of("init", tmp_path / "log", "-o", tmp_path / "found.toml")
 
-    why = "the columns that the names suggest cannot be used: all 1000 records of /dvl (dvl) are invalid: 1000 faster"
+    why = "the columns that the names suggest cannot be used: all 600 records of /dvl (dvl) are invalid: 600 faster"
     assert caught.value.text.startswith(why)
     assert f"CHECK: {why}" in (tmp_path / "found.toml").read_text(encoding="utf-8")
