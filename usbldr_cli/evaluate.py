@@ -15,14 +15,6 @@ from usbldr_cli.options.verbosity import verbose_option
 from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, write_run
 
 FRAMES = ("ENU", "NED", "latlon")
-DEFAULTS: dict[str, Any] = {
-    "particles": 2,
-    "gate": None,
-    "seed": 0,
-    "dr_from": "start",  # of the reference tracks
-    "fast_hz": 5.0,
-    "slow_hz": 1.0,
-}
 
 
 @click.command(cls=GroupedCommand)
@@ -82,7 +74,7 @@ def evaluate(
     placed, track = read_estimate(dive, request, estimate, frame)
     for finding in placed.findings:
         click.echo(f"usbldr: {printable(dive.path.name)}: {finding.text} [{finding.code}]", err=True)
-    choices = RunChoices(start=start, end=end, align=align, **DEFAULTS)
+    choices = RunChoices(start=start, end=end, align=align)
     settings = choices.settings(dive.start_ns)
     grid = timeline(dive)
     report = score(placed, grid, track, settings)

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 class RunChoices:
     """The options of a run, as given."""
 
-    particles: int
-    gate: float | None
-    seed: int
-    start: str | None
-    end: str | None
-    align: str
-    dr_from: str
-    fast_hz: float
-    slow_hz: float
+    particles: int = 2
+    gate: float | None = None
+    seed: int = 0
+    start: str | None = None
+    end: str | None = None
+    align: str = "auto"
+    dr_from: str = "start"
+    fast_hz: float = 5.0
+    slow_hz: float = 1.0
     calibrate: str | None = None
     noise: tuple[str, ...] = ()
     smooth: bool = False

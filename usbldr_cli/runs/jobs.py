@@ -75,7 +75,8 @@ def run_job(job: Job, stored: frozenset[str] = frozenset(), digest: str | None =
     choices = relevant_choices(job.method, job.choices)
     try:
         seeds = choices.seed if job.simulated else 0, choices.seed if job.drill.draws else 0
-        source = _read(job.log, selection, job.drill, seeds, _epochs(choices), digest)
+        epochs = RunChoices(fast_hz=choices.fast_hz, slow_hz=choices.slow_hz, exclude=choices.exclude)
+        source = _read(job.log, selection, job.drill, seeds, epochs, digest)
         if job.examine:
             return FinishedJob(JobResult(findings=_codes(source.log)))
         if job.bound:
@@ -111,13 +112,6 @@ def _open(log: str, selection: tuple[tuple[str, Any], ...], seed: int, digest: s
     return replace(found, path=Path(log)) if is_url(log) else found
 
 
-def _epochs(choices: RunChoices) -> RunChoices:
-    """Return the choices that make epochs of a log, without the others: logs read by the same ones are shared."""
-    names = ("fast_hz", "slow_hz", "exclude")
-    usual = RunChoices(2, None, 0, None, None, "auto", "start", 5.0, 1.0)
-    return replace(usual, **{name: getattr(choices, name) for name in names})
-
-
 @functools.lru_cache(maxsize=2)
 def _read(
     log: str,
@@ -127,7 +121,10 @@ def _read(
     choices: RunChoices,
     digest: str | None,
 ) -> _Source:
-    """Return a log with faults, and its timeline; successive jobs share them. The seeds are of dive and faults."""
+    """Return a log with faults, and its timeline; successive jobs with the same choices of epochs share them.
+
+    The seeds are of dive and faults.
+    """
     from usbldr.io.conventions.shown_noise import examined
     from usbldr.io.reading.epochs import timeline
 
