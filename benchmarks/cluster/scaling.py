@@ -148,8 +148,7 @@ def makespan(costs: Costs, hours: np.ndarray, workers: int, *, whole_dives: bool
 
 
 def draw(file: Path, by_dive: list[float], one_by_one: list[float], dives: int) -> None:
-    from usbldr_cli.figures.drawing import save_whole
-    from usbldr_cli.figures.style import in_style
+    from usbldr_cli.figures.style import in_style, save
 
     with in_style():
         from matplotlib.figure import Figure
@@ -165,7 +164,7 @@ def draw(file: Path, by_dive: list[float], one_by_one: list[float], dives: int) 
         axes.set_ylabel("speed-up over one worker")
         axes.set_title(f"{dives:,} dives, {len(FILTERS)} filters")
         axes.legend()
-        save_whole(figure, file)
+        save(figure, file)
 
 
 if __name__ == "__main__":

@@ -78,15 +78,5 @@ def _draw(folder: Path, picture: Picture, form: str) -> Drawn | None:
         if figure is None:
             return None
         file = f"{picture.name}.{form}"
-        save_whole(figure, folder / file)
+        save(figure, folder / file)
         return Drawn(file, picture.caption, text_of(figure), page_data(figure))
-
-
-def save_whole(figure: Figure, path: Path) -> None:
-    """Write a figure, which appears under its name when it is complete."""
-    part = path.with_name(f".{path.name}")
-    try:
-        save(figure, part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)

@@ -24,6 +24,7 @@ from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.io.reports.report_text import ORDERS, TRUTHS, aid_text, window_text
 from usbldr.io.reports.run import Run, ScoredTrack
+from usbldr.io.reports.run_directory import write_atomically
 
 Axes: TypeAlias = Any  # matplotlib's own types leave every keyword unknown, which strict checking refuses
 Figure: TypeAlias = Any
@@ -129,19 +130,19 @@ def truth_text(kind: str, source: str) -> str:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of its suffix (.png, .svg, .pdf), without a version or a date in it."""
-    if path.suffix != ".png":
-        figure.savefig(path, metadata={UNDATED[path.suffix]: None})
-        return
-    figure.dpi = DPI
-    canvas = FigureCanvasAgg(figure)  # unlike savefig, this draws only once
-    if any(axes.get_aspect() == 1 for axes in figure.axes):
-        figure.get_layout_engine().execute(figure)  # axes of equal scale settle in a second pass, that of the drawing
-    canvas.draw()
-    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    """Write a whole figure in the format of its suffix (.png, .svg, .pdf), without a version or a date in it."""
     packed = io.BytesIO()  # Pillow's own writing hides why it failed
-    picture.save(packed, "PNG", compress_level=COMPRESSION, dpi=(DPI, DPI))
-    path.write_bytes(packed.getvalue())
+    if path.suffix != ".png":
+        figure.savefig(packed, format=path.suffix[1:], metadata={UNDATED[path.suffix]: None})
+    else:
+        figure.dpi = DPI
+        canvas = FigureCanvasAgg(figure)  # unlike savefig, this draws only once
+        if any(axes.get_aspect() == 1 for axes in figure.axes):
+            figure.get_layout_engine().execute(figure)  # equal scales settle in a second pass, the drawing
+        canvas.draw()
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        picture.save(packed, "PNG", compress_level=COMPRESSION, dpi=(DPI, DPI))
+    write_atomically(path, packed.getvalue())
 
 
 def shade_outages(axes: Axes, run: Run) -> None:
