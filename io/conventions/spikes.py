@@ -31,23 +31,23 @@ MAX_TURN_DPS = 90.0  # [deg/s] 1.5 times the turn of a fast ROV
 
 def velocity_spikes(time_s: Vector, velocity_mps: Array, reached: float = MAX_ACCELERATION_MPS2) -> Vector:
     """Return how far each velocity (n, 2) in m/s is from its neighbours', m/s (n,), 0 if a vehicle can follow it."""
-    window = median_window(time_s)
-
-    def excess(rows: Indices) -> Vector:
-        change = np.linalg.norm(velocity_mps[rows] - velocity_mps[rows - 1], axis=1)
-        return change - reached * (time_s[rows] - time_s[rows - 1])
-
-    return _impossible(_off(velocity_mps, window), window, MIN_SPIKE_MPS, excess)
+    return _spikes(time_s, velocity_mps, reached, MIN_SPIKE_MPS)
 
 
 def depth_spikes(time_s: Vector, depth_m: Vector) -> Mask:
     """Return which depths (n,) in m are so far from their neighbours' that no vehicle can follow, (n,)."""
+    return _spikes(time_s, depth_m[:, None], MAX_CLIMB_MPS, MIN_SPIKE_M) > 0
+
+
+def _spikes(time_s: Vector, values: Array, reached: float, least: float) -> Vector:
+    """Return how far each of the values (n, k) is from its neighbours, (n,), 0 if a vehicle can follow it."""
     window = median_window(time_s)
 
     def excess(rows: Indices) -> Vector:
-        return np.abs(depth_m[rows] - depth_m[rows - 1]) - MAX_CLIMB_MPS * (time_s[rows] - time_s[rows - 1])
+        change = np.linalg.norm(values[rows] - values[rows - 1], axis=1)
+        return change - reached * (time_s[rows] - time_s[rows - 1])
 
-    return _impossible(_off(depth_m[:, None], window), window, MIN_SPIKE_M, excess) > 0
+    return _impossible(_off(values, window), window, least, excess)
 
 
 def heading_spikes(time_s: Vector, heading_deg: Array, reached: float = MAX_TURN_DPS) -> Vector:
@@ -121,7 +121,7 @@ def _impossible(deviation: Vector, window: int, least: float, excess: Callable[[
     usual = float(np.median(deviation))
     far = np.zeros(len(deviation), dtype=np.bool_)
     for rows, near, inside in _windows(len(deviation), window):
-        median = _running_median(deviation[near], window)[inside]
+        median = pd.Series(deviation[near]).rolling(window, center=True, min_periods=1).median().to_numpy()[inside]
         far[rows] = deviation[rows] > np.maximum(least, SPIKE_RATIO * np.fmax(median, usual))
     first, end = runs(far)
     too_fast = np.zeros(len(first), dtype=np.bool_)
@@ -135,15 +135,6 @@ def median_window(time_s: Vector) -> int:
     interval_s = float(np.median(np.diff(time_s), overwrite_input=True)) if len(time_s) > 1 else np.inf
     half = HALF_WINDOW_S / interval_s if interval_s > 0 else 0.0
     return 2 * max(HALF_WINDOW_RECORDS, round(half)) + 1
-
-
-def _running_median(values: Vector, window: int) -> Vector:
-    """Return the median of each record's neighbours, (n,); windows at the borders are shorter."""
-    found = np.empty_like(values)
-    for rows, near, inside in _windows(len(values), window):
-        rolling = pd.Series(values[near]).rolling(window, center=True, min_periods=1)
-        found[rows] = rolling.median().to_numpy()[inside]
-    return found
 
 
 def _off(values: Array, window: int) -> Vector:
