@@ -1,10 +1,10 @@
 """``usbldr drill``: filters on a log as it is and with faults put into its records, side by side."""
 
-import tempfile
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -95,7 +95,7 @@ def drill(
     """
     from usbldr.io.session import is_simulated
     from usbldr_cli.figures.drill import drill_pictures  # imports matplotlib
-    from usbldr_cli.result_files import prepare
+    from usbldr_cli.result_files import UNITS, prepare
     from usbldr_cli.runs.drill_rows import DrillPlan, run_drills
     from usbldr_cli.runs.executors import executor
 
@@ -107,27 +107,16 @@ def drill(
     warn_of_unused_options(plan.methods, is_simulated(log) or any(drill.draws for drill in drills))
     if output is not None:
         prepare(output, plan.request, force, "drill.json")
-    with _store(output) as store:
+    kept = TemporaryDirectory(prefix="usbldr-drill-") if output is None else nullcontext(output / UNITS)
+    with kept as store:  # also without --output: the rows need the errors over time
         with executor(workers) as where:
-            report = run_drills(plan, where, store)
+            report = run_drills(plan, where, Path(store))
         refuse_empty([row.usual for row in report.rows])
         results = _results(report, plan.request)
         if output is not None:
             results.write(output, drill_pictures(report))
         results.print(output, json_to, quiet)
     return max(outcome.exit_code for row in report.rows for outcome in row.runs.outcomes)
-
-
-@contextmanager
-def _store(output: Path | None) -> Generator[Path]:
-    """Give the folder of finished runs, a temporary one without --output: the rows need the errors over time."""
-    from usbldr_cli.result_files import UNITS
-
-    if output is not None:
-        yield output / UNITS
-        return
-    with tempfile.TemporaryDirectory(prefix="usbldr-drill-") as temporary:
-        yield Path(temporary)
 
 
 def _results(report: "DrillReport", request: dict[str, Any]) -> ResultFiles:
