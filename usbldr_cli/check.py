@@ -189,7 +189,7 @@ def _print_result(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]
 
 
 def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", show: bool) -> int:
-    from usbldr.io.settings.regression_baseline import NewValues, with_new_values
+    from usbldr.io.settings.regression_baseline import with_new_values
     from usbldr_cli.runs.baseline_rows import today, tool_text
     from usbldr_cli.tables.check_verdicts import MISSING
 
@@ -200,7 +200,7 @@ def _update(baseline: "RegressionBaseline", checked: "Sequence[CheckedRow]", sho
         codes = [one.exit_code for one in checked]
         click.echo(f"usbldr: {baseline.file}: unchanged, because a metric is missing in {', '.join(absent)}", err=True)
         return max(*codes, CheckError.exit_code)
-    values = [NewValues({c.metric: c.new for c in one.changes if c.new is not None}, one.log_sha256) for one in checked]
+    values = [({c.metric: c.new for c in one.changes if c.new is not None}, one.log_sha256) for one in checked]
     text = with_new_values(baseline, values, tool_text(), today())
     if text != baseline.text:
         write_file("--update", baseline.file, text)

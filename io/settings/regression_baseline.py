@@ -123,24 +123,19 @@ def _row(file: Path, number: int, stated: Mapping[str, object]) -> BaselineRow:
     return BaselineRow(known.name, known.log, known.filter, known.seeds, options, metrics, known.log_sha256)
 
 
-@dataclass(frozen=True, slots=True)
-class NewValues:
-    """What a run of a row gave."""
+def with_new_values(
+    baseline: RegressionBaseline, values: Sequence[tuple[Mapping[str, float], str]], tool: str, date: datetime.date
+) -> str:
+    """Return the file's text with the new metrics of each row, and the digest of its log; all else is preserved.
 
-    metrics: Mapping[str, float]
-    log_sha256: str = ""  # "" for a simulated log, whose last bits depend on the machine
-
-
-def with_new_values(baseline: RegressionBaseline, values: Sequence[NewValues], tool: str, date: datetime.date) -> str:
-    """Return the file's text with the new values of each row; all else is preserved.
-
-    ``tool`` and ``date`` say who made them when; they stay as they were if no value changes.
+    The digest is "" for a simulated log, whose last bits depend on the machine. ``tool`` and ``date`` say who made the
+    values when; they stay as they were if no value changes.
     """
     document: Any = tomlkit.parse(baseline.text)
-    for row, new in zip(document["row"], values, strict=True):
-        if new.log_sha256:
-            _set(row, "log_sha256", tomlkit.string(new.log_sha256), after="log")
-        for name, value in new.metrics.items():
+    for row, (metrics, log_sha256) in zip(document["row"], values, strict=True):
+        if log_sha256:
+            _set(row, "log_sha256", tomlkit.string(log_sha256), after="log")
+        for name, value in metrics.items():
             metric, number = row["metrics"][name], f"{value:.6g}"
             if "value" in metric or not isinstance(metric, InlineTable):
                 metric["value"] = tomlkit.value(number)

@@ -14,7 +14,6 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.evaluation.error_report import METRICS
 from usbldr.io.settings.regression_baseline import (
     Metric,
-    NewValues,
     RegressionBaseline,
     read_baseline,
     usual_direction,
@@ -56,7 +55,7 @@ TODAY = datetime.date(2026, 2, 1)
 
 
 def _updated(baseline: RegressionBaseline, *values: Mapping[str, float]) -> str:
-    new = [NewValues(one, row.log_sha256 or "new") for one, row in zip(values, baseline.rows, strict=True)]
+    new = [(one, row.log_sha256 or "new") for one, row in zip(values, baseline.rows, strict=True)]
     return with_new_values(baseline, new, "usbldr 0.3.0", TODAY)
 
 
