@@ -28,7 +28,7 @@ from usbldr.io.scenarios.simulated_log import write_scenario
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import jobs
 from usbldr_cli.runs.cluster import connected
-from usbldr_cli.runs.job_store import JobStore
+from usbldr_cli.runs.job_store import store_result
 from usbldr_cli.runs.workers import Job
 
 FILTERS = ("dr", "usbl", "ekf", "adf", "cpf", "upf")
@@ -84,8 +84,8 @@ def measured() -> Costs:
         read_s -= filters_s[0]
         done = jobs.run_job(units[-1])
         assert done.outcome is not None
-        outcome, store = done.outcome, JobStore(Path(folder))
-        store_s = least(lambda: store.write("key", outcome, done.trace))
+        outcome = done.outcome
+        store_s = least(lambda: store_result(Path(folder), "key", outcome, done.trace))
     return Costs(read_s, filters_s, empty_task(), store_s)
 
 

@@ -7,6 +7,7 @@ import io
 import json
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -91,45 +92,33 @@ class Trace(NamedTuple):
         return np.hypot(*self.error_m.T)
 
 
-@dataclass(frozen=True, slots=True)
-class JobStore:
-    """A folder of finished jobs by their keys. A job is finished when its JSON exists, which is written last."""
+def stored_results(folder: Path) -> dict[str, JobResult]:
+    """Return the results in a folder that can be read, by the keys of their jobs.
 
-    folder: Path
+    A job is finished when its JSON exists, which is written last.
+    """
+    found: dict[str, JobResult] = {}
+    for file in sorted(folder.glob("*.json")):
+        trace = file.with_suffix(".npz")
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            content: Any = json.loads(file.read_text(encoding="utf-8"))
+            if content["schema"] == SCHEMA and trace.is_file():
+                found[file.stem] = replace(msgspec.convert(content["result"], JobResult), trace=trace, reused=True)
+    return found
 
-    def read_all(self) -> dict[str, JobResult]:
-        """Return every stored result that can be read, by its key."""
-        found = {file.stem: self.read(file.stem) for file in sorted(self.folder.glob("*.json"))}
-        return {key: outcome for key, outcome in found.items() if outcome is not None}
 
-    def read(self, key: str) -> JobResult | None:
-        """Return a stored result, None if there is none that can be read."""
-        try:
-            content: Any = json.loads(self._json(key).read_text(encoding="utf-8"))
-            if content["schema"] != SCHEMA or not self._trace(key).is_file():
-                return None
-            found = msgspec.convert(content["result"], JobResult)
-            return replace(found, trace=self._trace(key), reused=True)
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
+def store_result(folder: Path, key: str, outcome: JobResult, trace: Trace | None) -> JobResult:
+    """Store a result and its trace; return the result with the path of the trace."""
+    import numpy as np
 
-    def write(self, key: str, outcome: JobResult, trace: Trace | None) -> JobResult:
-        """Store a result and its trace; return the result with the path of the trace."""
-        import numpy as np
-
-        if trace is not None:
-            packed = io.BytesIO()
-            np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
-            write_atomically(self._trace(key), packed.getvalue())
-        content = {"schema": SCHEMA, "result": asdict(replace(outcome, trace=None))}
-        write_atomically(self._json(key), (json_text(content) + "\n").encode())
-        return replace(outcome, trace=self._trace(key) if trace is not None else None)
-
-    def _json(self, key: str) -> Path:
-        return self.folder / f"{key}.json"
-
-    def _trace(self, key: str) -> Path:
-        return self.folder / f"{key}.npz"
+    place = folder / f"{key}.npz"
+    if trace is not None:
+        packed = io.BytesIO()
+        np.savez_compressed(packed, **{name: part for name, part in trace._asdict().items() if part is not None})
+        write_atomically(place, packed.getvalue())
+    content = {"schema": SCHEMA, "result": asdict(replace(outcome, trace=None))}
+    write_atomically(place.with_suffix(".json"), (json_text(content) + "\n").encode())
+    return replace(outcome, trace=place if trace is not None else None)
 
 
 def read_trace(path: Path) -> Trace:

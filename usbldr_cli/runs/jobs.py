@@ -23,7 +23,7 @@ from usbldr.io.writing import writing
 from usbldr_cli.options.log_options import read_request
 from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.options.verbosity import progress
-from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
+from usbldr_cli.runs.job_store import JobResult, ScoringContext, Trace, store_result, stored_results
 from usbldr_cli.runs.worker_checks import (
     Expected,
     UnfitWorkerError,
@@ -217,8 +217,7 @@ def run_jobs(jobs: Sequence[Job], where: Executor, store: Path | None = None) ->
     are lost again and again, UnfitWorkerError for a worker elsewhere with other code or files, StorageError for a
     full disk.
     """
-    kept = JobStore(store) if store is not None else None
-    stored = kept.read_all() if kept is not None else {}
+    stored = stored_results(store) if store is not None else {}
     outcomes: dict[int, JobResult] = {}
     places = _shares(jobs, where.workers)
     orders = (_order([jobs[k] for k in share], where.elsewhere) for share in places)
@@ -228,9 +227,9 @@ def run_jobs(jobs: Sequence[Job], where: Executor, store: Path | None = None) ->
             for k, (outcome, trace, key) in zip(places[share], found, strict=True):
                 if outcome is None:
                     outcome = stored[str(key)]
-                elif kept is not None and key is not None:
-                    with writing(kept.folder, "choose another --output"):
-                        outcome = kept.write(key, outcome, trace)
+                elif store is not None and key is not None:
+                    with writing(store, "choose another --output"):
+                        outcome = store_result(store, key, outcome, trace)
                 outcomes[k] = outcome
                 say(_outcome_text(jobs[k], outcome))
                 advance(len(outcomes))

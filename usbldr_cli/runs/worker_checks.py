@@ -47,8 +47,6 @@ class Software(NamedTuple):
 
 def installed() -> Software:
     """Return what runs in this process; the digest is that of all code: filters, kernel, readers, commands."""
-    from usbldr.filters.kernel import KERNEL
-
     digest = hashlib.sha256((code_digest() + _outer_digest()).encode())
     return Software(version("usbldr"), digest.hexdigest(), version("numpy"), KERNEL.advance is not None)
 

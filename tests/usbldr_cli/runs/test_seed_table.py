@@ -10,7 +10,7 @@ from usbldr.filters.evaluation.error_report import Window
 from usbldr.io.reports.page import markdown
 from usbldr.io.reports.report_text import window_text
 from usbldr.io.reports.run_provenance import RunProvenance
-from usbldr_cli.runs.job_store import JobResult, JobStore, ScoringContext, Trace
+from usbldr_cli.runs.job_store import JobResult, ScoringContext, Trace, store_result
 from usbldr_cli.runs.seed_table import (
     ComparisonRow,
     best_method_sentence,
@@ -97,7 +97,7 @@ def test_the_verdict_ranks_and_says_what_chance_explains() -> None:
 
 def test_the_verdict_on_one_real_log_says_what_chance_explains(tmp_path: Path) -> None:
     """Errors of 600 epochs in pairs: 0 ± 1 % is chance, 20 % is none; without a trace nothing is judged."""
-    store, rng = JobStore(tmp_path), np.random.default_rng(5)
+    rng = np.random.default_rng(5)
     common_m = np.abs(rng.normal(2.0, 0.5, 600))
 
     def run(name: str, more: float) -> ComparisonRow:
@@ -105,7 +105,7 @@ def test_the_verdict_on_one_real_log_says_what_chance_explains(tmp_path: Path) -
         at_m = np.column_stack([size_m, np.zeros(600)])
         trace = Trace(np.arange(600.0), at_m, np.zeros((600, 2)))
         result = JobResult({"mean_horizontal_m": float(np.abs(size_m).mean())}, scored_against=JUDGED)
-        return ComparisonRow("dive", name, name, (0,), (store.write(name, result, trace),))
+        return ComparisonRow("dive", name, name, (0,), (store_result(tmp_path, name, result, trace),))
 
     rows = [run("adf", 0.0), run("ekf", 0.0), run("ukf", 0.2)]
     assert re.search("difference to (adf|ekf) not significant; 1[67] % below ukf$", best_method_sentence(rows))
