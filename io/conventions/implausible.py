@@ -74,19 +74,13 @@ def without_implausible(log: Log) -> Log:
         found += findings
         before = records.values if kept.good is records.good else records.values[kept.good[records.good]]
         if kept.values is not before and not np.array_equal(kept.values, before):
-            assert kept.values.shape == before.shape
-            table = {str(name): column.to_numpy() for name, column in tables[role].items()}
-            for name, values in zip(columns, kept.values.T, strict=True):
-                if kept.good.all():
-                    table[name] = values
-                else:
-                    table[name] = table[name].copy()
-                    table[name][kept.good] = values
-            tables[role] = pd.DataFrame(table, copy=False)
+            turned = {name: tables[role][name].to_numpy(copy=True) for name in columns}
+            for column, values in zip(turned.values(), kept.values.T, strict=True):
+                column[kept.good] = values
+            tables[role] = tables[role].assign(**turned)
         if len(kept.values) < len(records.values):
             rows = kept.good | ~records.good
-            columns_kept = {str(name): column.to_numpy()[rows] for name, column in tables[role].items()}
-            tables[role] = pd.DataFrame(columns_kept, copy=False)
+            tables[role] = tables[role][rows].reset_index(drop=True)
             provenance[role] = replace(provenance[role], used=provenance[role].used - int(np.count_nonzero(~rows)))
     if not found:
         return log
