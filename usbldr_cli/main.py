@@ -12,7 +12,7 @@ from usbldr.filters.errors import StorageError, UsageError, UsbldrError, did_you
 from usbldr.io.writing import STORAGE, write_fault
 from usbldr_cli.options.blas_threads import use_one_thread
 from usbldr_cli.options.completion import register
-from usbldr_cli.options.option import given_command, keep_command
+from usbldr_cli.options.option import GIVEN, given_command
 
 COMMANDS = {
     "info": "List the topics of LOG and how each sensor is read.",
@@ -42,7 +42,7 @@ class LazyGroup(click.Group):
         """Return the context with the words of the command line."""
         words = tuple(args)  # parsing empties the list
         ctx = super().make_context(info_name, args, parent, **extra)
-        keep_command(ctx, words)
+        ctx.meta[GIVEN] = ("usbldr", *words)
         return ctx
 
     def list_commands(self, ctx: click.Context) -> list[str]:

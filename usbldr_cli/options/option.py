@@ -12,7 +12,7 @@ Group: TypeAlias = Literal["Baseline", "Log", "Faults", "Filter", "Scoring", "Ou
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 DRAWING = ("seed", "seeds")  # options that also choose the random numbers of a scenario or fault
 SHOW_ALL = "usbldr.help_all"  # key of the context
-GIVEN = "usbldr.command"  # key of the context
+GIVEN = "usbldr.command"  # key of the context: the words of the command line, which main.py keeps
 
 
 class Option(click.Option):
@@ -135,11 +135,6 @@ def _show_all(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
         ctx.meta[SHOW_ALL] = True
         click.echo(ctx.get_help())
         ctx.exit()
-
-
-def keep_command(ctx: click.Context, words: Sequence[str]) -> None:
-    """Keep the words after ``usbldr`` for `given_command`."""
-    ctx.meta[GIVEN] = ("usbldr", *words)
 
 
 def given_command(ctx: click.Context | None = None) -> tuple[str, ...]:
