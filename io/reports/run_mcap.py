@@ -151,7 +151,7 @@ def _odometry(m: Makers, run: Run) -> Stamped:
         stamp_ns, header = _header(m, run, time_s)
         velocity = m.make("geometry_msgs/msg/Twist", m.vector(forward, -starboard, 0.0), m.vector(0.0, 0.0, 0.0))
         twist = m.make("geometry_msgs/msg/TwistWithCovariance", velocity, np.zeros(36))
-        yield stamp_ns, m.make(ODOMETRY, header, VEHICLE, _pose(m, east, north, cov, yaw), twist)
+        yield stamp_ns, m.make(ODOMETRY, header, VEHICLE, m.pose(east, north, cov, yaw), twist)
 
 
 def _header(m: Makers, run: Run, time_s: float) -> tuple[int, RosMessage]:
@@ -159,21 +159,10 @@ def _header(m: Makers, run: Run, time_s: float) -> tuple[int, RosMessage]:
     return stamp_ns, m.header({"stamp_ns": stamp_ns}, MAP)
 
 
-def _pose(m: Makers, east_m: float, north_m: float, cov_m2: Array | None, psi: float = math.nan) -> RosMessage:
-    """A pose with the covariance of east and north; REP 103: yaw is 0 if the bow points east."""
-    covariance = np.zeros(36)
-    if cov_m2 is not None and np.isfinite(cov_m2).all():
-        covariance[[0, 1, 6, 7]] = cov_m2.ravel()
-    half = 0.0 if math.isnan(psi) else (psi + math.pi / 2) / 2
-    turned = m.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
-    pose = m.make("geometry_msgs/msg/Pose", m.make("geometry_msgs/msg/Point", east_m, north_m, 0.0), turned)
-    return m.make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
-
-
 def _poses(m: Makers, run: Run, time_s: Vector, position_m: Array, cov_m2: Array | None) -> Stamped:
     for k, (east, north) in enumerate(position_m.tolist()):
         stamp_ns, header = _header(m, run, float(time_s[k]))
-        yield stamp_ns, m.make(POSE, header, _pose(m, east, north, None if cov_m2 is None else cov_m2[k]))
+        yield stamp_ns, m.make(POSE, header, m.pose(east, north, None if cov_m2 is None else cov_m2[k]))
 
 
 def _navsats(m: Makers, run: Run, time_s: Vector, position_m: Array, cov_m2: Array | None) -> Stamped:

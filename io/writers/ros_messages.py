@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from usbldr.filters.types import Array
 from usbldr.io.conventions.dvl_depth import SURFACE_PA, WATER_PA_PER_M
 from usbldr.io.log import Log
 
@@ -50,6 +51,19 @@ class Makers:
     def vector(self, x: float, y: float, z: float) -> RosMessage:
         """Return a geometry_msgs/Vector3."""
         return self.make("geometry_msgs/msg/Vector3", x, y, z)
+
+    def pose(self, east_m: float, north_m: float, cov_m2: Array | None, psi: float = math.nan) -> RosMessage:
+        """Return a geometry_msgs/PoseWithCovariance, that of east and north; REP 103: yaw is 0 if the bow points east.
+
+        A covariance (2, 2) or a yaw that is unknown is 0.
+        """
+        covariance = np.zeros(36)
+        if cov_m2 is not None and np.isfinite(cov_m2).all():
+            covariance[[0, 1, 6, 7]] = cov_m2.ravel()
+        half = 0.0 if math.isnan(psi) else (psi + math.pi / 2) / 2
+        turned = self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
+        pose = self.make("geometry_msgs/msg/Pose", self.make("geometry_msgs/msg/Point", east_m, north_m, 0.0), turned)
+        return self.make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
 
 
 def _dvl(m: Makers, row: TableRow) -> RosMessage:
@@ -137,15 +151,10 @@ def _known_validity(m: Makers, row: TableRow) -> RosMessage:
 
 def _fix(m: Makers, row: TableRow) -> RosMessage:
     """A position and its covariance in the plane; one sd means a circular covariance."""
-    covariance = np.zeros(36)
     variance = row.get("sd_m", math.nan) ** 2
-    if "cov_ee_m2" in row or not math.isnan(variance):
-        shared = row.get("cov_en_m2", 0.0)
-        covariance[[0, 1, 6, 7]] = row.get("cov_ee_m2", variance), shared, shared, row.get("cov_nn_m2", variance)
-    point = m.make("geometry_msgs/msg/Point", row["east_m"], row["north_m"], 0.0)
-    pose = m.make("geometry_msgs/msg/Pose", point, m.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0))
-    in_plane = m.make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
-    return m.make("geometry_msgs/msg/PoseWithCovarianceStamped", m.header(row, "map"), in_plane)
+    ee, en, nn = (row.get(f"cov_{axes}_m2", usual) for axes, usual in (("ee", variance), ("en", 0.0), ("nn", variance)))
+    pose = m.pose(row["east_m"], row["north_m"], np.array([[ee, en], [en, nn]]))
+    return m.make(POSE, m.header(row, "map"), pose)
 
 
 def _pressure(m: Makers, row: TableRow) -> RosMessage:
