@@ -96,7 +96,7 @@ def replay(
     from usbldr.filters.replay.methods import method_named
     from usbldr.io.reports.run_directory import run_directory
     from usbldr.io.session import is_simulated, open_log, require_scenario
-    from usbldr_cli.runs.one_run import RunPlan, finish_run, on_epochs, prepare_run
+    from usbldr_cli.runs.one_run import RunPlan, finish_run, prepare_run
 
     if verify is not None:
         return _verify(Path(verify), log, quiet)
@@ -119,7 +119,7 @@ def replay(
     _say(opened, opened.findings, quiet)
     if strict and lost:
         raise LogError(lost[0])
-    ready = prepare_run(plan, opened, on_epochs(plan, opened)).without_headings()
+    ready = prepare_run(plan, opened).without_headings()
     _say(opened, ready.log.findings[len(opened.findings) :], quiet)
     opened = ready.log
     if write_calibration is not None:

@@ -58,32 +58,23 @@ class PreparedRun(NamedTuple):
         return self._replace(log=self.log.without_records("compass"))
 
 
-def on_epochs(plan: RunPlan, log: "Log") -> "Timeline":
-    """Divide a log into epochs.
+def prepare_run(plan: RunPlan, log: "Log") -> PreparedRun:
+    """Divide a log into epochs, and identify what it settles of noise and sensor errors.
 
-    Raises what the method refuses of log and options.
+    The findings of the log are completed by what the data say against its conventions. Raises what the method refuses
+    of log and options.
     """
     from usbldr.filters.replay.methods import method_named
+    from usbldr.io.doctor.cross_check import convention_warnings
     from usbldr.io.reading.epochs import timeline
     from usbldr.io.reading.read import require
-    from usbldr.io.session import not_a_filter
+    from usbldr.io.session import not_a_filter, resolve
 
     chosen, choices = method_named(plan.method), plan.choices
     require(log, chosen.sensors)
     if choices.aid is not None and not chosen.is_filter:
         raise UsageError(f"--aid {not_a_filter(plan.method)}")
-    return timeline(log, choices.fast_hz, choices.slow_hz)
-
-
-def prepare_run(plan: RunPlan, log: "Log", dive_timeline: "Timeline") -> PreparedRun:
-    """Identify what the log settles of noise and sensor errors.
-
-    The findings of the log are completed by what the data say against its conventions.
-    """
-    from usbldr.io.doctor.cross_check import convention_warnings
-    from usbldr.io.session import resolve
-
-    settings = plan.choices.settings(log.start_ns)
+    dive_timeline, settings = timeline(log, choices.fast_hz, choices.slow_hz), choices.settings(log.start_ns)
     found = resolve(log, dive_timeline, plan.method, settings)
     log = replace(log, findings=(*log.findings, *convention_warnings(log, dive_timeline, found)))
     return PreparedRun(log, dive_timeline, settings, found)
@@ -116,7 +107,7 @@ def run_again(plan: RunPlan) -> "Run":
     request = configured_request(plan.log, plan.selection)
     with local_log(plan.log, request) as path:
         log = plan.choices.edited(open_log(path, request, plan.choices.seed))
-    return finish_run(plan, request, prepare_run(plan, log, on_epochs(plan, log)))
+    return finish_run(plan, request, prepare_run(plan, log))
 
 
 def _score(method: str, ready: PreparedRun, dive_timeline: "Timeline | None" = None) -> "ScoredTrack":

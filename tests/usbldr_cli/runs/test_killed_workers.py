@@ -27,7 +27,7 @@ from usbldr_cli.options.run_options import RunChoices
 from usbldr_cli.runs import executors
 from usbldr_cli.runs.executors import LocalProcesses
 from usbldr_cli.runs.jobs import run_jobs
-from usbldr_cli.runs.one_run import RunPlan, on_epochs, prepare_run
+from usbldr_cli.runs.one_run import RunPlan, prepare_run
 from usbldr_cli.runs.worker_checks import code_digest, digest_of
 from usbldr_cli.runs.workers import Job
 
@@ -85,7 +85,7 @@ def test_headings_end_when_the_run_is_prepared() -> None:
 
     plan = RunPlan(str(path), "adf", choices)
 
-    log, epochs, *_ = prepare_run(plan, log, on_epochs(plan, log)).without_headings()
+    log, epochs, *_ = prepare_run(plan, log).without_headings()
 
     assert records() is None
     assert log.tables["compass"].empty
