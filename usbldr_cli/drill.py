@@ -103,14 +103,14 @@ def drill(
     refuse_inputs([log], others, output, json_to, force)
     methods = filter_list(DEFAULT_FILTERS if filters is None else filters, choices)
     plan = DrillPlan(log, drills, methods, seeds, choices, others)
-    plan.require_fitting()
+    length_s = plan.length_s()  # refuses wrong faults before any run
     warn_of_unused_options(plan.methods, is_simulated(log) or any(drill.draws for drill in drills))
     if output is not None:
         prepare(output, plan.request, force, "drill.json")
     kept = TemporaryDirectory(prefix="usbldr-drill-") if output is None else nullcontext(output / UNITS)
     with kept as store:  # also without --output: the rows need the errors over time
         with executor(workers) as where:
-            report = run_drills(plan, where, Path(store))
+            report = run_drills(plan, length_s, where, Path(store))
         refuse_empty([row.usual for row in report.rows])
         results = _results(report, plan.request)
         if output is not None:

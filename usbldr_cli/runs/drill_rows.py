@@ -15,7 +15,6 @@ from usbldr.filters.evaluation.fault_response import FaultResponse, fault_respon
 from usbldr.filters.replay.methods import METHODS, track_name
 from usbldr.filters.windows import TimeWindow
 from usbldr.io.drills.drill import UNDAMAGED, Drill, damaged, is_named, log_length_s
-from usbldr.io.log import Log
 from usbldr.io.reading.remote import local_log
 from usbldr.io.session import is_simulated, open_log
 from usbldr_cli.options.log_options import read_request
@@ -48,20 +47,14 @@ class DrillPlan:
         options = {"options": asdict(self.choices), "selection": dict(self.selection)}
         return {"log": self.log, "filters": list(self.methods), "seeds": self.seeds, "drills": drills, **options}
 
-    def require_fitting(self) -> None:
-        """Raise LogError or UsageError for a fault that cannot be put into the log, before any run."""
-        log = self._opened()
-        for drill in self.drills:
-            damaged(log, drill, self.choices.seed)
-
-    def _opened(self) -> Log:
+    def length_s(self) -> float:
+        """Return the length of the log, seconds; raise LogError or UsageError if a fault cannot be put into it."""
         request = read_request(**self.selection)
         with local_log(self.log, request) as path:
-            return open_log(path, request, self.choices.seed)
-
-    def length_s(self) -> float:
-        """Return the length of the log, seconds."""
-        return log_length_s(self._opened())
+            log = open_log(path, request, self.choices.seed)
+        for drill in self.drills:
+            damaged(log, drill, self.choices.seed)
+        return log_length_s(log)
 
     def seeds_of(self, drill: Drill, draws: bool) -> range:
         """Return the seeds of a cell: one if nothing in it depends on the seed."""
@@ -92,14 +85,9 @@ class DrillRow:
         return self.runs.mean(ERROR)
 
     @property
-    def usual_m(self) -> float | None:
-        """The same without the faults."""
-        return self.usual.mean(ERROR)
-
-    @property
     def ratio(self) -> float | None:
         """Error with the faults over error without them."""
-        error_m, usual_m = self.error_m, self.usual_m
+        error_m, usual_m = self.error_m, self.usual.mean(ERROR)
         return error_m / usual_m if error_m is not None and usual_m else None
 
     @property
@@ -147,8 +135,11 @@ class DrillReport:
     rows: tuple[DrillRow, ...]
 
 
-def run_drills(plan: DrillPlan, where: Executor, store: Path) -> DrillReport:
-    """Run a plan, and let the doctor examine every log; finished runs are kept in ``store``, an existing folder."""
+def run_drills(plan: DrillPlan, length_s: float, where: Executor, store: Path) -> DrillReport:
+    """Run a plan on a log of a length, and let the doctor examine every log.
+
+    Finished runs are kept in ``store``, an existing folder.
+    """
     methods = tuple(dict.fromkeys((*plan.methods, RAW)))
     cells = {
         (drill, method): plan.seeds_of(drill, method is not None and METHODS[method].draws)
@@ -168,7 +159,7 @@ def run_drills(plan: DrillPlan, where: Executor, store: Path) -> DrillReport:
         label, seeds = track_name(method, plan.choices.smooth), tuple(cells[drill, method])
         return ComparisonRow(Path(plan.log).name, label, method, seeds, tuple(found[drill, method]), draws, dives)
 
-    length_s, examined = plan.length_s(), {drill: tuple(found[drill, None]) for drill in (UNDAMAGED, *plan.drills)}
+    examined = {drill: tuple(found[drill, None]) for drill in (UNDAMAGED, *plan.drills)}
     usual = {method: runs(UNDAMAGED, method) for method in methods}
     rows: list[DrillRow] = []
     for drill in plan.drills:
@@ -212,7 +203,7 @@ def row_content(row: DrillRow) -> dict[str, Any]:
         "failure": row.runs.fault,
         ERROR: row.error_m,
         f"{ERROR}_se": metrics.get(f"{ERROR}_se"),
-        "undamaged_m": row.usual_m,
+        "undamaged_m": row.usual.mean(ERROR),
         "ratio": row.ratio,
         **mean_response(row),
         "nees_mean": nees.mean if nees is not None else None,
