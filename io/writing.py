@@ -1,8 +1,11 @@
-"""What becomes of a fault while files are written: a sentence with the exit code of its cause."""
+"""Files and folders that appear whole or not at all; a fault of writing is a sentence with its exit code."""
 
 import errno
+import os
+import shutil
+import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from usbldr.filters.errors import StorageError, UsageError, UsbldrError
@@ -30,3 +33,31 @@ def writing(place: Path | str, advice: str = "choose another place") -> Generato
         yield
     except OSError as fault:
         raise write_fault(place, fault, advice) from fault
+
+
+@contextmanager
+def replacing(target: Path, advice: str) -> Generator[Path]:
+    """Give a path of the same name in a hidden folder beside a file or folder, which replaces that when the block ends.
+
+    If the block fails or is interrupted, everything is as before. Raises what `write_fault` returns for an OSError.
+    """
+    made_parents = [folder for folder in target.parents if not folder.exists()]
+    temporary, old = None, target
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        new, old = temporary / target.name, temporary / "old"
+        yield new
+        if target.exists():
+            os.replace(target, old)
+        os.replace(new, target)
+    except OSError as fault:
+        raise write_fault(target, fault, advice) from fault
+    finally:
+        if old.exists() and not target.exists():  # interrupted between the two renames
+            os.replace(old, target)
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+        for folder in made_parents:
+            with suppress(OSError):  # it holds something, or was not made
+                folder.rmdir()

@@ -2,15 +2,13 @@
 
 import json
 import os
-import secrets
-import shutil
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from usbldr.filters.errors import UsageError
-from usbldr.io.writing import write_fault
+from usbldr.io.writing import replacing
 
 REPORT = "report.json"  # written last, names every file of the run
 
@@ -24,34 +22,9 @@ def run_directory(target: Path, force: bool = False) -> Generator[Path]:
     """
     target = target.expanduser().resolve()
     check_free(target, force)
-    made_parents = [folder for folder in target.parents if not folder.exists()]
-    token = secrets.token_hex(4)
-    new, old = target.parent / f".{target.name}.{token}.part", target.parent / f".{target.name}.{token}.old"
-    try:
-        new.mkdir(parents=True)
+    with replacing(target, "choose another --output") as new:
+        new.mkdir()
         yield new
-        _put_in_place(new, target, old)
-    except BaseException as fault:  # an interruption, too, leaves nothing half-written
-        shutil.rmtree(new, ignore_errors=True)
-        for folder in made_parents:
-            with suppress(OSError):  # it holds something, or was not made
-                folder.rmdir()
-        if isinstance(fault, OSError):
-            raise write_fault(target, fault, "choose another --output") from fault
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def _put_in_place(new: Path, target: Path, old: Path) -> None:
-    """Rename new to target, what was there to old; a failure leaves the target as it was."""
-    if target.exists():
-        target.rename(old)
-    try:
-        new.rename(target)
-    except BaseException:  # also on Ctrl-C: put the former directory back before the error goes on
-        if old.exists():
-            old.rename(target)
-        raise
 
 
 def check_free(target: Path, force: bool) -> None:

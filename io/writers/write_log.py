@@ -1,8 +1,6 @@
 """Write a log with its configuration, in any format that can be read back, completely or not at all."""
 
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -11,14 +9,13 @@ from typing import Literal, TypeAlias, get_args
 from usbldr.filters.errors import UsageError
 from usbldr.io.log import COLUMNS, Log
 from usbldr.io.settings.configuration import own_configuration
-from usbldr.io.writing import has_ending, write_fault
+from usbldr.io.writing import has_ending, replacing
 
 LogFormat: TypeAlias = Literal["mcap", "bag", "db3", "rosbag2", "csv"]
 FORMS: Mapping[str, LogFormat] = {".mcap": "mcap", ".bag": "bag", ".db3": "db3"}  # files, by the end of their name
 FOLDERS: tuple[LogFormat, ...] = ("csv", "rosbag2")
 WRITTEN = ("usbldr.toml", "metadata.yaml", "truth.csv", *(f"{sensor}.csv" for sensor in COLUMNS))  # and *.db3
 STAMPS = ("time", "received")  # the columns of times, without their unit
-ELSEWHERE = "choose another --output"
 WRITTEN_BY = "Written by: usbldr"  # first words of the configuration of every written log
 
 
@@ -49,7 +46,6 @@ def write_log_atomically(
 ) -> Path:
     """Let ``make`` write the log to a path of the name of ``out``; return the path of its configuration.
 
-    Everything is written to a hidden folder beside it and then renamed, so that an interrupted run leaves nothing.
     Raises UsageError if the path exists (and ``force`` is not set), or cannot be written.
     """
     folder, place = form in FOLDERS, configuration_place(out, form)
@@ -60,28 +56,12 @@ def write_log_atomically(
         raise UsageError(f"{out}: is a folder; give the file another name")
     if folder and out.exists():
         _refuse_unless_written(out)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
-    except OSError as err:
-        raise write_fault(out, err, ELSEWHERE) from err
-    made, old = temporary / out.name, temporary / "old log"
-    try:
+    with replacing(out, "choose another --output") as made:
         make(made)
-        if folder:
-            (made / "usbldr.toml").write_text(configuration, encoding="utf-8")
-            if out.exists():
-                os.replace(out, old)
-        else:
-            (temporary / "usbldr.toml").write_text(configuration, encoding="utf-8")
-            os.replace(temporary / "usbldr.toml", place)
-        os.replace(made, out)
-    except OSError as err:
-        raise write_fault(out, err, ELSEWHERE) from err
-    finally:
-        if old.exists() and not out.exists():  # interrupted between the two renames
-            os.replace(old, out)
-        shutil.rmtree(temporary, ignore_errors=True)
+        text = made / "usbldr.toml" if folder else made.with_name("usbldr.toml")
+        text.write_text(configuration, encoding="utf-8")
+        if not folder:
+            os.replace(text, place)
     return place
 
 
