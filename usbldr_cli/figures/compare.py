@@ -9,7 +9,7 @@ import numpy as np
 
 from usbldr.filters.evaluation.seed_statistics import average
 from usbldr.filters.types import Array
-from usbldr_cli.figures.distance import CROWDED, box_plot
+from usbldr_cli.figures.distance import CROWDED, box_plot, name_columns
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.overlay import (
     coincident_text,
@@ -93,9 +93,7 @@ def log_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
         detail(dots, {"log": np.array(logs)}, key=row.label)
         box_plot(axes, place, np.array(values), colour(row.method))
     every = [value for found in errors.values() for _, value in found if value > 0]
-    axes.set_xticks(range(len(shown)), list(errors), rotation=30 if _long(shown) else 0)
-    axes.set_xlim(-0.6, len(shown) - 0.4)
-    axes.grid(visible=False, axis="x")
+    name_columns(axes, list(errors))
     wide = max(every, default=1.0) > CROWDED * min(every, default=1.0)
     if wide:
         logarithmic(axes, "y", (1, 2, 5))
@@ -127,9 +125,7 @@ def filter_figure(rows: Sequence[ComparisonRow]) -> Figure | None:
             text = f"{mean:.2f}" if mean < 100 else f"{mean:.0f}"
             axes.annotate(text, (x, max(values)), xytext=(0, 6), textcoords="offset points", ha="center", size=9)
         axes.set_title(f"mean {name} error")
-        axes.set_xticks(range(len(rows)), [row.label for row in rows], rotation=30 if _long(rows) else 0)
-        axes.set_xlim(-0.6, len(rows) - 0.4)
-        axes.grid(visible=False, axis="x")
+        name_columns(axes, [row.label for row in rows])
         if wide:
             logarithmic(axes, "y", (1, 2, 5))
     panels[0].set_ylabel(f"metres{' (logarithmic)' if wide else ''}")
@@ -151,7 +147,3 @@ FIGURES: tuple[tuple[str, str, Callable[[Sequence[ComparisonRow]], Figure | None
 def _pooled_errors(row: ComparisonRow) -> Array:
     found = [read_trace(o.trace).error_m for o in row.good.values() if o.trace is not None]
     return np.vstack(found) if found else np.empty((0, 2))
-
-
-def _long(rows: Sequence[ComparisonRow]) -> bool:
-    return sum(len(row.label) for row in rows) > 30

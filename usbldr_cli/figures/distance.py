@@ -55,11 +55,16 @@ def _draw_boxes(axes: Axes, errors: dict[str, tuple[str, Vector]]) -> None:
         style.logarithmic(axes, "y", (1, 2, 5))
     else:
         axes.set_ylim(bottom=0)
-    axes.set_xticks(range(len(errors)), list(errors))
-    axes.set_xlim(-0.6, len(errors) - 0.4)
-    axes.grid(visible=False, axis="x")
+    name_columns(axes, list(errors))
     axes.set_ylabel("horizontal error [m]")
     axes.set_title("median, quartiles, 5 and 95 %")
+
+
+def name_columns(axes: Axes, names: list[str]) -> None:
+    """Name columns at 0, 1, ... of the horizontal axis; many letters are turned."""
+    axes.set_xticks(range(len(names)), names, rotation=30 if sum(map(len, names)) > 30 else 0)
+    axes.set_xlim(-0.6, len(names) - 0.4)
+    axes.grid(visible=False, axis="x")
 
 
 def box_plot(axes: Axes, place: int, values: Vector, face: str) -> None:
