@@ -13,13 +13,10 @@ report.html        all of it as one page with interactive figures
 
 import json
 import re
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
-
-import click
 
 from usbldr.filters.errors import UsageError
 from usbldr.io.reports.page import Page, Picture, Plot
@@ -27,7 +24,7 @@ from usbldr.io.reports.run_directory import json_text, write_atomically
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.writing import writing
 from usbldr_cli.options.log_options import request_provenance
-from usbldr_cli.options.output_files import write_json
+from usbldr_cli.options.output_files import print_result, write_json
 from usbldr_cli.runs.job_store import common_fault
 
 if TYPE_CHECKING:
@@ -88,14 +85,8 @@ class ResultFiles:
         """Print the tables, or their last line, or the rows as JSON."""
         if json_to is not None:
             write_json(json_to, self.json())
-        if json_to == "-":
-            return
-        if quiet:
-            click.echo(self.verdict)
-            return
-        click.echo(self.text(sys.stdout.isatty()))
-        if output is not None:
-            click.echo(f"\nwritten to {output}")
+        if json_to != "-":
+            print_result(self.text, self.verdict, output, quiet)
 
 
 def refuse_empty(rows: "Sequence[ComparisonRow]") -> None:

@@ -1,6 +1,5 @@
 """What a run leaves: its folder, and what is printed."""
 
-import sys
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -12,7 +11,13 @@ import click
 from usbldr.filters.errors import UsageError
 from usbldr.io.stages import stage
 from usbldr_cli.options.option import option, packed_options
-from usbldr_cli.options.output_files import html_option, plot_format_option, plots_option, write_json
+from usbldr_cli.options.output_files import (
+    html_option,
+    plot_format_option,
+    plots_option,
+    print_result,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from usbldr.io.reports.page import Picture
@@ -89,13 +94,9 @@ def print_run(run: "Run", target: Path, json_to: str | None, quiet: bool) -> Non
         write_json(json_to, json_values(report_content(run)))
     if json_to == "-":
         return
-    if quiet:
-        for warning in run.warnings:
-            click.echo(f"usbldr: {warning}", err=True)
-        click.echo(run.verdict)
-        return
-    click.echo(render(run, colour=sys.stdout.isatty()))
-    click.echo(f"\nwritten to {target}")
+    for warning in run.warnings if quiet else ():
+        click.echo(f"usbldr: {warning}", err=True)
+    print_result(partial(render, run), run.verdict, target, quiet)
 
 
 run_outputs = packed_options(

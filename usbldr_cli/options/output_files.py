@@ -1,6 +1,7 @@
 """The single files that a command writes, as --json FILE: checked before the run, written atomically."""
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,16 @@ def write_json(target: str, content: object) -> None:
         click.echo(json_text(content))
     else:
         write_file("--json", Path(target), json_text(content) + "\n")
+
+
+def print_result(text: Callable[[bool], str], verdict: str, output: Path | None, quiet: bool) -> None:
+    """Print a text, in colour on a terminal, and where it is written; or only its last line."""
+    if quiet:
+        click.echo(verdict)
+        return
+    click.echo(text(sys.stdout.isatty()))
+    if output is not None:
+        click.echo(f"\nwritten to {output}")
 
 
 def refuse_file(
