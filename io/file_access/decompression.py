@@ -41,6 +41,10 @@ def compression_of(head: bytes) -> str | None:
     return next((name for name, (magics, _) in UNPACKERS.items() if head.startswith(magics)), None)
 
 
+class CutError(EOFError):
+    """The bytes end inside a record, or are not a record."""
+
+
 class DamagedFileError(Exception):
     """A compressed file is damaged, or ends too early."""
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 from usbldr.filters.errors import LogError
 from usbldr.io.file_access.container_ends import BAG
-from usbldr.io.file_access.decompression import DAMAGE, Decompressor
+from usbldr.io.file_access.decompression import DAMAGE, CutError, Decompressor
 from usbldr.io.file_access.file_view import FileView
 from usbldr.io.limits import TooLargeError, UnpackingBudget
 
@@ -26,10 +26,6 @@ MESSAGE_HEAD = re.compile(
 )
 """The header of a message as all recorders write it, its fields in any order; then the length of the message."""
 HEAD_NUMBERS = struct.Struct("<4I")
-
-
-class CutError(Exception):
-    """The bytes end inside a record, or are not a record."""
 
 
 class Connection(NamedTuple):
@@ -182,7 +178,7 @@ class BagScan:
             yield from self._inside(data)
         except TooLargeError:
             sound, self.oversized = False, True
-        except (CutError, *DAMAGE):
+        except DAMAGE:
             sound = False
         if not whole:
             raise CutError

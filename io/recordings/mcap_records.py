@@ -16,7 +16,7 @@ from zlib_ng import zlib_ng
 
 from usbldr.io.file_access import decompression
 from usbldr.io.file_access.container_ends import MCAP, MCAP_HEAD
-from usbldr.io.file_access.decompression import Decompressor
+from usbldr.io.file_access.decompression import CutError, Decompressor
 from usbldr.io.limits import TooLargeError, UnpackingBudget
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -39,10 +39,6 @@ class McapMessage(NamedTuple):
 
 
 Record: TypeAlias = Schema | Channel | McapMessage
-
-
-class CutError(EOFError):
-    """The bytes end inside a record."""
 
 
 class Chunk(NamedTuple):
