@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 class RunChoices:
     """The options of a run, as given."""
 
-    particles: int = 2
+    particles: int = 2  # the fewest; --particles asks for more
     gate: float | None = None
     seed: int = 0
     start: str | None = None
     end: str | None = None
     align: str = "auto"
     dr_from: str = "start"
-    fast_hz: float = 5.0
-    slow_hz: float = 1.0
+    fast_hz: float = 5.0  # [Hz] epochs of the filter
+    slow_hz: float = 1.0  # [Hz] scored epochs
     calibrate: str | None = None
     noise: tuple[str, ...] = ()
     smooth: bool = False
