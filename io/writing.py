@@ -45,7 +45,7 @@ def replacing(target: Path, advice: str) -> Generator[Path]:
     temporary, old = None, target
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part"))
         new, old = temporary / target.name, temporary / "old"
         yield new
         if target.exists():
