@@ -38,6 +38,7 @@ from usbldr.io.tables.text_table import TextTable, line_findings, row_findings
 from usbldr.io.tables.time_columns import TimeColumn
 from usbldr.io.tables.time_parts import parted_time, week_and_time
 from usbldr.io.tables.topic_sheets import (
+    OF_WORDS,
     FirstRow,
     TableHead,
     TopicSheet,
@@ -101,8 +102,9 @@ class CsvLog:
     def _head(self, source: CsvSource) -> TableHead:
         file, header = source.file, source.header
         if source.sensor is None:
-            first_row = self._row(file)
-            return TableHead(file, stem := self._stem(file), header, sheet_of(stem, header), first_row)
+            own, first_row = sheet_of(stem := self._stem(file), header), self._row(file)
+            texts = self._table(file).columns if any(map(OF_WORDS.match, first_row)) else {}
+            return TableHead(file, stem, header, own, first_row, texts=texts)
         names = self._table(file).columns
         filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]
         return TableHead(file, self._stem(file), header, sheet_of(source.sensor.replace("/", "__"), filled))

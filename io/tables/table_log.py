@@ -159,7 +159,8 @@ class TableLog:
             timed = "" in sensors_by_name(names, stem) or any(map(ISO.fullmatch, date)) or any(map(is_date, names))
             alike = [one for one in self._all if one.rows == table.rows and one is not table]
             elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
-            heads[topic] = TableHead(table.file, stem, names, _own_sheet(table), date if timed else None, elsewhere)
+            own, first_row, texts = _own_sheet(table), date if timed else None, self._iso.get(table.topic, {})
+            heads[topic] = TableHead(table.file, stem, names, own, first_row, elsewhere, texts)
         return topic_sheets(heads, self._configured, self.path)
 
     @cached_property

@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, TypeVar
 
@@ -12,6 +13,7 @@ from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import UNDATED, Finding
 from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
 from usbldr.io.messages.field_names import OF_SHIP, words_of
+from usbldr.io.messages.layouts import FLAG_WORDS
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
 from usbldr.io.tables.date_times import UNKNOWN_ZONE, named_zone, of_times
@@ -29,6 +31,7 @@ class TableHead:
     own: Sheet | None  # how they are interpreted by usbldr's or rostopic's names
     first_row: Sequence[str] | None = None  # cells, which may show a date and time; None: names with units do not count
     elsewhere: Sequence[str] = ()  # columns of other tables, which only the configuration names
+    texts: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])  # columns of texts
 
 
 DEVICE = re.compile(
@@ -36,6 +39,7 @@ DEVICE = re.compile(
     r"device|sensor|instrument|receiver|antenna|vehicle|source|serial(_(no|number))?"
 )
 """The name of a column that may say which of several devices measured."""
+OF_WORDS = re.compile(r"[^\W\d]\w")  # how a cell begins that may name a device
 OF_BEAM = re.compile(r"(^|_)(beam_?\d_?v(el(ocity)?)?|v(el(ocity)?)?_?(bt_)?b(ea)?m?_?\d|b\d_vel)(_|$)")
 ALIKE = ("vehicle", "source")  # in most tables the same in all rows: the name of another column comes first
 SheetOrNone = TypeVar("SheetOrNone", Sheet, Sheet | None)
@@ -141,13 +145,26 @@ def topic_sheets(
 
 
 def _with_device(sheet: SheetOrNone, table: TableHead) -> SheetOrNone:
-    """Return a sheet with the column that says which device measured, if there is one that it does not use."""
+    """Return a sheet with the column that says which device measured, if there is one that it does not use.
+
+    It is named so, or its words are others than those before in most rows: ship, ROV, ship, ROV.
+    """
     if sheet is None or "device" in sheet.columns:
         return sheet
-    names = [one for one in plain_names(table.names) if DEVICE.fullmatch(words_of(one))]
-    named = sorted({*names} - {*sheet.columns.values()}, key=lambda one: (words_of(one) in ALIKE, names.index(one)))
+    names = [one for one in plain_names(table.names) if one not in sheet.columns.values()]
+    named = [one for one in names if DEVICE.fullmatch(words_of(one))]
+    named.sort(key=lambda one: words_of(one) in ALIKE)
+    shown = dict(zip(plain_names(table.names), table.first_row or (), strict=False))
+    worded = (one for one in names if OF_WORDS.match(shown.get(one, "")))
+    named = named or [one for one in worded if _alternate(table.texts.get(one, ()))]
     columns = {**sheet.columns, "device": named[0]} if named else sheet.columns
     return replace(sheet, columns=columns, texts=sheet.texts | {"device"})
+
+
+def _alternate(cells: Sequence[str]) -> bool:
+    """Return whether words mostly change from row to row, and none of them calls a record valid or invalid."""
+    changes = sum(one != other for one, other in pairwise(cells))
+    return 2 * changes >= len(cells) > 1 and not {*map(str.lower, cells)} & FLAG_WORDS.keys()
 
 
 def _unused(table: TableHead, sheets: Iterable[Sheet | None]) -> tuple[str, ...]:

@@ -340,7 +340,7 @@ def test_quaternions_and_microseconds_of_an_autopilot_are_proposed(tmp_path: Pat
     assert heading["heading_deg"].tolist() == pytest.approx(list(range(100, 130)), abs=1e-3)
 
 
-@pytest.mark.parametrize("column", ["vehicle", "Vehicle ID", "Beacon No"])
+@pytest.mark.parametrize("column", ["vehicle", "Vehicle ID", "Beacon No", "Object"])
 @pytest.mark.parametrize("units", [" [deg]", ""])
 def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: Path, column: str, units: str) -> None:
     rows = "".join(f"{T0_S + k},{('ROV', 'TMS')[k % 2]},{45 + k % 2},7\n" for k in range(10))
@@ -393,6 +393,13 @@ def test_one_device_and_numbers_of_something_else_choose_nothing(tmp_path: Path,
 
     assert len(read_as(tmp_path, "").tables["dvl"]) == 20
     assert "/dvl holds no record of 30 (its devices: " in refusal(UsageError, read_as, tmp_path, "[dvl]\ndevice = 30")
+
+
+@pytest.mark.parametrize("words", [["AUTO"] * 10 + ["HOLD"] * 10, ["good", "bad"] * 10])
+def test_words_that_seldom_change_or_judge_name_no_device(tmp_path: Path, words: list[str]) -> None:
+    rows = "".join(f"{T0_S + k},{word},{k},0\n" for k, word in enumerate(words))
+
+    assert len(logged_csv(tmp_path, "", usbl=f"Time [s],Mode,East [m],North [m]\n{rows}").tables["usbl"]) == 20
 
 
 def test_init_keeps_the_columns_of_a_table_of_two_devices_as_comments(tmp_path: Path) -> None:
