@@ -21,7 +21,23 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"]
 
 BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
-GOOD = ("y", "yes", "true", "a", "active", "ok", "good", "valid", "lock", "locked", "fix", "rtk fixed", "rtk float")
+GOOD = (
+    "y",
+    "yes",
+    "true",
+    "a",
+    "active",
+    "ok",
+    "good",
+    "valid",
+    "lock",
+    "locked",
+    "fix",
+    "rtk fixed",
+    "rtk float",
+    "accept",
+    "accepted",
+)
 NO_FIX = ("no fix", "nofix", "no_fix", "no gps", "no lock", "no_lock", "not locked", "no bottom", "no bottom lock")
 BAD = (
     "n",
@@ -37,6 +53,8 @@ BAD = (
     "lost",
     "unlocked",
     "none",
+    "reject",
+    "rejected",
     *NO_FIX,
 )
 FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}

@@ -17,7 +17,7 @@ from usbldr.io.tables.time_columns import ISO, SECOND_NS
 from usbldr.io.units import stated_degrees, unit_of
 
 NO_VALUE = re.compile(
-    r"|-+|\*+|\?+|\\n|<?n/?a>?|\(?null\)?|none|nil|nat|no[ _]?(data|value|fix)|missing|invalid|undefined|"
+    r"|[-*?]+([.:][-*?]+)*|\\n|<?n/?a>?|\(?null\)?|none|nil|nat|no[ _]?(data|value|fix)|missing|invalid|undefined|"
     r"#[\w/]+[!?]?|[+-]?nan(\(\w*\))?|[+-]?1\.#\w+",  # errors of spreadsheets; of printf by glibc, and by Microsoft
     re.IGNORECASE,
 )

@@ -6,9 +6,10 @@ are understood.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import TypeVar
 
@@ -53,6 +54,7 @@ WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
 """A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
+SUMMARY = re.compile(r"[^\W\d]{3,}\W*")  # in place of a time: "Mean", "Mittelwert:"
 EASTING = re.compile(r"(^|_)e(ast(ing)?s?)?(_|$)")  # "USBL E (m)"
 ENDS = 500  # [characters] of a cell from either end: matching takes their square
 
@@ -84,6 +86,7 @@ class CsvLog:
         self._begin = cache(self._header_and_row)
         self._row = cache(self._first_cells)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
+        self._summaries: dict[str, Collection[int]] = {}  # topic -> lines behind its last row
 
     @property
     def format(self) -> str:
@@ -252,6 +255,9 @@ class CsvLog:
         if wholly or (faults and len(faults) == len(lines)):
             raise LogError(f"line {lines[min(faults)]}: {faults[min(faults)]}", path=source.file)
         self._left_out[topic] = {lines[row]: text for row, text in faults.items() if row not in blank}
+        clocks = self._cells(source, clock.column) if len(lines) - 1 in received.faults else ()
+        ends = takewhile(lambda row: SUMMARY.fullmatch(clocks[row]), reversed(range(len(clocks))))
+        self._summaries[topic] = {lines[row] for row in ends}
         good = np.delete(np.arange(len(lines)), list(faults)) if faults else slice(None)
         return Records(received.values[good], {path: parsed.values[good] for path, parsed in columns.items()})
 
@@ -285,7 +291,8 @@ class CsvLog:
             found += [*one.findings(topic), *self._grid(topic, one)] if topic in self._left_out else []
             if self._left_out.get(topic):
                 file = self._files[one.table].file
-                found += row_findings(file, self._table(file), self._left_out[topic], topic)
+                lost = bool(self._left_out[topic].keys() - self._summaries.get(topic, ()))
+                found += row_findings(file, self._table(file), self._left_out[topic], topic, lost)
         for file, table in self._read.items():
             found += line_findings(file, table)
         return tuple(found)

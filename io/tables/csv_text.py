@@ -85,7 +85,8 @@ class _Rows:
         if line.count('"') % 2:
             return "a quotation mark is missing"
         if bare(cells[0]) in self._header and not any(map(is_value, cells)):
-            return self._names_again([bare(cells[0]), *cells[1:]])
+            self._names_again([bare(cells[0]), *cells[1:]])
+            return ""  # of a table without rows nothing is lost
         if self._other:
             return self._other
         if more := len(cells) - len(self._header):
@@ -100,15 +101,13 @@ class _Rows:
         rows = (cells_of(line, self._separator) for line in text_lines(self._file, WESTERN))
         return {len(cells) for cells in rows if any(cells[len(self._header) :])}
 
-    def _names_again(self, cells: list[str]) -> str:
+    def _names_again(self, cells: list[str]) -> None:
         """Take another line of column names, as files that were joined have; their columns may have another order."""
         names = plain_names(cells)
-        self._order, self._other = None, ""
-        if sorted(names) == sorted(self._header):
-            self._order = None if names == list(self._header) else [names.index(name) for name in self._header]
-            return ""
-        self._other = f"it belongs to a table of other columns ({listed(names)}); save each table as a file of its own"
-        return self._other
+        same = sorted(names) == sorted(self._header)
+        self._order = [names.index(name) for name in self._header] if same and names != self._header else None
+        other = f"it belongs to a table of other columns ({listed(names)}); save each table as a file of its own"
+        self._other = "" if same else other
 
 
 def read_texts(file: Path, units_are_row: bool = False, beside: Sequence[Path] = ()) -> TextTable:

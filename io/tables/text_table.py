@@ -55,14 +55,16 @@ def listed(names: Sequence[str]) -> str:
     return errors.listed([name[:MAX_CHARACTERS] for name in names], MAX_NAMES)
 
 
-def row_findings(file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "") -> list[Finding]:
-    """Report the rows of a table that are left out (line -> why)."""
+def row_findings(
+    file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "", lost: bool = True
+) -> list[Finding]:
+    """Report the rows of a table that are left out (line -> why), and whether data is lost by that."""
     if not left_out:
         return []
     first, *others = sorted(left_out)
     more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
     text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
-    return [Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=True)]
+    return [Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=lost)]
 
 
 def line_findings(file: Path, table: TextTable) -> list[Finding]:

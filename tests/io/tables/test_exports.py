@@ -153,6 +153,14 @@ def test_a_foreign_file_beside_tables_is_named_with_what_to_do(tmp_path: Path) -
     assert not finding.lost_data
 
 
+def test_rows_of_another_table_are_named_with_what_to_do(tmp_path: Path) -> None:
+    rows = f"Time [s],Heading (deg)\n{T0_S},10.5\nTime [s],Depth (m)\n{T0_S},3\n{T0_S + 1},3\n"
+    (lost,) = [one for one in read_log(saved(tmp_path / "compass.csv", rows)).findings if one.lost_data]
+
+    said = "it belongs to a table of other columns (Time [s], Depth (m)); save each table as a file of its own"
+    assert lost.text == f"compass.csv: 2 of 3 rows are left out: line 4: {said}; so are lines 5"
+
+
 @pytest.mark.parametrize("end", [f"{T0_S + 2}\n", "(2 rows)\n1600000002,12.5\n", "1600000002,12"])
 def test_a_last_line_that_may_be_a_cut_row_is_lost_data(tmp_path: Path, end: str) -> None:
     log = read_log(saved(tmp_path / "compass.csv", f"Time [s],Heading (deg)\n{T0_S},10.5\n{T0_S + 1},11.5\n{end}"))

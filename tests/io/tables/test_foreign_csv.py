@@ -383,6 +383,7 @@ def test_a_column_of_targets_beside_fixes_is_theirs(tmp_path: Path, header: str,
     ("status", "used", "unknown"),
     [
         ("OK BAD good", [1, 3], ""),
+        ("Accepted Rejected Accept Reject", [1, 3], ""),
         ("A V A", [1, 3], ""),
         ("1 0 2", [1, 2, 3], ""),
         ("OK WEAK BAD", [1, 2], "used: weak;"),
@@ -463,13 +464,23 @@ TIMED = "Time,Heading [deg]\n2026-01-01T00:00:00Z,1.5\n2026-01-01T00:00:01Z,2.5\
 SHEET = 'sep=;\r\nTime;Heading;;\r\n;deg;;\r\n18.05.2026 12:00:00;="1,5";;\r\n18.05.2026 12:00:01;="2,5";;\r\n'
 BLANKS = "time_s heading_deg  forward_mps starboard_mps\n 0 1.5  NaN nan\n 0.5  NaN  1 0.25\n 1.0 2.5 1 0.25\n"
 NOTED = "Time [s],Heading (deg),Note\n0,1.5,1\n1,2.5,2\n"
-ENDS = ["(2 rows)\n", "\n-- end of file --\n\n", "Total: 2 records\nEOF", "# EOF\n", "END,,\n", "***END***\n"]
+ENDS = [
+    "(2 rows)\n",
+    "\n-- end of file --\n\n",
+    "Total: 2 records\nEOF",
+    "# EOF\n",
+    "END,,\n",
+    "***END***\n",
+    "Mean,1.5,\nRange:,2,1\n",
+]
 AROUND = {  # what other programs write around a table, and the heading in it
     "what spreadsheets add": SHEET.encode("utf-8-sig"),
     "words with their values before the names": f"{LABVIEW}Time [s]\tHeading [deg]\tRoll\n0,0\t1,5\t0\n0,5\t2,5\t0\n",
     "line breaks in names": '"Time\n[s]","Heading\n[deg]",Note\r\n0,1.5,\r\n1,2.5,x\r\n',
     "line breaks in names, else clean": '"Time\n[s]","Heading\n[deg]"\n0,1.5\n1,2.5\n',
     "an older encoding": "Time [s],Heading [°]\n0,1.5\n1,2.5\n".encode("latin-1"),
+    "a table of other columns without rows": f"{TIMED}Time,Depth [m]\n",
+    "summaries in a clean file": f"{TIMED.replace('T00', ' 00')}Mean,2\n",
     "two returns": TIMED.replace("\n", "\r\r\n"),
     **{f"blanks between columns, behind {mark!r}": mark + BLANKS for mark in ("", "# ", "   ")},
     **{f"{end!r}, {mark!r} between": f"{NOTED}{end}".replace(",", mark) for end in ENDS for mark in (",", ";", "|")},
@@ -551,6 +562,7 @@ def test_units_of_a_file_hold_for_columns_of_the_configuration_and_before_its_un
 
 NO_VALUES = (
     *("NA", "n/a", "#N/A", "null", "None", "-", "---", "", "#NV", "#DIV/0!", "-nan(ind)", "-nan", "1.#QNAN", "-1.#IND"),
+    *("--.--", "**.**", "--:--:--"),
     *("<NA>", "NaT", "(null)", "?", "***", "no data", "invalid", r"\N"),
 )
 
