@@ -78,6 +78,7 @@ _SCALED = re.compile(rf"(0?\.0*1|1e-\d)[*x]?([a-z°/]+)|([{''.join(_PREFIXES)}])
 _LABELS = re.compile(r"(.*?)\s*\{([^{}]*[=:][^{}]*)\}\s*")
 """A name with the labels of a time series as Prometheus, Loki and Grafana write them: heading {vehicle="rov1"}."""
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
+_NOTATION = re.compile(r"d{2,3}[ °:-]+m{1,2}.*", re.IGNORECASE)  # of angles in parts: "dd mm.mmm"
 _NUMBER = r"(\d+(?:\.\d*)?)"
 _ANGLE = re.compile(
     rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º])T? *| +|[-:](?=\d)|(?=[NSW]|$))"
@@ -134,7 +135,7 @@ def named_unit(name: str) -> NamedUnit:
     if zone := _ZONE_BEHIND.fullmatch(name):
         return named_unit(f"{zone[1]} {zone[3]} {zone[2]}")
     brackets = _BRACKETS.fullmatch(name) or _OF_R.fullmatch(name)
-    if brackets and brackets[2].strip().lower() in _NOTES:
+    if brackets and (brackets[2].strip().lower() in _NOTES or _NOTATION.fullmatch(brackets[2])):
         return named_unit(brackets[1])
     if brackets:
         dimension, factor = _known(brackets[2]) or (None, 1.0)

@@ -117,7 +117,7 @@ def underwater_findings(tables: Mapping[str, pd.DataFrame], topic: str) -> list[
     worst = int(np.nanargmax(depth_m))
     text = (
         f"{topic}: {wet.sum()} of {len(wet)} fixes were made under water, the deepest at {depth_m[worst]:.1f} m: "
-        "they may be acoustic positions or repeats; do not use them as truth"
+        "they may be acoustic positions, which belong under [usbl], or repeats; do not use them as truth"
     )
     return [Finding("GPS-UNDERWATER", text, topic, float(gps_s[worst]), float(depth_m[worst]), "m")]
 

@@ -14,7 +14,6 @@ from usbldr.io.messages.field_names import (
     NEEDED,
     OF_USBL,
     RULES,
-    TARGET,
     NamedColumn,
     Rule,
     named_column,
@@ -67,6 +66,9 @@ FROM_SHIP: Mapping[str, Mapping[str, str]] = {
 }
 """The keys that columns of fixes from a ship need."""
 BY_NAMES = "by the names of its columns"
+OF_VEHICLE = re.compile(r"(^|_)(target|rov|auv|uuv|vehicle|towfish|crawler)(_|$)")
+"""Words of positions, in one table of all sensors, that a USBL may have measured."""
+OF_ROV = re.compile(r"(^|_)rov(_|$)")  # in the name of a table whose positions are acoustic: it has no GPS under water
 FIX_FLAGS = {"fix_type", "fix_status", "quality"}  # whose numbers say whether there is a fix; words say something else
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
@@ -181,7 +183,9 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     columns = [one for one in columns if one.rule.dimension or role in (_of_flag(one.name) or {role})]
     acoustic = any(OF_USBL.search(words_of(path)) for path in paths)
     named = {one.rule.key for one in columns if role in suggested_sensors(words_of(one.name))}
-    plain = {"lat_deg", "lon_deg"} - named if of_all and role == "gps" and not acoustic else set[str]()  # lat, lon
+    of_rov = of_all and bool(OF_ROV.search(words_of(topic.name)))
+    from_gps = of_all and role == "gps" and not (acoustic or of_rov)
+    plain = {"lat_deg", "lon_deg"} - named if from_gps or (role == "usbl" and of_rov) else set[str]()  # lat, lon
     if role not in ("usbl", "gps"):
         columns = [one for one in columns if one.rule.sensor or one.rule.key in ("time", "received", "valid")]
     stated = {column.rule.key for column in columns if column.rule not in AXES_OF_PLACES}
@@ -193,7 +197,8 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         certain = certain or (of_all and (column.rule.dimension == "velocity" or column.rule in (YAW, DIRECTION)))
         certain = certain or column.rule in QUATERNIONS
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
-        hinted = hinted or (of_all and role == "usbl" and bool(TARGET.search(words_of(column.name))))
+        of_vehicle = of_all and role == "usbl" and column.rule.key not in named
+        hinted = hinted or (of_vehicle and bool(OF_VEHICLE.search(words_of(column.name))))
         hinted |= column.rule.key in plain and bool(re.fullmatch(column.rule.words, words_of(column.unit.label)))
         if of_any or (hinted and column.rule.sensor in (role, "")):
             if topic.first_row and column.rule.key in found and column.rule.dimension:

@@ -16,10 +16,9 @@ from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
 from usbldr.io.limits import note_copy
 from usbldr.io.messages.field_names import words_of
-from usbldr.io.tables.csv_begin import BLANKS, COMMENTS, cells_of, is_value, separator_of
+from usbldr.io.tables.csv_begin import BLANKS, COMMENTS, cells_of, is_unit, is_value, separator_of
 from usbldr.io.tables.csv_log import CsvLog
 from usbldr.io.tables.date_times import foreign_time
-from usbldr.io.units import named_unit
 
 ANOTHER = re.compile(
     rb"""[\r\n][ \t"]*[-+.]?\d[^\r\n]*+[\r\n][\s,;|"]*+[A-Za-z[#%=*\x80-\xff]"""
@@ -102,7 +101,7 @@ def _tables(path: Path) -> Iterator[StackedTable]:
             continue
         if _is_cell(cells[0]) or (len(cells) > 2 and cells[1] and _is_cell(cells[1])):  # behind a sensor's name
             for place, names, named in reversed(before):
-                units = len(before) > 1 and any(map(_is_unit, names))
+                units = len(before) > 1 and any(map(is_unit, names))
                 if len(names) == len(set(names)) == len(cells) > 1 and not (units or any(map(_is_cell, names))):
                     named = named if len(named) < LONGEST_TITLE else ""
                     yield StackedTable(begin, (named, tuple(names)), place)
@@ -110,12 +109,6 @@ def _tables(path: Path) -> Iterator[StackedTable]:
             begin, title, before = None, "", []
         else:
             before = [*before[-1:], (number, cells, titled)]
-
-
-def _is_unit(text: str) -> bool:
-    unit = text.strip("[]() ")
-    stated = named_unit(f"x [{unit}]")
-    return bool(stated.dimension) and stated.unit == unit
 
 
 def _is_cell(text: str) -> bool:

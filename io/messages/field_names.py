@@ -190,8 +190,8 @@ ENGLISH: Mapping[str, str] = {
         "latitude": "breite breitengrad bredde breddegrad latitud latitudine breedtegraad",
         "longitude": "lange laenge langengrad laengengrad lengde lengdegrad longitud longitudine lengtegraad",
         "pressure": "druck trykk tryck pression presion pressao pressione",
-        "east": "ost",
-        "north": "nord norte",
+        "east": "ost rechtswert",
+        "north": "nord norte hochwert",
     }.items()
     for word in words.split()
 }
@@ -204,7 +204,8 @@ def words_of(label: str) -> str:
 
     "Länge" is lange, "Vitesse avant" is velocity_forward.
     """
-    plain = label if label.isascii() else re.sub("[\u0300-\u036f]", "", normalize("NFKD", label))  # without accents
+    bare = label if label.isascii() else normalize("NFKD", label.translate(str.maketrans("øØ", "oO")))
+    plain = re.sub("[\u0300-\u036f]", "", bare)  # without accents
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", plain)
     words = re.sub(r"[^a-z0-9]+", "_", parted.lower()).strip("_")
     return FOREIGN.sub(lambda found: ENGLISH[found[1]], words)

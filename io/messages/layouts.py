@@ -22,40 +22,13 @@ Recognised: TypeAlias = Literal["by type", "by type and name", "only when named"
 
 BLOCK_RECORDS = 100_000  # converted at once if intermediate values would need more memory than the records
 GOOD = (
-    "y",
-    "yes",
-    "true",
-    "a",
-    "active",
-    "ok",
-    "good",
-    "valid",
-    "lock",
-    "locked",
-    "fix",
-    "rtk fixed",
-    "rtk float",
-    "accept",
-    "accepted",
+    *("y", "yes", "true", "a", "active", "ok", "good", "valid", "lock", "locked", "fix", "rtk fixed", "rtk float"),
+    *("accept", "accepted"),
 )
 NO_FIX = ("no fix", "nofix", "no_fix", "no gps", "no lock", "no_lock", "not locked", "no bottom", "no bottom lock")
 BAD = (
-    "n",
-    "no",
-    "false",
-    "v",
-    "void",
-    "bad",
-    "invalid",
-    "fail",
-    "failed",
-    "error",
-    "lost",
-    "unlocked",
-    "none",
-    "reject",
-    "rejected",
-    *NO_FIX,
+    *("n", "no", "false", "v", "void", "bad", "invalid", "fail", "failed", "error", "lost", "unlocked", "none"),
+    *("reject", "rejected", *NO_FIX),
 )
 FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}
 SAME_SECOND_NS = 1_000_000_000  # [ns] by judgement: lines without times are logged as near those with a time

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
 from usbldr.io.messages.topic_names import without_numbers
+from usbldr.io.tables.cells import THOUSANDS
 from usbldr.io.tables.date_times import DATE, foreign_time, named_zone
 from usbldr.io.tables.foreign_texts import foreign_text
 from usbldr.io.tables.time_columns import ISO
@@ -102,7 +103,14 @@ def row_without_names(lines: Sequence[str]) -> int | None:
 def is_value(cell: str) -> bool:
     """Return whether a cell holds a number, or a date and time."""
     cell = cell.strip()
-    return is_number(with_point(cell)) or ISO.fullmatch(cell) is not None
+    return is_number(with_point(cell)) or (ISO.fullmatch(cell) or THOUSANDS.fullmatch(cell)) is not None
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a known unit, perhaps in brackets, and nothing else."""
+    unit = text.strip("[]() ")
+    stated = named_unit(f"x [{unit}]")
+    return bool(stated.dimension) and stated.unit == unit
 
 
 def _header_place(lines: Sequence[str]) -> int:
@@ -239,11 +247,7 @@ def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     if any(cells) and all(not cell or not name for name, cell in zip(names, cells, strict=True)):
         return [name or cell for name, cell in zip(names, cells, strict=True)]  # as pandas names an index
     plain = [cell.strip("[]() ") for cell in cells]
-    stated = [named_unit(f"x [{unit}]") for unit in plain]
-    units = [
-        f" [{u}]" if (one.dimension and one.unit == u) or stated_order(u) is not None or named_zone(f"[{u}]") else ""
-        for u, one in zip(plain, stated, strict=True)
-    ]
+    units = [f" [{u}]" if is_unit(u) or stated_order(u) is not None or named_zone(f"[{u}]") else "" for u in plain]
     of_names = any(not unit and named_unit(cell).unit for cell, unit in zip(cells, units, strict=True))
     if not of_names and (any(units) or not any(cell.strip("-:") for cell in cells)):
         return [name if named_unit(name).unit else name + unit for name, unit in zip(names, units, strict=True)]

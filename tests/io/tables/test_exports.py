@@ -181,6 +181,30 @@ def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path
     assert tomllib.loads(written)["usbl"]["grid"] == "EPSG:32632"
 
 
+@pytest.mark.parametrize(
+    ("file", "names", "row", "columns"),
+    [
+        ("nav", "ROV Easting [m],ROV Northing [m],Vessel Easting [m],Vessel Northing [m]", "{e},{n},7,8", "x:0 y:1"),
+        ("nav", "Ship N,Ship E,ROV N,ROV E", "7,8,{n},{e}", "x:3 y:2"),
+        ("nav", "ROV E,ROV N,USBL E,USBL N", "7,8,{e},{n}", "x:2 y:3"),
+        ("dykk", "HiPAP Nord,HiPAP Øst", "{n},{e}", "x:1 y:0"),
+        ("nav", "USBL Hochwert,USBL Rechtswert", "{n},{e}", "x:1 y:0"),
+        ("nav", "ROV Lat (dd mm.mmm),ROV Lon (ddd mm.mmm)", "45 00.{n} N,7 00.{e} E", "lat_deg:0 lon_deg:1"),
+        ("ROV_track", "Latitude,Longitude", "45.{n},7.{e}", "lat_deg:0 lon_deg:1"),
+    ],
+)
+def test_positions_of_a_rov_are_proposed_as_fixes(
+    tmp_path: Path, file: str, names: str, row: str, columns: str
+) -> None:
+    fixes = "".join(f"{T0_S + k},{row.format(e=500 + k, n=700 - k)}\n" for k in range(30))
+    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, **{file: f"Time [s],{names}\n{fixes}"})
+
+    stated = tomllib.loads(drafted(tmp_path))["usbl"]
+
+    wanted = {key: names.split(",")[int(place)] for key, place in (one.split(":") for one in columns.split())}
+    assert stated["columns"] == {"time_unix_s": "Time [s]", **wanted}
+
+
 @pytest.mark.parametrize(("beside", "kind"), [("Target Name", "usbldr/usbl"), ("Note", "")])
 def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: str) -> None:
     write_csv(tmp_path, export=f"Time [s],{beside},Target Easting [m],Target Northing [m]\n{T0_S},ROV,1.5,2.5\n")
@@ -294,13 +318,15 @@ NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Headi
          {"compass.time_s": [0.0, 1.25, 2.5]}),
         ('[compass]\ncolumns = { time_unix_s = "1", heading = "4" }', "compass",
          "".join(f"{T0_S + k},{250_000_000 * k},imu,10\n" for k in range(3)), {"compass.time_s": [0.0, 1.25, 2.5]}),
+        ("", "usbl", "Chantier\nHeure;USBL East [m];USBL North [m]\n13.09.2020 12:26:40;597 402,12;4 983 000,5\n",
+         {"usbl.east_m": [597402.12], "usbl.north_m": [4983000.5]}),
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},45.0,\u22127.0\n", {"gps.lon_deg": [-7.0]}),
         # as autopilots write them, beyond all degrees and minutes
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},450000000,-70000000\n{T0_S + 1},450000360,-70000000\n",
          {"gps.lat_deg": pytest.approx([45.0, 45.000036]), "gps.lon_deg": pytest.approx([-7.0, -7.0])}),
     ],
-    ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "minus signs",
-         "ten millionths of degrees"],
+    ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "thousands",
+         "minus signs", "ten millionths of degrees"],
 )  # fmt: skip
 def test_values_are_those_that_names_and_cells_mean(tmp_path, toml, file, text, wanted):
     log = logged_csv(tmp_path, toml, **{file: text})
