@@ -28,7 +28,6 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"TDSm": "a LabVIEW measurement file (TDMS); export its groups as CSV",
     b"\xb5b": "a u-blox receiver's log; convert its fixes to NMEA sentences or CSV",
     b"\xd0\xcf\x11\xe0": "a spreadsheet of an old version; export the sheet as CSV",
-    b"ARROW1": "an Arrow file (Feather); store the table as Parquet or CSV",
     b"\x93NUMPY": "an array of NumPy, without names of columns; store it as CSV with a line of names",
     **dict.fromkeys(
         (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
@@ -129,6 +128,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "MOOS logs (.alog)": _by_look("instruments.alog_log", "looks_like_alog", "alog_log"),
     "LSF logs of IMC messages": _by_look("instruments.lsf_log", "looks_like_lsf", "lsf_log"),
     "Parquet files and folders of them": _by_look("tables.parquet_tables", PARQUET, "parquet_log"),
+    "Arrow files (Feather)": _by_look("tables.parquet_tables", b"ARROW1", "arrow_log"),
     "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", HDF5, "hdf5_log"),
     "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
     "JSON lines and columns": _json,

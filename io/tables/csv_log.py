@@ -106,7 +106,8 @@ class CsvLog:
         file, header = source.file, source.header
         if source.sensor is None:
             own, first_row = sheet_of(stem := self._stem(file), header), self._row(file)
-            texts = self._table(file).columns if any(map(OF_WORDS.match, first_row)) else {}
+            worded = any(map(OF_WORDS.match, first_row))
+            texts = self._table(file).columns if worded else dict[str, Sequence[str]]()
             return TableHead(file, stem, header, own, first_row, texts=texts)
         names = self._table(file).columns
         filled = [name for name in names if name == "time_ns" or any(self._cells(source, name))]

@@ -1,6 +1,6 @@
 """Tables in Parquet files: a file, or a folder named .parquet, is a table, a folder of files is a log.
 
-Members of structures are named with dots.
+Members of structures are named with dots. Arrow files, also called Feather, hold the same tables.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,8 @@ from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
 from usbldr.io.tables.table_log import MOST_ELEMENTS, Table, TableLog
 
-NAME = "Parquet"
+NAME, ARROW = "Parquet", "Arrow"
+PYARROW = "pyarrow.parquet"
 ENDING = ".parquet"
 
 
@@ -45,16 +46,29 @@ def parquet_log(file: Path) -> TableLog:
     return TableLog(file, NAME, [parquet_table(file)])
 
 
-def parquet_table(file: Path, name: str = "") -> Table:
-    """Return the table of a file, by its own or another name.
+def arrow_log(file: Path) -> TableLog:
+    """Return the log of an Arrow file, whose table is read as the same in Parquet; raise as `parquet_table` does."""
+    arrow, ipc, parquet = (library(one, "Arrow files", "parquet", file) for one in ("pyarrow", "pyarrow.ipc", PYARROW))
+    budget, copy = UnpackingBudget(file, file.stat().st_size), arrow.BufferOutputStream()
+    with reading(file, ARROW), arrow.OSFile(str(file)) as source:
+        read = ipc.open_file(source)
+        with parquet.ParquetWriter(copy, read.schema) as written:
+            for place in range(read.num_record_batches):
+                budget.take_bytes((batch := read.get_batch(place)).nbytes)
+                written.write_batch(batch)
+    return TableLog(file, ARROW, [parquet_table(file, content=arrow.BufferReader(copy.getvalue()))])
+
+
+def parquet_table(file: Path, name: str = "", content: Any = None) -> Table:
+    """Return the table of a file, or of its content, by its own or another name.
 
     Raises LogError if it cannot be read, UsageError without pyarrow.
     """
     arrow = library("pyarrow", "Parquet files", "parquet", file)
     budget = UnpackingBudget(file, file.stat().st_size)
-    parquet = library("pyarrow.parquet", "Parquet files", "parquet", file)
+    parquet = library(PYARROW, "Parquet files", "parquet", file)
     with reading(file, NAME):
-        content = parquet.ParquetFile(file, page_checksum_verification=True)
+        content = parquet.ParquetFile(content or file, page_checksum_verification=True)
         leaves = [content.schema.column(k) for k in range(len(content.schema))]
         places = {leaf.path: k for k, leaf in enumerate(leaves) if leaf.max_repetition_level == 0}
         dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("TIMESTAMP", "DATE"))

@@ -50,12 +50,13 @@ def test_the_keys_for_times_are_understood_as_names_of_columns(tmp_path, write, 
     np.testing.assert_allclose(log.tables["compass"]["time_s"], np.arange(len(times)) / 2, rtol=0, atol=8e-5)
 
 
-def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> None:
+@pytest.mark.parametrize("write", ["to_parquet", "to_feather"])
+def test_timestamps_and_nulls_of_parquet_and_arrow_keep_their_meaning(tmp_path: Path, write: str) -> None:
     """A timestamp is a time whatever its unit; an empty whole number stays exact in the other rows."""
     moments = np.array([T0, T0 + SECOND // 4, np.iinfo(np.int64).min, T0 + SECOND]).astype("datetime64[ns]")
     columns = {"UTC": moments, "Heading (deg)": [1.5, None, 3.5, 4.5], "Depth [cm]": [100, 200, 300, None]}
-    file = tmp_path / "nav.parquet"
-    pd.DataFrame(columns).astype({"Depth [cm]": "Int64"}).to_parquet(file)
+    file = tmp_path / "nav.table"
+    getattr(pd.DataFrame(columns).astype({"Depth [cm]": "Int64"}), write)(file)
     log = read_log(file)
 
     assert log.start_ns == T0
@@ -63,6 +64,15 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path) -> N
     np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, 1.0])
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [1.0, 2.0])
     assert lost(log) == [f"/nav/{sensor}: 1 of 4 rows have no time; left out" for sensor in ("compass", "depth")]
+
+
+def test_a_damaged_arrow_file_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "compass.feather"
+    pd.DataFrame({"time_ns": [T0], "heading_deg": [1.0]}).to_feather(file)
+    file.write_bytes(file.read_bytes()[:-40])
+
+    with pytest.raises(LogError, match="cannot be read as Arrow: damaged, cut"):
+        open_log(file)
 
 
 @pytest.mark.parametrize("form", ["Parquet", "HDF5"])
@@ -415,6 +425,12 @@ def long_parquet(folder: Path, rows: int) -> Path:
     return folder / "compass.parquet"
 
 
+def long_arrow(folder: Path, rows: int) -> Path:
+    zeros = np.zeros(rows, dtype=np.int64)
+    pd.DataFrame({"time_ns": zeros, "heading_deg": zeros}).to_feather(folder / "compass.arrow", compression="zstd")
+    return folder / "compass.arrow"
+
+
 def long_mat(folder: Path, rows: int) -> Path:
     """Write a variable that is no column, which must not be decompressed either."""
     compass = {"time_ns": T0 + np.arange(5), "heading_deg": np.zeros(5)}
@@ -423,10 +439,11 @@ def long_mat(folder: Path, rows: int) -> Path:
     return folder / "dive.mat"
 
 
-@pytest.mark.parametrize("write", [long_parquet, long_mat])
+@pytest.mark.parametrize("write", [long_parquet, long_arrow, long_mat])
 def test_tables_far_longer_than_their_file_are_refused(tmp_path, write, monkeypatch):
     file = write(tmp_path, 400_000)
     monkeypatch.setenv(VARIABLE, "0.01")
+    monkeypatch.setattr(parquet.ParquetWriter, "write_batch", lambda *_: None)  # that of Arrow is not read as a copy
 
     with pytest.raises(LogError, match="too much for its size; --limits 10 raises the limits tenfold"):
         read_log(file)
