@@ -161,7 +161,9 @@ def _unknown(topic: TopicInfo) -> bool:
 
 def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bool) -> dict[str, NamedColumn]:
     """Return own column -> field for a topic that looks like a sensor, empty if it does not."""
-    paths = [name for name, _ in topic.first_row] or [path for one in topic.fields for path in _elements(one, topic)]
+    paths = [name for name, _ in topic.first_row] or [
+        path for one in topic.fields for path in ([f"{one}[{k}]" for k in range(3)] if one in topic.arrays else [one])
+    ]
     found: dict[str, NamedColumn] = {}
     suggested = suggested_sensors(f"{topic.name} {topic.type}")
     if role == "depth" and "usbl" in suggested and role not in suggested:
@@ -210,9 +212,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     others = frozenset[str]().union(*COMPLETE[role]).difference(*complete[:1])  # columns of another kind of position
     others |= frozenset({"elevation_deg"} if "slant_range_m" in others else ())
     cells = dict(topic.first_row)
-    others |= {
-        key for key in FIX_FLAGS & found.keys() if key in found and not is_number(cells.get(found[key].name, "0"))
-    }
+    others |= {key for key in FIX_FLAGS & found.keys() if not is_number(cells.get(found[key].name, "0"))}
     return {key: column for key, column in found.items() if key not in others} if complete else {}
 
 
@@ -226,10 +226,6 @@ def _frame(east: NamedColumn) -> str:
     """Return the frame that the name of a position's first coordinate states, empty if it states none."""
     stated = re.search("(enu|ned)$", words_of(east.unit.label))
     return stated[1].upper() if stated else "" if east.rule in AXES_OF_PLACES else "ENU"
-
-
-def _elements(field: str, topic: TopicInfo) -> Sequence[str]:
-    return [f"{field}[{number}]" for number in range(3)] if field in topic.arrays else [field]
 
 
 def _proposal(

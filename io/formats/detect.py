@@ -132,6 +132,7 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
     "HDF5 files (also netCDF-4)": _by_look("tables.hdf5_tables", HDF5, "hdf5_log"),
     "MATLAB files (.mat)": _by_look("tables.mat_tables", "looks_like_mat", "mat_log"),
     "JSON lines and columns": _json,
+    "spreadsheets (.xlsx)": _by_look("formats.stacked_tables", b"PK\x03\x04", "workbook_log"),
     "text files of NMEA sentences": _by_look("instruments.nmea_log", "form_of", "nmea_file"),
     "CSV folders": _csv,
     **{part.name: _of_plugin(part) for part in plugins.offered(plugins.FORMATS)},

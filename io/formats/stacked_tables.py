@@ -1,20 +1,25 @@
 """A text file that holds several tables, one below the other: each is copied into a file of its own, and all are read.
 
-Between two tables is a blank line, a title or a comment. A copy has the lines of its table at their old numbers.
+Between two tables is a blank line, a title or a comment. A copy has the lines of its table at their old numbers. The
+sheets of a workbook are tables, too.
 """
 
+import csv
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from zipfile import ZipFile, is_zipfile
 
 from usbldr.io.file_access.file_view import BLOCK_BYTES
 from usbldr.io.file_access.open_file import WESTERN, opened, text_lines
+from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.findings import Finding
 from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
-from usbldr.io.limits import note_copy
+from usbldr.io.limits import UnpackingBudget, note_copy
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.tables.csv_begin import BLANKS, COMMENTS, cells_of, is_unit, is_value, separator_of
 from usbldr.io.tables.csv_log import CsvLog
@@ -68,6 +73,34 @@ def stacked_log(path: Path) -> CopiedLog | None:
         return dict.fromkeys(copies, path), [Finding("CONCATENATED", text)]
 
     return CopiedLog(path, ", tables below each other", copy, lambda copies: CsvLog(copies[0].parent))
+
+
+def workbook_log(path: Path) -> CopiedLog | None:
+    """Return the log of a spreadsheet's file, None of another zip archive; raise UsageError without openpyxl."""
+    sizes = {part.filename: part.file_size for part in ZipFile(path).infolist()} if is_zipfile(path) else {}
+    if "xl/workbook.xml" not in sizes:
+        return None
+    UnpackingBudget(path, path.stat().st_size).take_bytes(sum(sizes.values()))
+    openpyxl = library("openpyxl", "Spreadsheets", "excel", path)
+
+    def copy(folder: Path) -> Copies:
+        copies: dict[Path, Path] = {}
+        with reading(path, "a spreadsheet"):
+            for sheet in openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets:
+                to = folder / f"{sheet.title}.csv"
+                with to.open("w", encoding="utf-8", newline="") as file:
+                    csv.writer(file).writerows(map(_shown, row) for row in sheet.iter_rows())
+                note_copy(to, path)
+                copies[to] = path
+        return copies, []
+
+    return CopiedLog(path, ", sheets of a workbook", copy, lambda copies: CsvLog(copies[0].parent))
+
+
+def _shown(cell: Any) -> object:
+    """Return the value of a cell; of one that shows no time of day the date."""
+    dated = isinstance(cell.value, datetime) and "h" not in cell.number_format.lower()
+    return cell.value.date() if dated else cell.value
 
 
 def _goes_on_with_words(path: Path) -> bool:

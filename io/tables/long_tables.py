@@ -64,7 +64,7 @@ def widened(table: TextTable, long: LongColumns) -> TextTable:
             rows.append((line, moment, cells))
         cells[label] = flag if FLAG_WORDS.get(flag.lower()) == 0 else value  # a word is no number
     if sum(a != b for a, b in pairwise(labels)) < len(series):  # one after the other
-        rows.sort(key=lambda row: _order(row[1]))
+        rows.sort(key=lambda row: [(float(cell), "") if is_number(cell) else (0.0, cell) for cell in row[1]])
     wide: Mapping[str, Sequence[str]] = {
         **{name: [moment[k] for _, moment, _ in rows] for k, name in enumerate(times)},
         **{label: [cells.get(label, "") for _, _, cells in rows] for label in series},
@@ -76,7 +76,3 @@ def _is_time(name: str, cell: str) -> bool:
     column = named_column(name)
     named = column is not None and column.rule.dimension == "time"
     return bool(ISO.fullmatch(cell)) or foreign_time(cell) or (named and is_number(cell))
-
-
-def _order(moment: Sequence[str]) -> tuple[tuple[float, str], ...]:
-    return tuple((float(cell), "") if is_number(cell) else (0.0, cell) for cell in moment)

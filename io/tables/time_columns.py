@@ -164,7 +164,8 @@ def time_key(topic: TopicInfo, column: NamedColumn | None) -> str | None:
     cell = dict(topic.first_row).get(column.name, "") if column else ""
     if column is None or ISO.fullmatch(cell) or not is_number(cell):
         return "time_unix_s" if ISO.fullmatch(cell) else None
-    if _counts_us(column, cell):
+    if words_of(column.name) == "timestamp" and cell.isdigit() and OWN_CLOCK_S <= int(cell) < SINCE_NS / 1e6:
+        # too large for seconds: microseconds since power-on, as PX4 counts
         return "time_unix_us"
     if of_gps(column, cell):
         return None
@@ -183,8 +184,3 @@ def time_of(topic: TopicInfo) -> tuple[str, str]:
         if (ISO.fullmatch(cell) or keys_since_1970(cell)) and (key := time_key(topic, column)):
             return key, name
     return "time_unix_s", "?"
-
-
-def _counts_us(column: NamedColumn, cell: str) -> bool:
-    """Return whether a time counts microseconds since power-on, as PX4 does: a whole number too large for seconds."""
-    return words_of(column.name) == "timestamp" and cell.isdigit() and OWN_CLOCK_S <= int(cell) < SINCE_NS / 1e6

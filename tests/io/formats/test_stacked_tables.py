@@ -1,13 +1,19 @@
 """Text files of several tables, one below the other, are read as a folder with a file for each would be."""
 
 import re
+from datetime import datetime, timedelta
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
+import pandas as pd
 import pytest
+from openpyxl import Workbook
 
-from logs import codes
+from logs import codes, refusal
 from recordings import SECOND, T0, saved, saved_lines, write_csv
+from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_log
+from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.csv_log import CsvLog
 
@@ -101,3 +107,32 @@ def test_a_table_that_goes_on_behind_its_names_is_one(tmp_path: Path, between: s
 
     assert isinstance(log, CsvLog)
     assert [topic.count for topic in log.topics()] == [ROWS]
+
+
+def test_the_sheets_of_a_workbook_are_tables(tmp_path: Path) -> None:
+    """Also a date and a time of day in cells of their own; a sheet without a table is none."""
+    book = Workbook()
+    book.create_sheet("Notes").append(["Vessel", "Otter"])
+    for name, heads in (("compass", ["Date", "Time", "Heading (deg)"]), ("depth", ["UTC", "Depth (m)"])):
+        sheet = book.create_sheet(name)
+        for row in ([f"Dive of {name}"], [], heads):
+            sheet.append(row)
+        for k in range(3):
+            moment = datetime(2020, 9, 13, 23, 59, 59) + timedelta(seconds=k)
+            sheet.append([moment.date(), moment.time(), 10 + k] if name == "compass" else [moment, 1.5 + k])
+    book.save(tmp_path / "dive.xlsx")
+
+    log = read_log(tmp_path / "dive.xlsx")
+
+    assert "DATE-OF-OTHERS" not in codes(log)
+    assert log.start_ns == pd.Timestamp("2020-09-13T23:59:59").value
+    assert log.tables["compass"][["time_s", "heading_deg"]].to_numpy().tolist() == [[0, 10], [1, 11], [2, 12]]
+    assert log.tables["depth"]["depth_m"].tolist() == [1.5, 2.5, 3.5]
+
+
+def test_a_workbook_far_larger_than_its_file_is_refused(tmp_path: Path, monkeypatch) -> None:
+    with ZipFile(tmp_path / "dive.xlsx", "w", ZIP_DEFLATED) as archive:
+        archive.writestr("xl/workbook.xml", bytes(10**7))
+    monkeypatch.setenv(VARIABLE, "0.01")
+
+    assert "too much for its size" in refusal(LogError, open_log, tmp_path / "dive.xlsx")
