@@ -77,7 +77,8 @@ def stacked_log(path: Path) -> CopiedLog | None:
 
 def workbook_log(path: Path) -> CopiedLog | None:
     """Return the log of a spreadsheet's file, None of another zip archive; raise UsageError without openpyxl."""
-    sizes = {part.filename: part.file_size for part in ZipFile(path).infolist()} if is_zipfile(path) else {}
+    with reading(path, "a spreadsheet"):
+        sizes = {part.filename: part.file_size for part in ZipFile(path).infolist()} if is_zipfile(path) else {}
     if "xl/workbook.xml" not in sizes:
         return None
     UnpackingBudget(path, path.stat().st_size).take_bytes(sum(sizes.values()))
@@ -85,8 +86,8 @@ def workbook_log(path: Path) -> CopiedLog | None:
 
     def copy(folder: Path) -> Copies:
         copies: dict[Path, Path] = {}
-        with reading(path, "a spreadsheet"):
-            for sheet in openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets:
+        with reading(path, "a spreadsheet"), opened(path) as content:
+            for sheet in openpyxl.load_workbook(content, read_only=True, data_only=True).worksheets:
                 to = folder / f"{sheet.title}.csv"
                 with to.open("w", encoding="utf-8", newline="") as file:
                     csv.writer(file).writerows(map(_shown, row) for row in sheet.iter_rows())
@@ -99,8 +100,7 @@ def workbook_log(path: Path) -> CopiedLog | None:
 
 def _shown(cell: Any) -> object:
     """Return the value of a cell; of one that shows no time of day the date."""
-    dated = isinstance(cell.value, datetime) and "h" not in cell.number_format.lower()
-    return cell.value.date() if dated else cell.value
+    return cell.value.date() if isinstance(cell.value, datetime) and "h" not in cell.number_format else cell.value
 
 
 def _goes_on_with_words(path: Path) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 import h5py
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import zstandard
 from mcap.writer import CompressionType
@@ -141,6 +142,18 @@ def parquet_file(folder: Path, checksums: bool) -> Path:
     return file
 
 
+def arrow_file(folder: Path) -> Path:
+    pd.DataFrame(dict(tables.dive(ROWS)["gps"])).to_feather(folder / "gps.arrow")
+    return folder / "gps.arrow"
+
+
+def workbook(folder: Path) -> Path:
+    with pd.ExcelWriter(folder / "dive.xlsx") as book:
+        for name, columns in tables.dive(ROWS).items():
+            pd.DataFrame(dict(columns)).astype(str).to_excel(book, sheet_name=name, index=False)
+    return folder / "dive.xlsx"
+
+
 def hdf5(folder: Path, chunks: int | None, **filters: Any) -> Path:
     file = folder / "dive.h5"
     with h5py.File(file, "w", libver="latest" if filters.get("fletcher32") else None) as content:
@@ -227,6 +240,8 @@ FORMATS: Mapping[str, Format] = {
     "lines of a DVL": Format(serial_lines, {"/wrz": ["1", "2"]}, shows="all", times_checked=False, ends=object_ends),
     "Parquet": Format(partial(parquet_file, checksums=False), {"/gps": TABLES["/gps"]}),
     "Parquet with checksums of pages": Format(partial(parquet_file, checksums=True), {"/gps": TABLES["/gps"]}),
+    "Arrow": Format(arrow_file, {"/gps": TABLES["/gps"]}),
+    "workbook": Format(workbook, TABLES, shows="all"),
     "HDF5": Format(partial(hdf5, chunks=None), TABLES),
     "HDF5 records": Format(partial(of_tables, form="HDF5 records"), TABLES),
     "HDF5 gzip": Format(partial(hdf5, chunks=ROWS // 10, compression="gzip"), TABLES),

@@ -21,8 +21,8 @@ CONVERTED = "line ends were converted by git or a text transfer, which destroys 
 FORMATS = (
     "MCAP files, ROS 1 bags, rosbag2 (folders and .db3 files), MAVLink telemetry logs (.tlog), DataFlash logs (.BIN), "
     "PD0 files, PD4 and PD5 files, PD6 text, MOOS logs (.alog), LSF logs of IMC messages, "
-    "Parquet files and folders of them, HDF5 files (also netCDF-4), MATLAB files (.mat), "
-    "JSON lines and columns, text files of NMEA sentences and CSV folders"
+    "Parquet files and folders of them, Arrow files (Feather), HDF5 files (also netCDF-4), MATLAB files (.mat), "
+    "JSON lines and columns, spreadsheets (.xlsx), text files of NMEA sentences and CSV folders"
 )
 
 

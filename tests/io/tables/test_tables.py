@@ -51,7 +51,7 @@ def test_the_keys_for_times_are_understood_as_names_of_columns(tmp_path, write, 
 
 
 @pytest.mark.parametrize("write", ["to_parquet", "to_feather"])
-def test_timestamps_and_nulls_of_parquet_and_arrow_keep_their_meaning(tmp_path: Path, write: str) -> None:
+def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path, write: str) -> None:
     """A timestamp is a time whatever its unit; an empty whole number stays exact in the other rows."""
     moments = np.array([T0, T0 + SECOND // 4, np.iinfo(np.int64).min, T0 + SECOND]).astype("datetime64[ns]")
     columns = {"UTC": moments, "Heading (deg)": [1.5, None, 3.5, 4.5], "Depth [cm]": [100, 200, 300, None]}
