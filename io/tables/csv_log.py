@@ -54,7 +54,7 @@ WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
 """A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
-SUMMARY = re.compile(r"[^\W\d]{3,}\W*")  # in place of a time: "Mean", "Mittelwert:"
+SUMMARY = re.compile(r"(?!(nan|inf|infinity|null|none)$)[^\W\d]{3,}\W*", re.IGNORECASE)  # in place of a time: "Mean:"
 EASTING = re.compile(r"(^|_)e(ast(ing)?s?)?(_|$)")  # "USBL E (m)"
 ENDS = 500  # [characters] of a cell from either end: matching takes their square
 
