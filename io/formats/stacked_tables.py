@@ -37,6 +37,9 @@ MOST_TABLES = 100  # by judgement: more are records of words
 LONGEST_TITLE = 40  # [characters] a longer one is a sentence
 
 
+NO_NAME = re.compile(r"[^\w .-]|^\.+")  # what no file of a sheet has in its name
+
+
 class StackedTable(NamedTuple):
     """One of several tables in a file."""
 
@@ -88,7 +91,7 @@ def workbook_log(path: Path) -> CopiedLog | None:
         copies: dict[Path, Path] = {}
         with reading(path, "a spreadsheet"), opened(path) as content:
             for sheet in openpyxl.load_workbook(content, read_only=True, data_only=True).worksheets:
-                to = folder / f"{sheet.title}.csv"
+                to = folder / f"{NO_NAME.sub('_', sheet.title)}.csv"  # a damaged or hostile file may say "../x"
                 with to.open("w", encoding="utf-8", newline="") as file:
                     csv.writer(file).writerows(map(_shown, row) for row in sheet.iter_rows())
                 note_copy(to, path)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class RunChoices:
     """The options of a run, as given."""
 
-    particles: int = 2  # the fewest; --particles asks for more
+    particles: int = 100  # the N of the paper
     gate: float | None = None
     seed: int = 0
     start: str | None = None

@@ -130,6 +130,22 @@ def test_the_sheets_of_a_workbook_are_tables(tmp_path: Path) -> None:
     assert log.tables["depth"]["depth_m"].tolist() == [1.5, 2.5, 3.5]
 
 
+def test_a_sheet_cannot_name_a_file_elsewhere(tmp_path: Path) -> None:
+    book = Workbook()
+    book.active.title = "dvl"
+    book.active.append(["time_s", "forward_mps", "starboard_mps"])
+    book.active.append([0.0, 1.0, 0.0])
+    book.save(tmp_path / "good.xlsx")
+    with ZipFile(tmp_path / "good.xlsx") as good, ZipFile(tmp_path / "dive.xlsx", "w") as hostile:
+        for name in good.namelist():
+            content = good.read(name)
+            hostile.writestr(name, content.replace(b'name="dvl"', f'name="{tmp_path}/evil"'.encode()))
+
+    open_log(tmp_path / "dive.xlsx").topics()
+
+    assert {path.name for path in tmp_path.iterdir()} == {"good.xlsx", "dive.xlsx"}
+
+
 def test_a_workbook_far_larger_than_its_file_is_refused(tmp_path: Path, monkeypatch) -> None:
     with ZipFile(tmp_path / "dive.xlsx", "w", ZIP_DEFLATED) as archive:
         archive.writestr("xl/workbook.xml", bytes(10**7))
