@@ -4,7 +4,8 @@ While records come, u, v and r are random walks, since a past without manoeuvres
 is an Ornstein-Uhlenbeck process, dv = -(v - m) dt / T + dW, whose variance has a limit; that of a random walk has none.
 m is the mean of all records up to now, s their standard deviation about it.
 
-- Velocity: T = 2 s^2 / q^2, so that over short times it is the random walk q as before.
+- Velocity: T = 2 s^2 / q^2, so that over short times it is the random walk q as before. Perhaps the vehicle lies still,
+  at the surface or on the bottom, which one that cruised has never shown: s^2 has a share of m^2, too.
 - Turn rate: records are mean rates over TURN_S, of which s is the standard deviation. T is short, and the variance such
   that yaw spreads as it does with independent mean rates of TURN_S, by s^2 TURN_S a second.
 
@@ -23,6 +24,7 @@ from usbldr.filters.types import Array, Mask, Vector
 LONGEST_GAP_S = 3.0  # [s] no velocity relaxes across shorter gaps: slow DVLs send every second or two
 ASSUMED_SD_MPS = 0.5  # [m/s] of the velocity before any record: vehicles do 1 to 2 m/s
 ASSUMED_FOR_S = 10.0  # [s] of records that ASSUMED_SD_MPS counts as much as: a first minute need not show all speeds
+STOPPED = 0.2  # [-] of the gaps, by judgement: in which the vehicle lies still
 TURN_S = 10.0  # [s] by judgement: a turn lasts about as long, and noise of headings hardly matters over it
 TURN_TIME_S = 1.0  # [s] time constant of the turn rate in a gap, well below TURN_S
 LONGEST_TURN_GAP_S = 1.0  # [s] no turn rate relaxes across shorter gaps; nor below twice the usual interval
@@ -125,6 +127,7 @@ class VelocityHistory(_History):
         if found is None:
             return None
         mean, variance = found
+        variance = variance + STOPPED * mean**2
         return UsualMotion(mean, np.sqrt(variance), 2 * variance / max(walk_mps**2, np.finfo(float).tiny))
 
 
