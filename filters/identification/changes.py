@@ -60,6 +60,29 @@ def changes(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> 
     return tuple(_described(timeline, given, some) for some in of_kinds)
 
 
+def about_longest_part(found: FoundChanges, end_s: float) -> FoundChanges:
+    """Return changes of compass and DVL as against the longest part of a log, which constant errors are then those of.
+
+    A DVL whose speeds change by half fails, perhaps for good: what was before is right.
+    """
+    parts = SensorChange(-math.inf, 0.0, 0.0), *found.changes
+    if not any(one.heading_bias_rad or one.dvl_scale for one in parts) or any(
+        max(1 + one.dvl_scale, 1 / (1 + one.dvl_scale)) > MOST_OF_SCALE for one in parts
+    ):
+        return found
+    usual = parts[int(np.argmax(np.diff([0.0, *(one.start_s for one in found.changes), end_s])))]
+    if usual is parts[0]:
+        return found
+    against = (
+        one._replace(
+            heading_bias_rad=math.remainder(one.heading_bias_rad - usual.heading_bias_rad, 2 * math.pi),
+            dvl_scale=(1 + one.dvl_scale) / (1 + usual.dvl_scale) - 1,
+        )
+        for one in parts
+    )
+    return found._replace(changes=tuple(against))
+
+
 def _described(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> FoundChanges:
     kind, best = blocks[0].kind, _best(blocks)
     if best.changes and kind.free:  # about the heading before the first one: another mixes heading and scale

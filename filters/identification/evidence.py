@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.blocks import blocks_of, off_neighbours_m
-from usbldr.filters.identification.changes import FoundChanges, changes
+from usbldr.filters.identification.changes import FoundChanges, about_longest_part, changes
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
@@ -119,7 +119,8 @@ def explained(timeline: Timeline, given: Parameters) -> Explained:
     timeline, changed = unchanged.timeline, list[FoundChanges]()
     for left_out in (outliers, false)[: 1 + bool((false != outliers).any())]:  # false fixes hide changes
         usual, blocks = blocks_of(timeline.with_fixes(~left_out), stated)
-        changed += [*changes(usual, stated, blocks), unmodelled_errors(usual, stated, blocks)]
+        of_parts = (about_longest_part(one, float(timeline.time_s[-1])) for one in changes(usual, stated, blocks))
+        changed += [*of_parts, unmodelled_errors(usual, stated, blocks)]
     changed = [one for one in changed if one.changes]
     possible = [unchanged, *(_explanation(timeline, stated, outliers, one) for one in changed)]
     shifted = [one for one in possible if any(any(change.fix_shift_m) for change in one.changes)]

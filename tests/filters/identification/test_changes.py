@@ -11,8 +11,24 @@ import pytest
 from textbook import log_density
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification import evidence
-from usbldr.filters.identification.blocks import OF_DEAD_RECKONING, OF_FIXES, OF_WATER, Kind, blocks_about, blocks_of
-from usbldr.filters.identification.changes import FoundChanges, _Change, _changing, _gains, _with, changes
+from usbldr.filters.identification.blocks import (
+    OF_DEAD_RECKONING,
+    OF_FIXES,
+    OF_WATER,
+    Kind,
+    blocks_about,
+    blocks_of,
+    off_neighbours_m,
+)
+from usbldr.filters.identification.changes import (
+    FoundChanges,
+    _Change,
+    _changing,
+    _gains,
+    _with,
+    about_longest_part,
+    changes,
+)
 from usbldr.filters.identification.evidence import change_of_noise, identify
 from usbldr.filters.identification.false_runs import false_runs
 from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
@@ -116,6 +132,24 @@ def test_a_heading_that_jumps_twice_and_back_has_no_scale() -> None:
     assert [one.dvl_scale for one in found] == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
     (one,) = of_dead_reckoning(wrong(200.0, 1e9, 0.14))
     assert one.dvl_scale == pytest.approx(0.0, abs=7e-3)  # linear in the turn, it would be 1 - cos 8 deg more, 0.015
+
+
+@pytest.mark.parametrize(("line", "since_s"), [(wrong(0.0, 100.0, 0.5), -np.inf), (wrong(300.0, 1e9, 0.5), 300.0)])
+def test_a_compass_that_settles_or_slips_is_right_for_the_longest_part(line: Timeline, since_s: float) -> None:
+    found = identify(line, ASSUMED)
+
+    assert not found.estimates
+    (other,) = (one for one in found.parameters.changes if one.heading_bias_rad)
+    assert other.start_s == pytest.approx(since_s, abs=5.0)
+    assert other.heading_bias_rad == pytest.approx(0.5, abs=0.03)
+    (text,) = found.change_texts.values()
+    assert f"on headings read {'+28' if since_s < 0 else '-28'}" in text
+
+
+def test_speeds_that_change_by_half_leave_the_first_part_as_it_is() -> None:
+    fails = FoundChanges((SensorChange(50.0, 0.1, -0.6),))
+    assert about_longest_part(fails, 400.0) == fails
+    assert about_longest_part(FoundChanges(), 400.0) == FoundChanges()
 
 
 def test_what_is_taken_off_is_what_was_put_on() -> None:
@@ -240,6 +274,48 @@ def test_a_dvl_that_measures_through_a_current_for_a_while_is_corrected(from_s: 
     off_mps = (freed.dr_mps - DIVE.dr_mps)[np.all(at_ends, axis=0)]
     assert np.abs(off_mps).max() < 0.05
     assert all("it may measure through moving water" in text for text in found.change_texts.values())
+
+
+def test_a_stretch_from_the_first_fix_or_to_the_last_one_has_no_times_to_choose() -> None:
+    blocks = blocks_about(DIVE, ASSUMED, NO_ERROR, 1.0)
+    last, count = len(DIVE.fix_time_s), len(blocks.first)
+    begins, ends = np.array([0, 5, 100]), np.array([200, last])
+
+    of_water, of_fixes = (blocks._replace(kind=kind).log_odds(begins, ends) for kind in (OF_WATER, OF_FIXES))
+
+    times = np.array([[count, 1], [count, 1], [count**2, count]])
+    np.testing.assert_allclose(of_water[..., 0], np.log(20**2 * times))  # of two numbers
+    np.testing.assert_allclose(of_fixes[:, 1, 1], np.log(20 * np.full(3, count)))  # of one
+
+
+@pytest.mark.parametrize("false", [0, 2])
+def test_the_first_and_last_fixes_of_a_track_that_drifts_lie_among_their_neighbours(false: int) -> None:
+    exact_m = columns_at(DIVE.fix_time_s, DIVE.time_s, displacement_m(DIVE))
+    off_m = np.where(np.arange(len(exact_m)) < false, 40.0, 0.0)
+    drifting_m = exact_m + np.outer(DIVE.fix_time_s, (0.4, -0.2)) + off_m[:, None]
+
+    found_m = off_neighbours_m(replace(DIVE, fix_m=drifting_m), ASSUMED)
+
+    np.testing.assert_allclose(found_m, np.column_stack([off_m, off_m]), atol=1.0)
+
+
+@pytest.mark.parametrize("false", [0, 4])
+def test_a_current_from_the_first_fix_on_is_found_beside_noise_and_false_first_fixes(false: int) -> None:
+    """As in the descent of a vehicle whose DVL does not reach the bottom yet; first replies are another beacon's."""
+    noise_m, current_mps = np.random.default_rng(3).normal(0, 1.5, DIVE.fix_m.shape), (0.2, 0.1)
+    line = through_water(0.0, 150.0, current_mps)
+    line = replace(line, fix_m=line.fix_m + noise_m, fix_cov_m2=np.full_like(line.fix_cov_m2, 1.5**2) * np.eye(2))
+    line = line.with_fixes(np.arange(0, len(noise_m), 5))
+    line.fix_m[:false] = 200.0, 100.0
+
+    found = identify(line, ASSUMED).parameters
+
+    assert found.false_fixes == tuple(range(false))
+    begin, end = found.changes
+    assert begin.current_mps == pytest.approx(current_mps, abs=0.05)
+    assert begin.start_s < 25.0
+    assert (end.start_s, *end.current_mps) == pytest.approx((150.0, 0.0, 0.0), abs=10.0)
+    assert not any(end.current_mps)
 
 
 def changed_fixes(from_s: float, shift_m: tuple[float, float] = (0.0, 0.0), late_s: float = 0.0) -> Timeline:
@@ -408,6 +484,17 @@ def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its
     between = np.linspace(DIVE.dr_yaw_rad[first - 1], DIVE.dr_yaw_rad[last + 1], last - first + 3)[1:-1]
     np.testing.assert_allclose(lost.dr_yaw_rad[inside], between)
     assert lost.yaw_rad[-1] == pytest.approx(DIVE.yaw_rad[-1] - 0.1)
+
+
+def test_before_the_first_record_of_the_dvl_the_velocity_is_open() -> None:
+    """It is the first one, less a random walk; the variance of its integral is q² t³ / 3."""
+    line, first_s = replace(DIVE, dvl_count=np.where(DIVE.time_s < 60.0, 0, DIVE.dvl_count)), 60.0
+    assumed = Parameters(process=ProcessNoise(0.0, 0.0, 0.1, 0.0))
+
+    found_m2 = drift_variances_m2(line, np.array([first_s / 2, first_s]), [assumed], [True])[:, 0]
+
+    assert found_m2.sum() == pytest.approx(0.1**2 * first_s**3 / 3, rel=0.01)
+    assert found_m2[0] == pytest.approx(found_m2[1], rel=0.01)
 
 
 @pytest.mark.parametrize("until_s", [350.0, np.inf], ids=["for a while", "until the end"])

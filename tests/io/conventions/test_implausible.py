@@ -288,9 +288,12 @@ def test_the_fixes_show_that_the_vehicle_did_not_move_as_it_could_have(dive: Log
     assert found(replace(log, tables={name: log.tables[name] for name in ("dvl", "compass")})) == []
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_a_vehicle_that_moves_and_stops_keeps_its_velocities_also_if_its_compass_is_mirrored(dive, mirrored):
-    """It moves at .4 m/s for 20 s of every minute, on a heading of 60 deg."""
+@pytest.mark.parametrize(("mirrored", "false"), [(False, 0), (True, 0), (False, 1), (False, 2)])
+def test_a_vehicle_that_moves_and_stops_keeps_its_velocities(dive, mirrored, false):
+    """It moves at .4 m/s for 20 s of every minute, on a heading of 60 deg.
+
+    Also if the compass is mirrored, or before the first stretch are one or two fixes alone, which are false.
+    """
     rng = np.random.default_rng(4)
     dvl_s, usbl_s = times(dive, "dvl"), times(dive, "usbl")
     moves = ((dvl_s % 60) > 40) * 0.4
@@ -299,7 +302,11 @@ def test_a_vehicle_that_moves_and_stops_keeps_its_velocities_also_if_its_compass
     log = changed(log, "compass", ["heading_deg"], ((-headings if mirrored else headings) % 360)[:, None])
     gone_m = np.interp(usbl_s, dvl_s, np.cumsum(moves * np.gradient(dvl_s)))[:, None]
     place = gone_m * [np.sin(np.radians(60)), np.cos(np.radians(60))] + rng.normal(0, 0.3, (len(usbl_s), 2))
+    place[:false] += 30.0, -20.0
     log = changed(log, "usbl", PLACE, place)
+    if false:
+        kept = (usbl_s > 60.0) | (np.arange(len(usbl_s)) < false)
+        log = replace(log, tables={**log.tables, "usbl": log.tables["usbl"][kept].reset_index(drop=True)})
 
     assert "dvl" not in lost(log)
 
