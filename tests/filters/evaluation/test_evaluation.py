@@ -407,10 +407,11 @@ def test_an_independent_evaluator_finds_the_same_errors_on_uib_field(field_logs:
 def test_a_truth_turned_and_scaled_within_its_stated_sigmas_leaves_nees_at_two() -> None:
     rng, tiny = np.random.default_rng(0), np.tile(1e-8 * np.eye(2), (len(SECONDS), 1, 1))
     track, means = track_of(SECONDS, line(SECONDS) + 5.0, tiny), []
+    truth = dataclasses.replace(truth_of(SECONDS, line(SECONDS), 1e-4), heading_sd_rad=0.05, scale_sd=0.03)
     for _ in range(300):
         factor = (1 + rng.normal(0, 0.03)) * np.exp(1j * rng.normal(0, 0.05))
         turned = line(SECONDS) @ np.array([[factor.real, factor.imag], [-factor.imag, factor.real]]) + 5.0
-        truth = dataclasses.replace(truth_of(SECONDS, turned, 1e-4), heading_sd_rad=0.05, scale_sd=0.03)
+        truth = dataclasses.replace(truth, position_m=turned)
         truth_cov_m2 = truth_covariances(truth, turned, truth.sd_m, turned[0])
         means.append(nees(track.position_m - turned, tiny + truth_cov_m2).mean())
 
