@@ -118,16 +118,17 @@ class VelocityHistory(_History):
     def _longest_gap_s(self, count: Any) -> Any:
         return LONGEST_GAP_S
 
-    def in_gap(self, time_s: float, walk_mps: float) -> UsualMotion | None:
+    def in_gap(self, time_s: float, walk_mps: float, stopped: float = STOPPED) -> UsualMotion | None:
         """Return the process from a time on; None if the last record is recent or none came, or the walk is 0.
 
-        ``walk_mps`` is the random walk of the velocity, its standard deviation after one second.
+        ``walk_mps`` is the random walk of the velocity, its standard deviation after one second, ``stopped`` the share
+        of the vehicles that lie still: none, if the likeliest velocity is asked for and not its sigma.
         """
         found = self._usual(time_s, ASSUMED_SD_MPS, ASSUMED_FOR_S) if walk_mps else None
         if found is None:
             return None
         mean, variance = found
-        variance = variance + STOPPED * mean**2
+        variance = variance + stopped * mean**2
         return UsualMotion(mean, np.sqrt(variance), 2 * variance / max(walk_mps**2, np.finfo(float).tiny))
 
 

@@ -268,7 +268,7 @@ def _reckoned_mps(time_s: Vector, t: Vector, mps: Array, walk_mps: float) -> Arr
         begins_s = float(t[row]) + LONGEST_GAP_S
         ends_s = float(t[row + 1]) if row + 1 < len(t) else np.inf
         inside = slice(*np.searchsorted(time_s, (begins_s, ends_s), side="right").tolist())
-        if (usual := history.in_gap(np.nextafter(begins_s, np.inf), walk_mps)) is not None:
+        if (usual := history.in_gap(np.nextafter(begins_s, np.inf), walk_mps, stopped=0.0)) is not None:
             left = usual.remaining(time_s[inside, None] - begins_s)
             reckoned[inside] = usual.mean + (mps[row] - usual.mean) * left
     return reckoned
