@@ -46,7 +46,7 @@ def replacing(target: Path, advice: str) -> Generator[Path]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part"))
-        new, old = temporary / target.name, temporary / "old"
+        new, old = temporary / target.name, temporary / f"{target.name}.old"
         yield new
         if target.exists():
             os.replace(target, old)

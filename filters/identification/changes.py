@@ -163,7 +163,7 @@ def _refined(blocks: Blocks, found: list[_Change]) -> list[_Change]:
             others = [other for other in found if other != one]
             begins, ends = (np.arange(fix - 2 * size, fix + 2 * size + 1) for fix in (one.fix, one.end))
             begins = begins[(begins >= blocks.kind.first) & (begins < len(blocks.time_s))]
-            moved = _likeliest(blocks, others, begins, ends[ends < len(blocks.time_s)])
+            moved = _likeliest(blocks, others, begins, ends[(ends > 0) & (ends < len(blocks.time_s))])
             found = others if moved is None else [*others, moved]
         if sorted(found) == before:
             break

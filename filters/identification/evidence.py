@@ -50,6 +50,7 @@ from usbldr.filters.identification.linearisation import (
     RANGE,
     STEPS,
     keys_of,
+    open_by_records,
     prior_sds,
 )
 from usbldr.filters.identification.lost_reckoning import cost, lost_spans, without_both
@@ -156,6 +157,7 @@ def _concluded(best: _Explanation, given: Parameters, stated: Parameters) -> Ide
     rows = tuple(np.flatnonzero(false).tolist())
     starts = false_starts(best.timeline, choice.member) if false[0] else ()
     kept_linearised.cache_clear()
+    open_by_records.cache_clear()
     parameters = replace(found.parameters, false_fixes=rows, false_starts=starts)
     return replace(found, parameters=parameters, log_evidence=best.log_evidence)
 

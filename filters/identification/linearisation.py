@@ -174,7 +174,7 @@ def drift_variances_m2(
     ``scaled`` says of each of N members whether the DVL's scale error is one of its states.
     """
     process = [p.process for p in members]
-    measured, held, turned = _open_by_records(timeline, process[0].turn_rate_radps)
+    measured, held, turned = open_by_records(timeline, process[0].turn_rate_radps)
     # of the modes, what grows with R: records that contamination stands for do not enter dead reckoning
     dvl = BankNoise([p.dvl for p in members], [p.dvl_sd_scale for p in members])
     noise_m2 = _gained(time_s, measured) * (dvl.probabilities * dvl.gain).sum(axis=0)
@@ -194,11 +194,11 @@ class _Gain(NamedTuple):
 
 
 @lru_cache(maxsize=1)  # a search asks for the same timeline again and again
-def _open_by_records(timeline: Timeline, turn_radps: float) -> tuple[_Gain, _Gain, _Gain]:
+def open_by_records(timeline: Timeline, turn_radps: float) -> tuple[_Gain, _Gain, _Gain]:
     """Return the variances of dead reckoning by noise of the DVL, by a random walk of 1 m/s/√s, and by turns."""
     # each record holds from its time to the next, the first one also before it
     dvl_rows = np.flatnonzero(timeline.dvl_count)
-    dvl_s = np.concatenate([timeline.time_s[:1], timeline.time_s[dvl_rows], timeline.time_s[-1:]])
+    dvl_s = np.concatenate([timeline.time_s[: len(dvl_rows)][:1], timeline.time_s[dvl_rows], timeline.time_s[-1:]])
     spacing_s, dvl_rows = np.diff(dvl_s), np.append(dvl_rows[:1], dvl_rows)
     R = timeline.dvl_sd_mps[dvl_rows] ** 2 / timeline.dvl_count[dvl_rows]
     yaw_s = np.append(timeline.time_s[timeline.yaw_count > 0], timeline.time_s[-1])

@@ -66,7 +66,7 @@ FROM_SHIP: Mapping[str, Mapping[str, str]] = {
 }
 """The keys that columns of fixes from a ship need."""
 BY_NAMES = "by the names of its columns"
-OF_VEHICLE = re.compile(r"(^|_)(target|rov|auv|uuv|vehicle|towfish|crawler)(_|$)")
+OF_VEHICLE = re.compile(r"(^|_)(target|rov|towfish|crawler)(_|$)")
 """Words of positions, in one table of all sensors, that a USBL may have measured."""
 OF_ROV = re.compile(r"(^|_)rov(_|$)")  # in the name of a table whose positions are acoustic: it has no GPS under water
 FIX_FLAGS = {"fix_type", "fix_status", "quality"}  # whose numbers say whether there is a fix; words say something else

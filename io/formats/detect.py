@@ -28,6 +28,7 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
     b"TDSm": "a LabVIEW measurement file (TDMS); export its groups as CSV",
     b"\xb5b": "a u-blox receiver's log; convert its fixes to NMEA sentences or CSV",
     b"\xd0\xcf\x11\xe0": "a spreadsheet of an old version; export the sheet as CSV",
+    b"FEA1": "an Arrow file of the first version (Feather 1); store the table as Parquet or CSV",
     b"\x93NUMPY": "an array of NumPy, without names of columns; store it as CSV with a line of names",
     **dict.fromkeys(
         (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
@@ -39,7 +40,7 @@ UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
         (b"CDF\x01", b"CDF\x02", b"CDF\x05"),
         "a netCDF-3 file; convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)",
     ),
-    b"PK\x03\x04": "a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV",
+    b"PK\x03\x04": "a zip archive, or a spreadsheet, cut or of another kind; unpack it, or export the sheet as CSV",
 }
 """Other formats by their first bytes, with what to do about them."""
 MATLAB_4, MATLAB_4_NAME = struct.Struct("<5I"), 64  # fixed: the numbers before the name of a matrix; its bytes at most

@@ -6,9 +6,10 @@ sheets of a workbook are tables, too.
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from datetime import datetime
+from io import StringIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -84,16 +85,24 @@ def workbook_log(path: Path) -> CopiedLog | None:
         sizes = {part.filename: part.file_size for part in ZipFile(path).infolist()} if is_zipfile(path) else {}
     if "xl/workbook.xml" not in sizes:
         return None
-    UnpackingBudget(path, path.stat().st_size).take_bytes(sum(sizes.values()))
+    budget = UnpackingBudget(path, path.stat().st_size)
+    budget.take_bytes(sum(sizes.values()))
     openpyxl = library("openpyxl", "Spreadsheets", "excel", path)
 
     def copy(folder: Path) -> Copies:
         copies: dict[Path, Path] = {}
         with reading(path, "a spreadsheet"), opened(path) as content:
-            for sheet in openpyxl.load_workbook(content, read_only=True, data_only=True).worksheets:
-                to = folder / f"{NO_NAME.sub('_', sheet.title)}.csv"  # a damaged or hostile file may say "../x"
-                with to.open("w", encoding="utf-8", newline="") as file:
-                    csv.writer(file).writerows(map(_shown, row) for row in sheet.iter_rows())
+            sheets = openpyxl.load_workbook(content, read_only=True, data_only=True).worksheets
+            for number, sheet in enumerate(sheets, 1):
+                name = NO_NAME.sub("_", sheet.title) if len(sheets) > 1 else path.stem  # of a hostile file "../x"
+                to = folder / f"{name}.csv"
+                to = folder / f"{name}_{number}.csv" if to in copies else to
+                sheet.reset_dimensions()  # else each row is filled up to the farthest cell of all
+                with written(to, path) as file:
+                    for row in sheet.iter_rows():
+                        line = _line(row)
+                        budget.take_bytes(len(line))
+                        file.write(line)
                 note_copy(to, path)
                 copies[to] = path
         return copies, []
@@ -101,9 +110,19 @@ def workbook_log(path: Path) -> CopiedLog | None:
     return CopiedLog(path, ", sheets of a workbook", copy, lambda copies: CsvLog(copies[0].parent))
 
 
+def _line(row: Iterable[Any]) -> bytes:
+    """Return the cells of a row as a line of CSV, without the empty ones behind the last."""
+    cells, line = list(map(_shown, row)), StringIO()
+    while cells and cells[-1] is None:
+        cells.pop()
+    csv.writer(line).writerow(cells)
+    return line.getvalue().encode()
+
+
 def _shown(cell: Any) -> object:
     """Return the value of a cell; of one that shows no time of day the date."""
-    return cell.value.date() if isinstance(cell.value, datetime) and "h" not in cell.number_format else cell.value
+    dated = isinstance(cell.value, datetime) and not {"h", "s"} & {*cell.number_format.lower()}
+    return cell.value.date() if dated else cell.value
 
 
 def _goes_on_with_words(path: Path) -> bool:

@@ -54,7 +54,11 @@ WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
 """Fields of messages that are texts."""
 SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
 """A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
-SUMMARY = re.compile(r"(?!(nan|inf|infinity|null|none)$)[^\W\d]{3,}\W*", re.IGNORECASE)  # in place of a time: "Mean:"
+SUMMARY = re.compile(
+    r"\W*(mean|average|avg|mittel(wert)?|moyenne|media|min(imum)?|max(imum)?|range|st(an)?d(ard)?\W?(dev(iation)?)?|sum(me)?|"
+    r"total|median|count|n)\W*",
+    re.IGNORECASE,
+)  # in place of a time: "Mean:"
 EASTING = re.compile(r"(^|_)e(ast(ing)?s?)?(_|$)")  # "USBL E (m)"
 ENDS = 500  # [characters] of a cell from either end: matching takes their square
 
@@ -106,7 +110,7 @@ class CsvLog:
         file, header = source.file, source.header
         if source.sensor is None:
             own, first_row = sheet_of(stem := self._stem(file), header), self._row(file)
-            worded = any(map(OF_WORDS.match, first_row))
+            worded = len({*header}) == len(header) and any(map(OF_WORDS.match, first_row))  # else it cannot be read
             texts = self._table(file).columns if worded else dict[str, Sequence[str]]()
             return TableHead(file, stem, header, own, first_row, texts=texts)
         names = self._table(file).columns

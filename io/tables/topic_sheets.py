@@ -40,6 +40,11 @@ DEVICE = re.compile(
 )
 """The name of a column that may say which of several devices measured."""
 OF_WORDS = re.compile(r"[^\W\d]\w")  # how a cell begins that may name a device
+OF_STATE = re.compile(
+    r"(^|_)(mode|state|status|solution|quality|type|fix|crc|checksum|check|comment|remark|note)s?(_|$)"
+)
+"""The name of a column whose words say something else than a device."""
+MOST_DEVICES = 8  # by judgement: a column of more words names no devices that take turns
 OF_BEAM = re.compile(r"(^|_)(beam_?\d_?v(el(ocity)?)?|v(el(ocity)?)?_?(bt_)?b(ea)?m?_?\d|b\d_vel)(_|$)")
 ALIKE = ("vehicle", "source")  # in most tables the same in all rows: the name of another column comes first
 SheetOrNone = TypeVar("SheetOrNone", Sheet, Sheet | None)
@@ -131,7 +136,7 @@ def topic_sheets(
         shared = len(sensors) + len(by_name) > 1
         names = [*table.names, *table.elsewhere]
         sheet = configured_sheet(sensors, names, table.file, topic) if sensors else None
-        sheet, own = _with_device(sheet, table), _with_device(own, table)
+        sheet, own = _with_device(sheet, table, stated=True), _with_device(own, table)
         foreign = by_name or (sheet and table.first_row is not None)
         unused = _unused(table, [*by_name.values(), sheet]) if foreign else ()
         if sheet or not by_name:
@@ -144,10 +149,10 @@ def topic_sheets(
     return found
 
 
-def _with_device(sheet: SheetOrNone, table: TableHead) -> SheetOrNone:
+def _with_device(sheet: SheetOrNone, table: TableHead, stated: bool = False) -> SheetOrNone:
     """Return a sheet with the column that says which device measured, if there is one that it does not use.
 
-    It is named so, or its words are others than those before in most rows: ship, ROV, ship, ROV.
+    It is named so, or, if no columns are stated, its words are others than those before in most rows: ship, ROV, ship.
     """
     if sheet is None or "device" in sheet.columns:
         return sheet
@@ -155,16 +160,18 @@ def _with_device(sheet: SheetOrNone, table: TableHead) -> SheetOrNone:
     named = [one for one in names if DEVICE.fullmatch(words_of(one))]
     named.sort(key=lambda one: words_of(one) in ALIKE)
     shown = dict(zip(plain_names(table.names), table.first_row or (), strict=False))
-    worded = (one for one in names if OF_WORDS.match(shown.get(one, "")))
+    worded = (
+        one for one in names if not stated and OF_WORDS.match(shown.get(one, "")) and not OF_STATE.search(words_of(one))
+    )
     named = named or [one for one in worded if _alternate(table.texts.get(one, ()))]
     columns = {**sheet.columns, "device": named[0]} if named else sheet.columns
     return replace(sheet, columns=columns, texts=sheet.texts | {"device"})
 
 
 def _alternate(cells: Sequence[str]) -> bool:
-    """Return whether words mostly change from row to row, and none of them calls a record valid or invalid."""
-    changes = sum(one != other for one, other in pairwise(cells))
-    return 2 * changes >= len(cells) > 1 and not {*map(str.lower, cells)} & FLAG_WORDS.keys()
+    """Return whether few words mostly change from row to row, and none of them calls a record valid or invalid."""
+    words, changes = {*map(str.lower, cells)}, sum(one != other for one, other in pairwise(cells))
+    return 2 * changes >= len(cells) > len(words) <= MOST_DEVICES and not words & FLAG_WORDS.keys()
 
 
 def _unused(table: TableHead, sheets: Iterable[Sheet | None]) -> tuple[str, ...]:

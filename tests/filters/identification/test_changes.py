@@ -486,6 +486,31 @@ def test_lost_dead_reckoning_is_an_outage_of_its_sensors_and_goes_on_between_its
     assert lost.yaw_rad[-1] == pytest.approx(DIVE.yaw_rad[-1] - 0.1)
 
 
+def test_without_a_record_of_the_dvl_dead_reckoning_walks_alone() -> None:
+    line = replace(DIVE, dvl_count=np.zeros_like(DIVE.dvl_count))
+    assumed = Parameters(process=ProcessNoise(0.2, 0.0, 0.1, 0.0))
+
+    found_m2 = drift_variances_m2(line, np.array([10.0, 30.0]), [assumed], [True])[:, 0]
+
+    np.testing.assert_allclose(found_m2, [0.2**2 * 10.0, 0.2**2 * 20.0])
+
+
+@pytest.mark.parametrize(
+    ("until_s", "current_mps", "seed"), [(37.0, (0.3, 0.3), 2), (42.0, (0.6, -0.5), 0), (42.0, (0.3, 0.3), 2)]
+)
+def test_a_current_of_the_first_blocks_begins_before_it_ends(until_s, current_mps, seed) -> None:
+    noise_m = np.random.default_rng(seed).normal(0, 0.3, DIVE.fix_m.shape)
+    drift_m = np.outer(DIVE.fix_time_s, (0.01, 0.0))
+    line = through_water(0.0, until_s, current_mps)
+    line = replace(line, fix_m=line.fix_m + noise_m + drift_m).with_fixes(np.arange(0, len(noise_m), 8))
+
+    usual, blocks = blocks_of(line, ASSUMED)
+
+    for one in changes(usual, ASSUMED, blocks):
+        start_s = [change.start_s for change in one.changes]
+        assert start_s == sorted(start_s)
+
+
 def test_before_the_first_record_of_the_dvl_the_velocity_is_open() -> None:
     """It is the first one, less a random walk; the variance of its integral is q² t³ / 3."""
     line, first_s = replace(DIVE, dvl_count=np.where(DIVE.time_s < 60.0, 0, DIVE.dvl_count)), 60.0

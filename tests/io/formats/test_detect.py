@@ -73,7 +73,10 @@ ECHO = "is what ros2 topic echo prints; read the recording that it came from, or
          "(rosbag fix IN.bag OUT.bag)"),
         (b"CDF\x01rest", "is a netCDF-3 file; convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)"),
         (matlab_4(), "is a MATLAB file of version 4; store it again in MATLAB with save(FILE, '-v7')"),
-        (b"PK\x03\x04rest", "is a zip archive, or a spreadsheet; unpack it first (unzip), or export the sheet as CSV"),
+        (
+            b"PK\x03\x04rest",
+            "is a zip archive, or a spreadsheet, cut or of another kind; unpack it, or export the sheet as CSV",
+        ),
         (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nGPS, 1, 2\n",
          "is a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from"),
         (b"%% LOGSTART 1779105600\n%%%%(1)     TIME\n0.000      1.5\n",

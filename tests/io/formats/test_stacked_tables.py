@@ -109,7 +109,8 @@ def test_a_table_that_goes_on_behind_its_names_is_one(tmp_path: Path, between: s
     assert [topic.count for topic in log.topics()] == [ROWS]
 
 
-def test_the_sheets_of_a_workbook_are_tables(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shown", ["yyyy-mm-dd h:mm:ss", "YYYY-MM-DD HH:MM:SS", "mm:ss.0"])
+def test_the_sheets_of_a_workbook_are_tables(tmp_path: Path, shown: str) -> None:
     """Also a date and a time of day in cells of their own; a sheet without a table is none."""
     book = Workbook()
     book.create_sheet("Notes").append(["Vessel", "Otter"])
@@ -120,6 +121,8 @@ def test_the_sheets_of_a_workbook_are_tables(tmp_path: Path) -> None:
         for k in range(3):
             moment = datetime(2020, 9, 13, 23, 59, 59) + timedelta(seconds=k)
             sheet.append([moment.date(), moment.time(), 10 + k] if name == "compass" else [moment, 1.5 + k])
+            if name == "depth":
+                sheet.cell(4 + k, 1).number_format = shown
     book.save(tmp_path / "dive.xlsx")
 
     log = read_log(tmp_path / "dive.xlsx")
@@ -128,6 +131,41 @@ def test_the_sheets_of_a_workbook_are_tables(tmp_path: Path) -> None:
     assert log.start_ns == pd.Timestamp("2020-09-13T23:59:59").value
     assert log.tables["compass"][["time_s", "heading_deg"]].to_numpy().tolist() == [[0, 10], [1, 11], [2, 12]]
     assert log.tables["depth"]["depth_m"].tolist() == [1.5, 2.5, 3.5]
+
+
+def test_a_workbook_of_one_sheet_is_named_as_its_file(tmp_path: Path) -> None:
+    for name in ("usbl", "compass"):
+        book = Workbook()
+        book.active.title = "Sheet1"
+        for line in PARTS[name]:
+            book.active.append([cell if cell[0].isalpha() else float(cell) for cell in line.split(",")])
+        book.save(tmp_path / f"{name}.xlsx")
+
+    log = read_log(tmp_path)
+
+    assert {role: len(table) for role, table in log.tables.items()} == {"usbl": ROWS, "compass": ROWS}
+
+
+def test_cells_without_a_value_behind_the_last_are_not_copied(tmp_path: Path, monkeypatch) -> None:
+    book = Workbook()
+    for line in PARTS["usbl"]:
+        book.active.append([cell if cell[0].isalpha() else float(cell) for cell in line.split(",")])
+    book.active.cell(5_000, 2_000).number_format = "0.00"  # 10 MB of commas
+    book.save(tmp_path / "usbl.xlsx")
+    monkeypatch.setenv(VARIABLE, "0.001")  # of 256 MB and more
+
+    assert len(read_log(tmp_path / "usbl.xlsx").tables["usbl"]) == ROWS
+
+
+def test_sheets_whose_names_differ_by_odd_characters_are_all_read(tmp_path: Path) -> None:
+    book = Workbook(write_only=True)
+    for name in ("Depth (A)", "Depth <A>"):
+        sheet = book.create_sheet(name)
+        for row in (["Time [s]", "Depth [m]"], [1.0, 2.0], [2.0, 3.0]):
+            sheet.append(row)
+    book.save(tmp_path / "dive.xlsx")
+
+    assert [topic.count for topic in open_log(tmp_path / "dive.xlsx").topics()] == [2, 2]
 
 
 def test_a_sheet_cannot_name_a_file_elsewhere(tmp_path: Path) -> None:

@@ -390,6 +390,45 @@ def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: 
     assert len(log.tables["usbl"]) == 5
 
 
+@pytest.mark.parametrize(
+    ("column", "words"),
+    [("Solution", ["Fixed", "Float"]), ("Mode", ["Survey", "Transit"]), ("Words", [f"word {k}x" for k in range(9)])],
+)
+def test_words_that_change_from_row_to_row_may_be_no_devices(tmp_path: Path, column: str, words: list[str]) -> None:
+    rows = "".join(f"{T0_S + k},{words[k % len(words)]},{45 + 1e-5 * k},7\n" for k in range(10))
+    write_csv(tmp_path, usbl=f"Time [s],{column},lat [deg],lon [deg]\n{rows}")
+
+    log = read_log(tmp_path)
+
+    assert len(log.tables["usbl"]) == 10
+    assert not [one.text for one in log.findings if f"from {column}" in one.text]
+
+
+def test_stated_columns_without_a_target_are_of_one(tmp_path: Path) -> None:
+    rows = "".join(f"{T0_S + k},{('ROV', 'TMS')[k % 2]},{45 + 1e-5 * k},7\n" for k in range(10))
+    write_csv(tmp_path, usbl=f"Time [s],Object,lat,lon\n{rows}")
+    named = '[usbl]\ncolumns = { time_unix_s = "Time", lat_deg = "lat", lon_deg = "lon" }\n'
+
+    assert len(read_as(tmp_path, named).tables["usbl"]) == 10
+
+
+def test_a_table_that_cannot_be_read_leaves_the_others(tmp_path: Path) -> None:
+    heading = "".join(f"{T0_S + k},{k}\n" for k in range(10))
+    notes = f"Time [s],Note,Note\n{T0_S},calm,sea\n"
+    write_csv(tmp_path, compass=f"Time [s],Heading (deg)\n{heading}", notes=notes)
+
+    assert len(read_log(tmp_path).tables["compass"]) == 10
+
+
+@pytest.mark.parametrize(("last", "lost"), [("ERROR", True), ("Mean:", False)])
+def test_a_word_instead_of_the_last_time_is_lost_data_unless_it_is_a_summary(tmp_path: Path, last: str, lost: bool):
+    heading = "".join(f"{T0_S + k},{k}\n" for k in range(10))
+    write_csv(tmp_path, compass=f"Time [s],Heading (deg)\n{heading}{last},4\n")
+
+    (found,) = (one for one in read_log(tmp_path).findings if one.code == "UNDECODED")
+    assert found.lost_data == lost
+
+
 @pytest.mark.parametrize("who", ["device_id", "sensor", "Vehicle", "Source", "Serial No", "Receiver", "unit"])
 @pytest.mark.parametrize(
     ("role", "names", "keys", "columns"),
