@@ -3,7 +3,8 @@
 import gzip
 import random
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import cache, partial
+from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -147,10 +148,18 @@ def arrow_file(folder: Path) -> Path:
     return folder / "gps.arrow"
 
 
-def workbook(folder: Path) -> Path:
-    with pd.ExcelWriter(folder / "dive.xlsx") as book:
+@cache
+def workbook_content() -> bytes:
+    """Return a workbook, which says when it was made: made once, its bytes are the same in all examples of a test."""
+    content = BytesIO()
+    with pd.ExcelWriter(content) as book:
         for name, columns in tables.dive(ROWS).items():
             pd.DataFrame(dict(columns)).astype(str).to_excel(book, sheet_name=name, index=False)
+    return content.getvalue()
+
+
+def workbook(folder: Path) -> Path:
+    (folder / "dive.xlsx").write_bytes(workbook_content())
     return folder / "dive.xlsx"
 
 
