@@ -61,7 +61,7 @@ def changes(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> 
 
 
 def about_longest_part(found: FoundChanges, end_s: float) -> FoundChanges:
-    """Return changes of compass and DVL as against the longest part of a log, which constant errors are then those of.
+    """Return changes of compass and DVL relative to the longest part of a log, so that constant errors are those of it.
 
     A DVL whose speeds change by half fails, perhaps for good: what was before is right.
     """

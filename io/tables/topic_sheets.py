@@ -136,7 +136,7 @@ def topic_sheets(
         shared = len(sensors) + len(by_name) > 1
         names = [*table.names, *table.elsewhere]
         sheet = configured_sheet(sensors, names, table.file, topic) if sensors else None
-        sheet, own = _with_device(sheet, table, stated=True), _with_device(own, table)
+        sheet, own = _with_device(sheet, table), _with_device(own, table)
         foreign = by_name or (sheet and table.first_row is not None)
         unused = _unused(table, [*by_name.values(), sheet]) if foreign else ()
         if sheet or not by_name:
@@ -149,10 +149,11 @@ def topic_sheets(
     return found
 
 
-def _with_device(sheet: SheetOrNone, table: TableHead, stated: bool = False) -> SheetOrNone:
+def _with_device(sheet: SheetOrNone, table: TableHead) -> SheetOrNone:
     """Return a sheet with the column that says which device measured, if there is one that it does not use.
 
-    It is named so, or, if no columns are stated, its words are others than those before in most rows: ship, ROV, ship.
+    It is named so, or its words are others than those before in most rows: ship, ROV, ship, ROV. This holds for stated
+    columns, too, as `init` writes them: fixes of two vehicles would look like those of one.
     """
     if sheet is None or "device" in sheet.columns:
         return sheet
@@ -160,9 +161,7 @@ def _with_device(sheet: SheetOrNone, table: TableHead, stated: bool = False) -> 
     named = [one for one in names if DEVICE.fullmatch(words_of(one))]
     named.sort(key=lambda one: words_of(one) in ALIKE)
     shown = dict(zip(plain_names(table.names), table.first_row or (), strict=False))
-    worded = (
-        one for one in names if not stated and OF_WORDS.match(shown.get(one, "")) and not OF_STATE.search(words_of(one))
-    )
+    worded = (one for one in names if OF_WORDS.match(shown.get(one, "")) and not OF_STATE.search(words_of(one)))
     named = named or [one for one in worded if _alternate(table.texts.get(one, ()))]
     columns = {**sheet.columns, "device": named[0]} if named else sheet.columns
     return replace(sheet, columns=columns, texts=sheet.texts | {"device"})

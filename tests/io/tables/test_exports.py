@@ -404,12 +404,12 @@ def test_words_that_change_from_row_to_row_may_be_no_devices(tmp_path: Path, col
     assert not [one.text for one in log.findings if f"from {column}" in one.text]
 
 
-def test_stated_columns_without_a_target_are_of_one(tmp_path: Path) -> None:
-    rows = "".join(f"{T0_S + k},{('ROV', 'TMS')[k % 2]},{45 + 1e-5 * k},7\n" for k in range(10))
+def test_two_vehicles_that_take_turns_are_refused_also_in_stated_columns(tmp_path: Path) -> None:
+    rows = "".join(f"{T0_S + k},{('MV Otter', 'ROV')[k % 2]},{45 + 1e-3 * (k % 2)},7\n" for k in range(10))
     write_csv(tmp_path, usbl=f"Time [s],Object,lat,lon\n{rows}")
     named = '[usbl]\ncolumns = { time_unix_s = "Time", lat_deg = "lat", lon_deg = "lon" }\n'
 
-    assert len(read_as(tmp_path, named).tables["usbl"]) == 10
+    assert "2 targets: MV Otter (5 fixes), ROV (5 fixes)" in refusal(UsageError, read_as, tmp_path, named)
 
 
 def test_a_table_that_cannot_be_read_leaves_the_others(tmp_path: Path) -> None:
