@@ -412,6 +412,17 @@ def test_two_vehicles_that_take_turns_are_refused_also_in_stated_columns(tmp_pat
     assert "2 targets: MV Otter (5 fixes), ROV (5 fixes)" in refusal(UsageError, read_as, tmp_path, named)
 
 
+def test_an_arrow_file_of_several_batches_is_read_whole(tmp_path: Path) -> None:
+    time_s, heading_deg = [float(T0_S + k) for k in range(10)], [10.5 * k for k in range(10)]
+    table = pd.DataFrame({"Time [s]": time_s, "Heading (deg)": heading_deg})
+    table.to_feather(tmp_path / "compass.arrow", chunksize=4)
+
+    found = read_log(tmp_path / "compass.arrow").tables["compass"]
+
+    assert found["heading_deg"].tolist() == heading_deg
+    assert found["time_s"].tolist() == list(range(10))
+
+
 def test_a_table_that_cannot_be_read_leaves_the_others(tmp_path: Path) -> None:
     heading = "".join(f"{T0_S + k},{k}\n" for k in range(10))
     notes = f"Time [s],Note,Note\n{T0_S},calm,sea\n"
