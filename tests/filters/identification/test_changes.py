@@ -29,7 +29,8 @@ from usbldr.filters.identification.changes import (
     about_longest_part,
     changes,
 )
-from usbldr.filters.identification.evidence import change_of_noise, identify
+from usbldr.filters.identification.changes_of_noise import change_of_noise
+from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.false_runs import false_runs
 from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
 from usbldr.filters.identification.lost_reckoning import lost_spans
