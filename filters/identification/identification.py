@@ -220,8 +220,9 @@ class Identification:
                 continue
             if one.gradual:
                 continue
-            if of_water := _change_of_water_text(last, one):
-                texts[one.start_s] = of_water
+            if one.current_mps != last.current_mps:
+                if any(one.current_mps):
+                    texts[one.start_s] = self._water_text(one)
                 continue
             turned_deg = math.degrees(math.remainder(last.heading_bias_rad - one.heading_bias_rad, 2 * math.pi))
             scale = (1 + one.dvl_scale) / (1 + last.dvl_scale) - 1
@@ -233,6 +234,18 @@ class Identification:
                 f"before ({check})"
             )
         return texts
+
+    def _water_text(self, change: SensorChange) -> str:
+        """Return how the DVL's velocities differ from those over ground, and how long."""
+        ends_s = [one.start_s for one in self.parameters.changes if one.current_mps != change.current_mps]
+        end_s = min((time_s for time_s in ends_s if time_s > change.start_s), default=math.inf)
+        until = f"to {end_s:.0f} s" if math.isfinite(end_s) else "s on"
+        east_mps, north_mps = change.current_mps
+        towards_deg = math.degrees(math.atan2(-east_mps, -north_mps)) % 360
+        return (
+            f"from {change.start_s:.0f} {until} the DVL reads {math.hypot(east_mps, north_mps):.2f} m/s more towards "
+            f"{towards_deg:.0f}° than over ground (check bottom lock and altitude: it may measure through moving water)"
+        )
 
     @property
     def false_runs_text(self) -> str:
@@ -284,18 +297,6 @@ def _gradual_text(changes: Sequence[SensorChange]) -> str:
         texts.append(f"the DVL reads {forward:+.3f} m/s forward and {starboard:+.3f} m/s to starboard at any speed")
         check.append("the DVL: fouled beams, tilt, bottom lock")
     return f"{'; '.join(texts)} (check {'; '.join(check)})"
-
-
-def _change_of_water_text(before: SensorChange, after: SensorChange) -> str:
-    """Return how the DVL's velocities differ from those before, over ground; "" if they do not."""
-    east_mps, north_mps = np.subtract(before.current_mps, after.current_mps).tolist()
-    if not (east_mps or north_mps):
-        return ""
-    towards_deg = math.degrees(math.atan2(east_mps, north_mps)) % 360
-    return (
-        f"from {after.start_s:.0f} s on the DVL reads {math.hypot(east_mps, north_mps):.2f} m/s more towards "
-        f"{towards_deg:.0f}° than before (check bottom lock and altitude: it may measure through moving water)"
-    )
 
 
 def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:

@@ -274,7 +274,13 @@ def test_a_dvl_that_measures_through_a_current_for_a_while_is_corrected(from_s: 
     at_ends = [abs(DIVE.time_s - edge_s) > 5.0 for edge_s in (from_s, to_s)]
     off_mps = (freed.dr_mps - DIVE.dr_mps)[np.all(at_ends, axis=0)]
     assert np.abs(off_mps).max() < 0.05
-    assert all("it may measure through moving water" in text for text in found.change_texts.values())
+    (text,) = found.change_texts.values()
+    begin_s, end = re.match(
+        r"from (\d+) (to \d+ s|s on) the DVL reads 0.[34]\d m/s more towards 3[12]\d° ", text
+    ).groups()
+    assert float(begin_s) == pytest.approx(max(from_s, 0.0), abs=10.0)
+    assert end == "s on" or float(end[3:-2]) == pytest.approx(to_s, abs=10.0)
+    assert (end == "s on") == (to_s > line.time_s[-1])
 
 
 def test_a_stretch_from_the_first_fix_or_to_the_last_one_has_no_times_to_choose() -> None:
