@@ -46,14 +46,20 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
     with the stated correlated error and the sigma that neighbouring fixes show, too; the likelier noise decides. None
-    is false if one run has as many as are correct: nothing says then which of both is the vehicle.
+    is false if one run has as many as are correct: nothing says then which of both is the vehicle. Nor is a run to
+    which no correct fix comes back if dead reckoning is at fault, which jumps, too.
     """
     fitted, found = member.parameters, false_runs(timeline, member)
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
     if at_fault or found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
         robust = false_runs(timeline, robust_member(timeline, member, stated))
-        found = max(found, robust, key=lambda runs: runs.log_likelihood)
-    return found.false & (_longest(found.false) < (~found.false[:MAX_FIXES]).sum()), found.log_likelihood
+        if robust.log_likelihood > found.log_likelihood:
+            found, at_fault = robust, False
+    false = found.false
+    if at_fault:
+        enclosed = np.logical_or.accumulate(~false) & np.logical_or.accumulate(~false[::-1])[::-1]
+        false = false & enclosed
+    return false & (_longest(false) < (~false[:MAX_FIXES]).sum()), found.log_likelihood
 
 
 def _longest(false: Mask) -> int:
