@@ -4,6 +4,7 @@ import importlib
 import os
 import re
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -145,12 +146,22 @@ def one_line(fault: click.ClickException) -> str:
     return f"{text.rstrip('.')}; {''.join(single)}see {ctx.command_path} --help"
 
 
+def _refuse_other_encodings(words: Sequence[str]) -> None:
+    """Raise UsageError for a word of the command that is not UTF-8: reports are, and hold the command."""
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError as err:
+            raise UsageError(f"{word}: this name is not UTF-8; rename the file, or choose another name") from err
+
+
 def main() -> None:
     """Run the command; an error of log or options is one line on stderr."""
     use_one_thread()
     if "_USBLDR_COMPLETE" in os.environ:
         register()
     try:
+        _refuse_other_encodings(sys.argv[1:])
         code = cli.main(prog_name="usbldr", standalone_mode=False)
         sys.stdout.flush()  # here, where a full disk can still be reported
     except UsbldrError as fault:

@@ -53,7 +53,14 @@ def real_path(path: Path) -> Path:
 
 @contextmanager
 def opened(path: Path) -> Generator[BufferedReader]:
-    """Open a file for reading; raise LogError if it is no regular file, or if it cannot be opened or read."""
+    """Open a file for reading; raise LogError if it is no regular file, or if it cannot be opened or read.
+
+    Reports are UTF-8 and hold its name, so that must be, too.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as err:
+        raise LogError("its name is not UTF-8; rename it", path=path) from err
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise LogError("is neither a file nor a folder", path=path)

@@ -3,6 +3,7 @@
 Wrong uses of the command line, as a new user types them: one sentence each, with the documented exit code.
 """
 
+import os
 import re
 import shutil
 import tomllib
@@ -194,3 +195,21 @@ def test_quotes_and_control_characters_in_a_name_reach_no_terminal(ask: Callable
         'usbldr: it\'s "mine".db4: no such file, folder or scenario; did'
     )
     assert ask("info", "a\nb\x1b[31m.mcap")[1].startswith("usbldr: a\\nb\\x1b[31m.mcap: unknown format")
+
+
+@pytest.mark.parametrize("words", ["info {}", "replay {} -o run", "compare dive_db3 -o {}", "init dive_db3 -o {}.toml"])
+def test_a_name_that_is_not_utf_8_is_refused(words: str, ask: Callable[..., Answer], tmp_path: Path) -> None:
+    name = os.fsdecode(b"m\xe5ling")
+    shutil.copytree(tmp_path / "dive_db3", tmp_path / name)
+
+    code, said = ask(*(word.format(name) for word in words.split()))
+
+    assert (code, said[: len("usbldr: m\\udce5ling")]) == (2, "usbldr: m\\udce5ling")
+    assert "this name is not UTF-8; rename the file, or choose another name" in said
+
+
+def test_so_is_one_within_a_folder(ask: Callable[..., Answer], tmp_path: Path) -> None:
+    (tmp_path / "dive").mkdir()
+    (tmp_path / "dive" / os.fsdecode(b"dvl_m\xe5ling.csv")).write_text("time_s,forward_mps,starboard_mps\n1,2,3\n")
+
+    assert ask("info", "dive") == (3, "usbldr: dive/dvl_m\\udce5ling.csv: its name is not UTF-8; rename it")

@@ -19,6 +19,7 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 from PIL import Image
 
+from usbldr.filters.errors import printable
 from usbldr.filters.evaluation.alignment import ALIGNMENTS
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Array, Mask, Vector
@@ -95,12 +96,12 @@ def run_figure(run: Run, what: str, width_in: float, height_in: float) -> Figure
 
 def titled_figure(title: str, detail: str, width_in: float, height_in: float) -> Figure:
     """Return a figure with a title and a line of detail under it."""
-    lines = textwrap.wrap(detail, int(width_in * LETTERS_AN_INCH))
+    lines = textwrap.wrap(printable(detail), int(width_in * LETTERS_AN_INCH))
     head_in = TITLE_IN + LINE_IN * len(lines)
     figure: Figure = mpl_figure.Figure(figsize=(width_in, height_in), layout="constrained")
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - head_in / height_in), w_pad=0.08, h_pad=0.06)
     left, top = 0.12 / width_in, 1 - 0.27 / height_in
-    figure.text(left, top, title, size=13, weight="bold", va="center")
+    figure.text(left, top, printable(title), size=13, weight="bold", va="center")
     figure.text(left, 1 - TITLE_IN / height_in, "\n".join(lines), size=9, color="#444444", va="top")
     return figure
 
