@@ -22,10 +22,11 @@ from usbldr.io.decoding.nmea_times import (
     SLASHED,
     on_nearest_date,
     prefixed_ns,
+    time_of_day_ns,
     times_from_sentences,
 )
 from usbldr.io.findings import Finding
-from usbldr.io.reader import Column, Nanoseconds, Records, TopicInfo
+from usbldr.io.reader import TIME_OF_DAY, Column, Nanoseconds, Records, TopicInfo
 
 TAGGED = re.compile(r"([A-Za-z]\w*)=(.*)")
 SAMPLE = 20  # [sentences] from which the fields of a kind are taken
@@ -65,10 +66,13 @@ class Sentences:
 
     @property
     def _numbered(self) -> Sequence[str]:
-        """The fields by their numbers, and by their tags."""
-        rows = [content.split(",")[1:] for content in self.contents[:: -(-len(self.contents) // SAMPLE)]]
+        """The fields by their numbers, and by their tags; those that hold hhmmss.ss also as times of the day."""
+        some = self.contents[:: -(-len(self.contents) // SAMPLE)]
+        rows = [content.split(",")[1:] for content in some]
         tags = dict.fromkeys(found[1] for row in rows for field in row if (found := TAGGED.fullmatch(field)))
-        return (*map(str, range(1, max(map(len, rows)) + 1)), *tags)
+        names = [*map(str, range(1, max(map(len, rows)) + 1)), *tags]
+        clocks = [name for name in names if NO_TIME not in (time_of_day_ns(_field(one, name)) for one in some)]
+        return (*names, *(name + TIME_OF_DAY for name in clocks))
 
     def records(self, paths: Sequence[str]) -> tuple[Records, int]:
         """Return the wanted columns, and how many sentences do not match their kind."""
@@ -85,6 +89,10 @@ class Sentences:
             elif path in known.columns:
                 place = [*known.columns].index(path)
                 columns[path] = np.array([row[place] for row in decoded])
+            elif path.endswith(TIME_OF_DAY):
+                own = [time_of_day_ns(_field(self.contents[i], path.removesuffix(TIME_OF_DAY))) for i in order]
+                times_ns = on_nearest_date(np.array(own, dtype=np.int64), self.received_ns[order])
+                columns[path] = np.where(times_ns == NO_TIME, 0, times_ns)  # 0: unset
             else:
                 columns[path] = _numbers_or_texts([_field(self.contents[i], path) for i in order])
         return Records(self.received_ns[order], columns), len(rows) - len(order)

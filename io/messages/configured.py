@@ -13,7 +13,7 @@ from pathlib import Path
 from usbldr.filters.errors import UsageError, did_you_mean, listed
 from usbldr.io.messages.layouts import MessageLayout
 from usbldr.io.messages.registry import LAYOUTS
-from usbldr.io.reader import TopicInfo, listed_field, shown_field
+from usbldr.io.reader import TIME_OF_DAY, TopicInfo, listed_field, shown_field
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.units import Dimension, NamedUnit, named_unit, spellings
 
@@ -175,7 +175,7 @@ def configured_layout(stated: ConfiguredColumns, topic: TopicInfo, path: Path) -
         scale=scale,
         by_columns=True,
     )
-    return layout if topic.is_table else _timed(stated, layout, fields, path)
+    return layout if topic.is_table else _timed(stated, layout, fields, topic, path)
 
 
 def _own_layout(stated: ConfiguredColumns, path: Path) -> MessageLayout:
@@ -217,7 +217,9 @@ def in_brackets(name: str, own: NamedUnit) -> bool:
     return bool(own.unit) and name.rstrip()[-1:] in "])"
 
 
-def _timed(stated: ConfiguredColumns, layout: MessageLayout, fields: Mapping[str, str], path: Path) -> MessageLayout:
+def _timed(
+    stated: ConfiguredColumns, layout: MessageLayout, fields: Mapping[str, str], topic: TopicInfo, path: Path
+) -> MessageLayout:
     """Return a layout of messages with its time: the one that is named, else the header's, else log time."""
     if any(key in fields for key in ARRIVALS):
         text = f"[{stated.sensor}] columns: messages arrive at their log time; leave out {' and '.join(ARRIVALS)}"
@@ -228,4 +230,7 @@ def _timed(stated: ConfiguredColumns, layout: MessageLayout, fields: Mapping[str
     if not times:
         return layout
     (key,) = times
+    if key.endswith("_s") and (of_day := fields[key] + TIME_OF_DAY) in topic.fields:
+        text = f"[{stated.sensor}] columns {key}: {fields[key]} of {topic.name} is a time of the day, not a count of "
+        raise UsageError(f'{text}seconds; state time_ns = "{of_day}" in its place', path=path)
     return replace(layout, stamp=fields[key], stamp_unit_ns=TIME_UNITS_NS[key], stamp_at_1970=AT_1970.get(key, 0))

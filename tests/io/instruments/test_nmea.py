@@ -399,3 +399,38 @@ def test_sentences_that_are_unknown_are_timed_by_a_time_at_their_beginning(tmp_p
     begin_ns = T0 // SECOND * SECOND + SECOND // 2 + days * 86400 * SECOND
     assert (found.name, found.first_ns, found.last_ns) == (topic, begin_ns, begin_ns + 3 * SECOND)
     assert found.type not in {f"nmea/{kind}" for kind in SENTENCE_KINDS}
+
+
+def bottom_track(first_s: int) -> list[str]:
+    """Return velocities of 90 s whose sentences hold hour, minute and second, behind log times 0.4 s later."""
+    clocks = [(datetime(2026, 1, 1) + timedelta(seconds=first_s + k)) for k in range(90)]
+    return [
+        f"{at:%Y-%m-%dT%H:%M:%S}.400Z {sentence(f'PACME,1,{at:%d%m%y},{at:%H%M%S}.00,{k / 100},0.5')}"
+        for k, at in enumerate(clocks)
+    ]
+
+
+@pytest.mark.parametrize("first_s", [43_170, 86_370])  # over a full minute; over midnight
+def test_a_field_of_hour_minute_and_second_is_a_time_of_the_day(tmp_path: Path, first_s: int) -> None:
+    toml = '[dvl]\ncolumns = {{ {}, x = "4", y = "5" }}\nunit = "m/s"\naxes = "FSD"\n'
+    log = logged_nmea(tmp_path, *bottom_track(first_s), toml=toml.format('time_ns = "3 [hhmmss]"'))
+
+    dvl = log.tables["dvl"]
+    assert dvl["time_s"].tolist() == pytest.approx(range(90))
+    assert (dvl["received_s"] - dvl["time_s"]).tolist() == pytest.approx([0.4] * 90)
+    for key in ("time_unix_s", "time_s"):
+        with pytest.raises(UsbldrError, match=r'3 of /PACME is a time of the day.* state time_ns = "3 \[hhmmss\]"'):
+            logged_nmea(tmp_path, *bottom_track(first_s), toml=toml.format(f'{key} = "3"'))
+
+
+def test_such_a_time_has_the_date_that_the_configuration_states(tmp_path: Path) -> None:
+    toml = '[dvl]\ncolumns = { time_ns = "3 [hhmmss]", x = "4", y = "5" }\nunit = "m/s"\naxes = "FSD"\n'
+    lines = [line.partition("Z ")[2] for line in bottom_track(43_170)]
+    clocks = [sentence(f"HEHDT,{k},T") for k in range(90)]
+    dated = '[[file]]\npath = "ship.nmea"\ndate = 2026-05-01\n'
+    times = [f"[{line.split(',')[3][:2]}:{line.split(',')[3][2:4]}:{line.split(',')[3][4:6]}]" for line in lines]
+    both = [f"{at} {one}" for at, *two in zip(times, lines, clocks, strict=True) for one in two]
+    log = logged_nmea(tmp_path, *both, toml=toml + dated)
+
+    assert log.start_ns == int(datetime(2026, 5, 1, 11, 59, 30, tzinfo=UTC).timestamp()) * SECOND
+    assert log.tables["dvl"]["time_s"].tolist() == pytest.approx(range(90))
