@@ -86,9 +86,11 @@ def _is_dated(names: Sequence[str], row: Sequence[str]) -> bool:
 def row_without_names(lines: Sequence[str]) -> int | None:
     """Return the place of the first row, of numbers and times or most of them, if no line names its columns.
 
-    Comments may come before. None if one of them names as many columns, or if the format does (TUM).
+    Comments, and the rest of a row, may come before. None if one of them names as many columns, or if the format does
+    (TUM).
     """
     place = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith((*REMARKS, "*"))), 0)
+    place += _is_rest(lines[place : place + 3])
     row = lines[place] if lines else ""
     separator = separator_of(row) if separator_of(row) in row else None
     cells = cells_of(row, separator)
@@ -98,6 +100,19 @@ def row_without_names(lines: Sequence[str]) -> int | None:
     names = cells_of(bare(lines[_header_place(lines)]), separator)
     named = (len(names) == len(cells) or _is_dated(names, cells)) and not any(map(is_value, names))
     return None if named or (unnamed_columns(Path(), cells) and separator is None) else place
+
+
+def _is_rest(lines: Sequence[str]) -> bool:
+    """Return whether the first of three lines is the rest of a row whose beginning was lost: the others have more cells.
+
+    All but its first cell, which may be cut, are values.
+    """
+    if len(lines) < 3:
+        return False
+    separator = separator_of(lines[1]) if separator_of(lines[1]) in lines[1] else None
+    first, *others = (cells_of(line, separator) for line in lines)
+    values = all(map(is_value, first[1:])) and (len(first) > 1 or is_value(first[0]))
+    return values and len(first) < len(others[0]) == len(others[1]) and any(map(is_value, others[0]))
 
 
 def is_value(cell: str) -> bool:
@@ -214,6 +229,8 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
     first = bare(clean[place]) if begun else ""
     separator = separator_of(first) if separator_of(first) in first else None
     spoilt = {k: "it is no text" for k, line in enumerate(begun[:place], 1) if CONTROL.search(line.replace("\0", ""))}
+    if row and _is_rest(clean[row - 1 : row + 2]):
+        spoilt[row] = "its beginning is lost"
     names, rows = cells_of(first, separator), place + 1
     if row is not None:
         names, rows = _names_of_part(file, names, beside) or [f"{k}" for k in range(1, len(names) + 1)], place

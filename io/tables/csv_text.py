@@ -27,7 +27,7 @@ from usbldr.io.tables.csv_begin import (
 from usbldr.io.tables.csv_sheets import plain_names
 from usbldr.io.tables.date_times import foreign_time
 from usbldr.io.tables.text_table import TextColumn, TextTable, listed
-from usbldr.io.tables.unnamed_columns import unnamed_columns
+from usbldr.io.tables.unnamed_columns import TUM, unnamed_columns
 
 MOST_BREAKS = 20  # [lines] of a row whose quoted cell has line breaks
 RULE = re.compile(r"[|+:\s]*-{3,}[-|+:\s]*")
@@ -120,6 +120,9 @@ def read_texts(file: Path, units_are_row: bool = False, beside: Sequence[Path] =
     names, separator, lines, begin, spoilt, _ = begin_of_table(file, units_are_row, beside)
     header = plain_names(names)
     known = unnamed_columns(file, header if separator in BY_BLANKS else ())
+    if known is None and separator in BY_BLANKS and len(header) != len(TUM):  # of a comment, or the rest of a row
+        rows = (line.split() for line in text_lines(file, WESTERN) if line.strip() and not line.startswith(COMMENTS))
+        known = next(filter(None, (unnamed_columns(file, row) for row in islice(rows, 2))), None)
     if known is not None:
         lines, separator, header, begin = text_lines(file, WESTERN), None, list(known), 0
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]

@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from logs import MAP, logged_csv, lost, refusal
 from recordings import T0, saved, write_csv
@@ -230,3 +233,17 @@ def test_truth_in_the_folder_is_the_truth(tmp_path: Path) -> None:
 
     np.testing.assert_array_equal(truth.position_m, [[1, 2], [3, 4]])
     assert (truth.source, truth.kind) == ("/truth", "other")
+
+
+@settings(max_examples=30)
+@given(cut=st.integers(11, 24), separator=st.sampled_from([",", ";", "\t", " "]))
+def test_a_table_without_names_may_begin_within_a_row(cut: int, separator: str) -> None:
+    """As behind a lost sector: the rest of that row is lost data, and the other rows are read."""
+    rows = [[f"{T0 // 10**9 + k}", f"{k}.5", f"{1 + k / 100}", f"-{k / 7:.3f}"] for k in range(60)]
+    text = "".join(separator.join(row) + "\n" for row in rows)
+    toml = '[dvl]\ncolumns = { time_unix_s = "1", x = "3", y = "4" }\nunit = "m/s"\naxes = "FSD"\n'
+    with TemporaryDirectory() as folder:
+        log = logged_csv(Path(folder), toml, dvl=text[cut:])
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [float(row[2]) for row in rows[1:]]
+    assert lost(log) == ["dvl.csv: 1 of 60 rows are left out: line 1: its beginning is lost"]
