@@ -90,4 +90,4 @@ def evaluate(
     with run_directory(target, force) as folder:
         write_run(folder, run, outputs)
     print_run(run, target, json_to, quiet)
-    return LogError.exit_code if any(finding.lost_data for finding in dive.findings) else 0
+    return LogError.exit_code if any(finding.lost_data for finding in placed.findings) else 0

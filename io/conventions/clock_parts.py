@@ -71,6 +71,18 @@ def in_time_order(
     return {role: replace(made[role], attitude=made.get(f"{role} attitude")) for role in raws if role in made}, findings
 
 
+def on_one_clock(raw: RawRecords) -> tuple[RawRecords, list[Finding]]:
+    """Return positions of a file, which are in its order, in the order of time, and what was found.
+
+    Raises UsageError if their clock goes back: the parts would be mixed.
+    """
+    one, findings = _sensor(raw, True, (), LONGEST_LOG_NS)
+    if step := next((step for step in one.steps if step.size_ns > 0), None):
+        text = f"the clock goes back by {step.size_ns / SECOND:.3f} s after {utc(step.before_ns)}, at record"
+        raise UsageError(f"{text} {step.row + 1}; write the records from there on to a file of their own", path=raw.log)
+    return _sorted(one.raw), findings
+
+
 def _examined(
     raws: Mapping[str, RawRecords],
     by_log: Collection[str],

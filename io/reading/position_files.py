@@ -9,10 +9,13 @@ import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.axes import named_ned
+from usbldr.io.conventions.clock_parts import on_one_clock
 from usbldr.io.conventions.grids import off_grid
 from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.decoding.collected import read_whole
+from usbldr.io.file_access.decompression import compression_of
+from usbldr.io.file_access.open_file import HEAD_BYTES, begin_of, head_lines
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.configured import QUATERNION, TIME_UNITS_NS, ConfiguredColumns, plain
@@ -86,6 +89,10 @@ def read_positions(
 
 def _of_table(file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None) -> Positions:
     """Return the positions of a text file, as those of a log of one table."""
+    head, _ = begin_of(file, HEAD_BYTES)
+    if not head_lines(head) and not compression_of(head):
+        what = "is neither text nor a recording" if head else "the file is empty"
+        raise LogError(what, path=file)
     cells = read_texts(file, units_are_row=section.skip_rows > 0)  # the user counts a line of units
     row_count = len(cells.lines)
     if section.skip_rows >= row_count > 0:
@@ -152,11 +159,12 @@ def positions_of(
     topic, layout = choice.topic, choice.layout
     paths = wanted_paths(topic, layout)
     records = read_whole(reader, {topic.name: list(paths.values())})[topic.name]
-    raw = raw_records(reader.path, replace(topic, name=name or topic.name), layout, records, paths).later_by(start_ns)
+    raw = raw_records(reader.path, replace(topic, name=name or topic.name), layout, records, paths)
+    raw, of_clock = on_one_clock(raw.later_by(start_ns))
     grid = [Convention("grid", section.grid, "configuration")] if section.grid else []
     raw, section = off_grid(raw, section) if section.grid else (raw, section)
     made = gps(raw, GpsSection(frame=section.frame), origin)
     table, found = sorted_by_time(made.table, raw.topic.name, "truth")
     how = Provenance(raw.topic.name, topic.type, choice.chosen_by, (*made.conventions, *grid), topic.count, len(table))
     by_default = made.conventions[0].chosen_by == "default" and not named_ned(raw.frame_id)
-    return Positions(table, how, [*made.findings, *found], by_default)
+    return Positions(table, how, [*of_clock, *made.findings, *found], by_default)

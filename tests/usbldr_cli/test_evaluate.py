@@ -4,11 +4,14 @@ The first log of a new user: a map of unknown origin is no error of a filter; wi
 """
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from commands import findings, output_of, report_of, run
 from curved import M_PER_DEG, changed, curved_dive, written
@@ -70,7 +73,7 @@ def test_our_own_tum_file_is_read_and_stands_in_the_table_of_compare(own: Path) 
 def test_a_track_whose_east_and_north_are_exchanged_is_read_by_the_truth(own: Path) -> None:
     east_first = [line.split() for line in (own / "adf" / "track.tum").read_text(encoding="utf-8").splitlines()]
     rows = [f"{time},{north},{east}" for time, east, north, *_ in east_first if not time.startswith("#")]
-    (own / "ned.csv").write_text("\n".join(["timestamp,x,y", *rows]), encoding="utf-8")
+    (own / "ned.csv").write_text("\n".join(["timestamp,x,y", *rows, ""]), encoding="utf-8")
 
     done = run("evaluate", own / "paper.mcap", "-e", own / "ned.csv", "-q", "--plots", "none", "-o", own / "ned")
     wrong = judged(own / "paper.mcap", own / "ned.csv", "--frame", "ENU", "--plots", "none", "--force")
@@ -90,8 +93,49 @@ def test_a_row_of_a_track_that_is_no_position_is_left_out_and_reported(own: Path
 
     assert 'line 2: time_s is "later' in done.stderr
     assert "[UNDECODED]" in done.stderr
+    assert done.return_value == 3
     left = report_of(own / "bad")["metrics"]["mean_horizontal_m"]
     assert left == pytest.approx(report_of(own / "adf")["metrics"]["mean_horizontal_m"], abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["track_5hz.csv", "track.tum"])
+@settings(max_examples=4)
+@given(data=st.data())
+def test_a_track_whose_clock_goes_back_is_refused(own: Path, name: str, data: st.DataObject) -> None:
+    """Sorted, two stretches of one time would be mixed."""
+    header, *rows = (own / "adf" / name).read_text(encoding="utf-8").splitlines(keepends=True)
+    place = data.draw(st.integers(20, len(rows)))
+    first = data.draw(st.integers(0, place - 20))
+    other = saved(own / f"back-{name}", header, *rows[:place], *rows[first:])
+
+    said = refusal(UsageError, output_of, "evaluate", own / "paper.mcap", "-e", other, "-o", own / "back")
+
+    assert re.search(
+        r"the clock goes back by \d+\.\d+ s after .*, at record \d+; write the records from there on", said
+    )
+
+
+@pytest.mark.parametrize(
+    "begin", ["# made by a driver\n", "#\n\n# frame: map\n", "0.7 0 0 0 1\n", ".25 2 0.5 0 0 0 1\n"]
+)
+def test_a_tum_file_may_begin_with_any_comment_or_within_a_row(own: Path, begin: str) -> None:
+    other = saved(own / "begun.tum", begin, (own / "adf" / "track.tum").read_text(encoding="utf-8"))
+
+    done = run("evaluate", own / "paper.mcap", "-e", other, "-q", "--plots", "none", "--force", "-o", own / "begun")
+
+    assert done.exception is None
+    assert (done.return_value == 3) == ("#" not in begin) == ("UNDECODED" in done.stderr)
+    left = report_of(own / "begun")["metrics"]["mean_horizontal_m"]
+    assert left == pytest.approx(report_of(own / "adf")["metrics"]["mean_horizontal_m"], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "why"), [(b"", "the file is empty"), (bytes(range(256)) * 9, "neither text nor a recording")]
+)
+def test_a_file_that_holds_no_track_is_named(own: Path, content: bytes, why: str) -> None:
+    other = saved(own / "other.csv", content)
+
+    assert why in refusal(LogError, output_of, "evaluate", own / "paper.mcap", "-e", other, "-o", own / "other")
 
 
 def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> list[Row]:
