@@ -103,9 +103,9 @@ def row_without_names(lines: Sequence[str]) -> int | None:
 
 
 def _is_rest(lines: Sequence[str]) -> bool:
-    """Return whether the first of three lines is the rest of a row whose beginning was lost: the others have more cells.
+    """Return whether the first of three lines is the rest of a row whose beginning was lost.
 
-    All but its first cell, which may be cut, are values.
+    The others have more cells, and all of its own but the first, which may be cut, are values.
     """
     if len(lines) < 3:
         return False
