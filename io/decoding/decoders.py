@@ -172,6 +172,7 @@ class _Batch:
         self._times, self._payloads, self._size = list[int](), list[bytes](), 0
         self.unfit = list[int]()  # times of messages that do not match their definition
         self.unfit_heads: set[int] = set()  # the second bytes of those
+        self.unfit_field = ""  # of the first of them, that cannot be read; empty if none can
 
     def add(self, time_ns: int, data: bytes | memoryview) -> bool:
         """Add a message with its log time; return whether the batch is full."""
@@ -187,6 +188,10 @@ class _Batch:
         read = concatenated(_pieces(self._decoder, payloads, self._paths), self._paths)
         if len(read.rows) < len(times):
             missing = np.delete(np.arange(len(times)), read.rows).tolist()
+            if not self.unfit and not isinstance(self._decoder, RosDecoder):
+                first, extractor = payloads[missing[0]], self._decoder.extractor
+                bad = [path for path in self._paths if extractor([path])(first) is None]
+                self.unfit_field = bad[0] if len(bad) < len(self._paths) else ""
             self.unfit += times[missing].tolist()
             self.unfit_heads |= {p[1] for p in map(payloads.__getitem__, missing) if len(p) > 1 and p[0] == 0}
         order = np.argsort(read.rows)
@@ -208,6 +213,7 @@ def _unfit(stream: Stream, batches: _Batch) -> Finding:
     heads = batches.unfit_heads & FOREIGN_CDR.keys() if stream.encoding == "cdr" else set[int]()
     foreign = sorted({FOREIGN_CDR[head] for head in heads})
     why = f": they are in {' and '.join(foreign)}, not plain CDR" if foreign else ""
+    why = f"; the first has no such {batches.unfit_field}" if batches.unfit_field else why
     first = utc(batches.unfit[0])
     text = f"{stream.topic}: {len(batches.unfit)} messages, the first of {first}, do not match"
     return Finding("UNDECODED", f"{text} their definition in the file{why}", stream.topic, lost_data=True)

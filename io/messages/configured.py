@@ -143,12 +143,21 @@ def topic_with_columns(
     Raises UsageError if there is none, or several.
     """
     names = stated.columns.values()
-    fitting = [topic for topic, fields, arrays in topics if all(field_of(name, fields, arrays) for name in names)]
+    missing = {
+        topic: [plain(name) for name in names if not field_of(name, fields, arrays)] for topic, fields, arrays in topics
+    }
+    fitting = [topic for topic, absent in missing.items() if not absent]
     if len(fitting) > 1:
         raise UsageError(f"[{stated.sensor}] columns match {', '.join(fitting)}; state topic, too", path=path)
     if not fitting:
         columns = ", ".join(sorted(map(plain, names)))
-        raise UsageError(f"no topic has the columns {columns} of [{stated.sensor}]; state topic, too", path=path)
+        nearest = min(missing, key=lambda topic: len(missing[topic]), default="")
+        lacks = (
+            f": {nearest} has no {' and no '.join(missing[nearest])}"
+            if len(missing.get(nearest, ())) < len(names)
+            else ""
+        )
+        raise UsageError(f"no topic has the columns {columns} of [{stated.sensor}]{lacks}; state topic, too", path=path)
     return fitting[0]
 
 

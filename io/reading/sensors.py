@@ -1,6 +1,6 @@
 """From the topics of a log to canonical records of each sensor: which topic is which sensor, by what conventions."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -226,12 +226,28 @@ def columns_of_layouts(
                 stated[sensor] = ConfiguredColumns(sensor, topic, entry.columns, entry.unit, entry.conventions)
                 text = f"by the layout file {file.path.name} ({file.origin}, sha256 {file.sha256[:16]})"
                 findings.append(Finding("LAYOUT-FILE", f"{topic}: read as {sensor} {text}", topic))
+            elif file.origin != "usbldr":
+                findings += _unfitting(entry, file, among)
     return tuple(stated.values()), tuple(findings)
+
+
+def _unfitting(entry: LayoutEntry, file: LayoutFile, topics: Sequence[TopicInfo]) -> Iterator[Finding]:
+    """Report the topics that an entry defines without having its fields."""
+    for topic in topics:
+        if topic.count and (absent := _absent(entry, topic)):
+            text = f"{topic.name}: not read as {entry.sensor} by the layout file {file.path.name}: it has no "
+            yield Finding("LAYOUT-FILE", f"{text}{' and no '.join(absent)}", topic.name)
 
 
 def _defines(entry: LayoutEntry, topic: TopicInfo) -> bool:
     """Return whether an entry is of a topic's type, and the topic has its fields."""
+    return _absent(entry, topic) == []
+
+
+def _absent(entry: LayoutEntry, topic: TopicInfo) -> list[str] | None:
+    """Return the fields of an entry that a topic of its type lacks; None if it is of another type."""
     stated = f"nmea/{entry.sentence.replace(',', '_')}" if entry.sentence else str(entry.type).replace("/msg/", "/")
     kind = topic.type.replace("/msg/", "/").replace(".", "/")
     same = kind.lower() == stated.lower() or (entry.type is not None and kind.lower().endswith(f"/{stated.lower()}"))
-    return same and all(field_of(name, topic.fields, topic.arrays) for name in entry.columns.values())
+    names = entry.columns.values()
+    return [name for name in names if not field_of(name, topic.fields, topic.arrays)] if same else None

@@ -119,7 +119,7 @@ def _place(path: str, annotation: object) -> str:
 
 
 def _annotation(path: str, form: object) -> object:
-    for name in path.replace("[...]", "").split(".") if path else ():
+    for name in re.sub(r"\[.*?\]", "", path).split(".") if path else ():
         hints = [typing.get_type_hints(section, include_extras=True) for section in sections(form)]
         form = next((hint[name] for hint in hints if name in hint), None)
     return form

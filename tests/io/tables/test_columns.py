@@ -62,8 +62,8 @@ def test_columns_are_read_as_the_configuration_names_them(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ([('x = "vx"', 'x = "vxx"')], "{0}: no topic has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]; "
-         "state topic, too"),
+        ([('x = "vx"', 'x = "vxx"')], "{0}: no topic has the columns epoch, ok, sigma, vxx, vy, vz of [dvl]: "
+         "/velocities has no vxx; state topic, too"),
         ([("[dvl]", '[dvl]\ntopic = "/velocities"\n#')], None),
         ([("[dvl]", '[dvl]\ntopic = "velocities"'), ('"vx"', '"u"')],
          "{0}/velocities.csv: /velocities has no u ([dvl] columns x) (it has epoch, vx, vy, vz, ok, sigma)"),
