@@ -56,6 +56,9 @@ def in_time_order(
     if wraps := [wrap for one in sensors.values() for wrap in one.wraps]:
         sensors, findings = _examined(raws, by_log, wraps)
     paused, longest_ns = shared_pauses({role: one.raw.received_ns for role, one in sensors.items()})
+    if not paused and longest_ns == LONGEST_LOG_NS:  # the clock of the stamps alone may have been set
+        stamped = {role: one.raw for role, one in sensors.items() if role not in by_log and one.raw.stamped.all()}
+        paused, longest_ns = shared_pauses({role: raw.stamp_ns for role, raw in stamped.items()})
     if longest_ns < LONGEST_LOG_NS:
         sensors, findings = _examined(raws, by_log, wraps, longest_ns)
     findings += paused
@@ -280,13 +283,13 @@ def _sorted(raw: RawRecords) -> RawRecords:
     return raw.part(np.argsort(raw.received_ns, kind="stable"))
 
 
-def shared_pauses(times_ns: Mapping[str, Nanoseconds]) -> tuple[list[Finding], int]:
+def shared_pauses(times_ns: Mapping[str, Nanoseconds | None]) -> tuple[list[Finding], int]:
     """Report where no sensor has a record for MIN_PAUSE_NS, and return which of it divides the log: what is longer.
 
     That is the length of the log without the longest pauses, if each is longer than that; else LONGEST_LOG_NS.
     DVL, compass and USBL have records before and behind a pause. ``times_ns``: by role, in the order of the file.
     """
-    stretches = {role: _stretches(times) for role, times in times_ns.items() if len(times)}
+    stretches = {role: _stretches(times) for role, times in times_ns.items() if times is not None and len(times)}
     if not stretches:
         return [], LONGEST_LOG_NS
     every = np.concatenate(list(stretches.values()))

@@ -279,6 +279,20 @@ def test_a_clock_that_was_set_forward_and_a_long_pause_make_parts(tmp_path, by_n
     assert by_ns == HOUR or abs(parts[2].start_ns - T0) < SECOND // 1000
 
 
+@pytest.mark.parametrize("cut", [10, 37, COUNT - 10])
+def test_stamps_that_go_forward_alone_make_parts(tmp_path: Path, cut: int) -> None:
+    """The clock of the sensors was set, and that of the recorder goes on."""
+    times = STEADY - np.where(np.arange(COUNT) < cut, HOUR, 0)
+    rows = [(arrived, *row[1:]) for arrived, row in zip(np.repeat(STEADY, 2).tolist(), rows_of(times), strict=True)]
+    log = write_mcap(tmp_path / "a.mcap", rows)
+
+    with pytest.raises(PartsError, match=r"forward by 3600\.000 s .*part 1: .*; part 2: "):
+        read_log(log)
+    joined = read_log(log, Request(part="joined"))
+
+    np.testing.assert_allclose(np.diff(joined.tables["compass"]["time_s"]), 0.2, atol=1e-5)
+
+
 def test_three_recordings_are_three_parts_and_each_has_its_few_fixes(tmp_path: Path) -> None:
     k = np.arange(COUNT)
     times = STEADY + 2 * HOUR * (k >= 20) + HOUR * (k >= 60)
