@@ -121,8 +121,8 @@ def read_texts(file: Path, units_are_row: bool = False, beside: Sequence[Path] =
     header = plain_names(names)
     known = unnamed_columns(file, header if separator in BY_BLANKS else ())
     if known is None and separator in BY_BLANKS and len(header) != len(TUM):  # of a comment, or the rest of a row
-        rows = (line.split() for line in text_lines(file, WESTERN) if line.strip() and not line.startswith(COMMENTS))
-        known = next(filter(None, (unnamed_columns(file, row) for row in islice(rows, 2))), None)
+        begun = (line.split() for line in text_lines(file, WESTERN) if line.strip() and not line.startswith(COMMENTS))
+        known = next(filter(None, (unnamed_columns(file, row) for row in islice(begun, 2))), None)
     if known is not None:
         lines, separator, header, begin = text_lines(file, WESTERN), None, list(known), 0
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
