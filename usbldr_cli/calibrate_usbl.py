@@ -80,7 +80,9 @@ def calibrate_usbl(
 
     stated = (depth_m, depth_sd_m, latency_sd_s)
     if plan:
-        _print_plan(log, stated)
+        if given := next((name for name, file in (("--write", write_to), ("--output", output)) if file), None):
+            raise UsageError(f"--plan finds no installation: leave {given} out (--json FILE keeps the sigmas)")
+        _print_plan(log, stated, json_to)
         return 0
     if not Path(log).is_dir() and is_survey(log):
         raise UsageError(f"{log} is a scenario: write its survey by usbldr simulate {log} -o FOLDER, or state --plan")
@@ -176,13 +178,13 @@ def _print(found: "Calibration", json_to: str | None) -> None:
     click.echo("\n\n".join(part for part in parts if part))
 
 
-def _print_plan(scenario: str, stated: "Stated") -> None:
+def _print_plan(scenario: str, stated: "Stated", json_to: str | None) -> None:
     import numpy as np
 
     from usbldr.filters.simulation.simulate import simulate_survey
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import planned
-    from usbldr.io.reports.usbl_calibration import plan_table, states
+    from usbldr.io.reports.usbl_calibration import plan_content, plan_table, states
     from usbldr.io.scenarios.survey_scenarios import find_survey, is_survey
     from usbldr_cli.tables.run_table import aligned
 
@@ -192,6 +194,10 @@ def _print_plan(scenario: str, stated: "Stated") -> None:
     survey = simulate_survey(chosen, 0)
     noise = (chosen.range_sd_m, float(np.radians(chosen.angle_sd_deg)))
     rows = planned(survey, chosen.true_values, known_of(chosen.true_values, *stated), noise)
+    if json_to is not None:
+        write_json(json_to, plan_content(chosen.name, len(survey), rows))
+    if json_to == "-":
+        return
     minutes = chosen.duration_s / 60
     click.echo(f"{chosen.name}: {len(survey)} fixes in {minutes:.0f} min, {chosen.about}\n")
     click.echo("\n\n".join(part for part in (aligned(plan_table(rows)), "\n".join(states(rows))) if part))

@@ -189,6 +189,7 @@ def content(found: Calibration, files: Sequence[str] = ()) -> dict[str, Any]:
         "parameters": [one._asdict() for one in verdict.parameters],
         "before": verdict.before._asdict(),
         "after": verdict.after._asdict(),
+        "remarks": list(found.remarks),
         "findings": [{"code": f.code, "text": f.text, "topic": f.topic} for f in found.log.findings],
         "files": sorted(files),
     }
@@ -237,3 +238,9 @@ def plan_table(planned: Sequence[Parameter]) -> Table:
         _, unit, digits = LABELS[one.name]
         rows.append((name_of(one.name), f"{one.sd:.{digits}f} {unit}".strip(), f"{one.effect_m:.3f} m"))
     return Table("installation", ("sigma", "moves a fix by"), tuple(rows))
+
+
+def plan_content(scenario: str, fixes: int, planned: Sequence[Parameter]) -> dict[str, Any]:
+    """Return the plan as JSON has it; the values are those of the scenario."""
+    parameters = [one._asdict() for one in planned]
+    return {**made_by(), "scenario": scenario, "fixes": fixes, "parameters": parameters}

@@ -90,6 +90,8 @@ def test_a_survey_is_calibrated_and_its_configuration_needs_no_more(survey, tmp_
     report = report_of(folder)
     assert set(report["files"]) | {"report.json"} == {path.name for path in folder.iterdir()}
     assert {one["name"]: one["open"] for one in report["parameters"]}["scale"] is False
+    place = next(text for text in report["remarks"] if text.startswith("the transponder lies at latitude"))
+    assert place in said
     again = run("calibrate-usbl", survey, "--config", file, "--json")
     assert again.return_value == 0
     found = json.loads(again.output)
@@ -130,6 +132,19 @@ def test_a_plan_needs_a_survey():
     assert "transponder depth" in said
     assert "usbldr simulate survey-spin" in str(run("calibrate-usbl", "survey-spin").exception)
     assert "is not a survey" in str(run("calibrate-usbl", "turns", "--plan").exception)
+
+
+def test_a_plan_is_also_json_and_has_no_other_files(tmp_path):
+    shown = output_of("calibrate-usbl", "survey-circle", "--plan")
+    plan = json.loads(output_of("calibrate-usbl", "survey-circle", "--plan", "--json"))
+    found = {one["name"]: one for one in plan["parameters"]}
+    assert f"{found['scale']['sd']:.5f}" in shown
+    assert (found["scale"]["open"], found["scale"]["rival"]) == (True, "depth_m")
+    assert (plan["scenario"], found["scale"]["value"]) == ("survey-circle", 0.99)
+    for option in ("--write", "--output"):
+        refused = run("calibrate-usbl", "survey-circle", "--plan", option, tmp_path / "new").exception
+        assert f"leave {option} out" in str(refused)
+    assert not (tmp_path / "new").exists()
 
 
 def test_nothing_of_the_user_is_replaced(survey, tmp_path):
