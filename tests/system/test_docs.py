@@ -21,9 +21,11 @@ from checkout import ROOT
 from commands import command, options_of, write_short
 from logs import logged
 from recordings import HEADER, T0, define
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.messages import registry
 from usbldr.io.messages.layouts import MessageLayout
+from usbldr.io.reports.usbl_calibration import HEAD_KEYS, USBL_KEYS
 from usbldr_cli.main import COMMANDS, cli
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -282,3 +284,20 @@ def test_no_plain_number_of_a_module_is_left_out_unless_it_is_fixed(folder: str)
         for name, comment in re.findall(r"^([A-Z][A-Z0-9_]{2,}) = [\d.][\d._e-]*(.*)$", file.read_text(), re.MULTILINE):
             there = (file.relative_to(ROOT).as_posix(), name) in listed
             assert there != ("# fixed" in comment), (file, name)
+
+
+def test_the_page_of_the_calibration_names_the_keys_that_each_command_writes() -> None:
+    page = (ROOT / "docs" / "calibrate_usbl.md").read_text(encoding="utf-8")
+    rows = page.split("section: keys that it writes |\n|---|---|\n")[1].split("\n\n")[0].splitlines()
+    cells = [row.split("|")[2].strip().split(": ") for row in rows]
+    by_section = {
+        section: {one.key for one in REPORTED_QUANTITIES.values() if one.section == section}
+        for section in ("dvl", "compass", "usbl")
+    }
+    assert [(where, set(re.findall(r"`(\w+)`", keys))) for where, keys in cells] == [
+        ("`[dvl]`", by_section["dvl"] | {"lever_arm_m", "latency_s"}),
+        ("`[compass]`", by_section["compass"] | {"latency_s"}),
+        ("`[usbl]`", by_section["usbl"]),
+        ("`[usbl]`", {*USBL_KEYS.values(), "level"}),
+        ("`head` of `[usbl]`", {*HEAD_KEYS.values(), "lever_arm_m"}),
+    ]
