@@ -16,6 +16,7 @@ from usbldr.filters.models.calibration import STATES
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Array, Mask, Trajectory, Vector
 from usbldr.filters.updates import UpdateTable
+from usbldr.filters.usbl_survey.verdict import Scatter, scatter_of
 from usbldr.filters.windows import columns_at, integrated
 
 MIN_FIXES = 20  # by judgement: three for each shape that is projected out
@@ -34,15 +35,6 @@ class RangeShare(NamedTuple):
     good_share: float
 
 
-class FixScatter(NamedTuple):
-    """Horizontal distances of the good fixes from a smoothed track that leaves each of them out."""
-
-    drms_m: float
-    cep50_m: float
-    cep95_m: float
-    drms_percent: float  # of the slant range, or of the horizontal one without depths; NaN without a known head
-
-
 class FixStatistics(NamedTuple):
     """What the fixes of a dive were like."""
 
@@ -56,7 +48,7 @@ class FixStatistics(NamedTuple):
     east_m: SlowNoise | None  # along the axes of the map
     north_m: SlowNoise | None
     by_range: tuple[RangeShare, ...]
-    scatter: FixScatter | None = None  # None: the track is not smoothed
+    scatter: Scatter | None = None  # around a track that leaves each fix out; None: the track is not smoothed
 
 
 def fix_statistics(
@@ -150,17 +142,12 @@ def _at_least(cov: Array, least: Array) -> Array:
     return root @ (axes * np.maximum(size, 1.0)[:, None, :]) @ np.swapaxes(root @ axes, 1, 2)
 
 
-def _scatter(residual_m: Array, away_m: Array | None, good: Mask, drop_m: Vector | float) -> FixScatter | None:
+def _scatter(residual_m: Array, away_m: Array | None, good: Mask, drop_m: Vector | float) -> Scatter | None:
     there = good & np.isfinite(residual_m).all(axis=1)
     if not there.any():
         return None
-    away = np.hypot(residual_m[there, 0], residual_m[there, 1])
-    percent = float("nan")
-    if away_m is not None:
-        slant = np.hypot(np.hypot(away_m[:, 0], away_m[:, 1]), np.nan_to_num(drop_m))[there]
-        percent = 100 * float(np.sqrt(np.mean((away / np.maximum(slant, 1e-6)) ** 2)))
-    cep50, cep95 = np.quantile(away, [0.5, 0.95])
-    return FixScatter(float(np.sqrt(np.mean(away**2))), float(cep50), float(cep95), percent)
+    flat_m = np.full(len(there), np.nan) if away_m is None else np.hypot(away_m[:, 0], away_m[:, 1])
+    return scatter_of(residual_m[there], np.hypot(flat_m, np.nan_to_num(drop_m))[there])
 
 
 def _moved(track: Trajectory, time_s: Vector) -> Array | None:

@@ -51,13 +51,12 @@ LEGS: Mapping[frozenset[str], str] = {
 
 
 class Scatter(NamedTuple):
-    """Horizontal distances of the fixes from their median, false ones left out."""
+    """Horizontal distances of the good fixes from where they should be."""
 
-    fixes: int
-    median_m: float
     drms_m: float
+    cep50_m: float
     cep95_m: float
-    drms_percent: float  # of the slant range
+    drms_percent: float  # of the slant range, or of the horizontal one without depths; NaN without a known head
 
 
 class Parameter(NamedTuple):
@@ -122,11 +121,15 @@ def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:
     """Return the scatter of positions, east and north in (n, 2) or more columns, around their median."""
     there = good & np.isfinite(positions_m[:, :2]).all(axis=1)
     flat = positions_m[there, :2]
-    away = flat - np.median(flat, axis=0)
-    distance = np.hypot(away[:, 0], away[:, 1])
-    drms = float(np.sqrt(np.mean(distance**2)))
-    percent = 100 * float(np.sqrt(np.mean((distance / range_m[there]) ** 2)))
-    return Scatter(int(there.sum()), float(np.median(distance)), drms, float(np.quantile(distance, 0.95)), percent)
+    return scatter_of(flat - np.median(flat, axis=0), range_m[there])
+
+
+def scatter_of(off_m: Array, range_m: Vector) -> Scatter:
+    """Return the scatter of offsets east and north, (n, 2), of fixes at these ranges, (n,)."""
+    distance = np.hypot(off_m[:, 0], off_m[:, 1])
+    drms, share = (float(np.sqrt(np.mean(one**2))) for one in (distance, distance / np.maximum(range_m, 1e-6)))
+    cep50, cep95 = np.quantile(distance, [0.5, 0.95])
+    return Scatter(drms, float(cep50), float(cep95), 100 * share)
 
 
 def effects_m(survey: UsblSurvey) -> Vector:

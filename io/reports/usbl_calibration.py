@@ -105,30 +105,27 @@ def name_of(parameter: str) -> str:
     return LABELS[parameter][0] if parameter in LABELS else parameter
 
 
-def value_text(one: Parameter) -> tuple[str, str]:
-    """Return the value and its sigma with their unit."""
+def cells(one: Parameter) -> tuple[str, str, str]:
+    """Return the value, its sigma, and how far the sigma moves a fix, with their units."""
     _, unit, digits = LABELS[one.name]
-    shown = f"{one.value:.{digits}f} {unit}".strip()
-    return shown, f"{one.sd:.{digits}f}"
+    value, sd = (f"{number:.{digits}f} {unit}".strip() for number in (one.value, one.sd))
+    return value, sd, f"{one.effect_m:.3f} m"
 
 
 def tables(found: Calibration) -> tuple[Table, Table]:
     """Return the errors of the installation, and the scatter of the fixes before and after."""
     verdict = found.verdict
-    rows = [(name_of(one.name), *value_text(one), f"{one.effect_m:.3f} m") for one in verdict.parameters]
+    rows = tuple((name_of(one.name), *cells(one)) for one in verdict.parameters)
     reach = f"moves a fix at {found.slant_m:.0f} m by"
-    before, after = verdict.before, verdict.after
-    lengths = {
-        "median (CEP50)": (before.median_m, after.median_m),
-        "DRMS": (before.drms_m, after.drms_m),
-        "2 DRMS": (2 * before.drms_m, 2 * after.drms_m),
-        "CEP95": (before.cep95_m, after.cep95_m),
-    }
-    scatter = [(name, f"{old:.2f} m", f"{new:.2f} m") for name, (old, new) in lengths.items()]
-    scatter.append(("DRMS of slant range", f"{before.drms_percent:.2f} %", f"{after.drms_percent:.2f} %"))
+    heads = ("median (CEP50)", "DRMS", "2 DRMS", "CEP95", "DRMS of slant range")
+    columns = (
+        [f"{metres:.2f} m" for metres in (one.cep50_m, one.drms_m, 2 * one.drms_m, one.cep95_m)]
+        + [f"{one.drms_percent:.2f} %"]
+        for one in (verdict.before, verdict.after)
+    )
     return (
-        Table("installation", ("value", "sigma", f"sigma {reach}"), tuple(rows)),
-        Table("scatter of the fixes", ("before", "after"), tuple(scatter)),
+        Table("installation", ("value", "sigma", f"sigma {reach}"), rows),
+        Table("scatter of the fixes", ("before", "after"), tuple(zip(heads, *columns, strict=True))),
     )
 
 
@@ -233,11 +230,8 @@ def calibrated_configuration(found: Calibration) -> str:
 
 def plan_table(planned: Sequence[Parameter]) -> Table:
     """Return the sigmas that a planned survey will reach."""
-    rows: list[tuple[str, str, str]] = []
-    for one in planned:
-        _, unit, digits = LABELS[one.name]
-        rows.append((name_of(one.name), f"{one.sd:.{digits}f} {unit}".strip(), f"{one.effect_m:.3f} m"))
-    return Table("installation", ("sigma", "moves a fix by"), tuple(rows))
+    rows = tuple((name_of(one.name), *cells(one)[1:]) for one in planned)
+    return Table("installation", ("sigma", "moves a fix by"), rows)
 
 
 def plan_content(scenario: str, fixes: int, planned: Sequence[Parameter]) -> dict[str, Any]:

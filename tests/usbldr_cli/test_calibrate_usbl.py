@@ -343,7 +343,7 @@ def test_a_foreign_survey_gives_the_installation_that_it_was_made_with(exports):
     """Within its sigmas, which are those of our own simulation of the same installation and pattern."""
     found = json.loads(output_of("calibrate-usbl", exports[0], "--json"))
     assert found["result"] == "good"
-    assert found["before"]["median_m"] > 5 * found["after"]["median_m"]
+    assert found["before"]["cep50_m"] > 5 * found["after"]["cep50_m"]
     parameters = {one["name"]: one for one in found["parameters"]}
     sd = np.array([parameters[name]["sd"] for name in TRUE])
     z = (np.array([parameters[name]["value"] for name in TRUE]) - list(TRUE.values())) / sd

@@ -145,7 +145,7 @@ def test_a_box_is_good_and_calibrated_fixes_scatter_as_their_noise():
     assert found.before.drms_m > 5 * found.after.drms_m
     exact = placed(simulate_survey(BOX, 500), BOX.true_values)[fit.good]
     own = np.median(np.linalg.norm((exact - np.median(exact, axis=0))[:, :2], axis=1))
-    assert found.after.median_m == pytest.approx(own, rel=0.02)
+    assert found.after.cep50_m == pytest.approx(own, rel=0.02)
 
 
 @pytest.mark.parametrize(
