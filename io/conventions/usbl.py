@@ -177,6 +177,12 @@ def along_axes(raw: RawRecords, section: UsblSection) -> tuple[Array, Array, Con
     return along, axes[:2], chosen, findings
 
 
+def along_sight(slant_m: Vector, bearing_rad: Vector, drop_m: Vector) -> Array:
+    """Return fixes (n,) along starboard, forward, up of the instrument, (n, 3); level ones if the drop is unknown."""
+    flat = np.sqrt(np.maximum(slant_m**2 - np.nan_to_num(drop_m) ** 2, 0.0))
+    return np.column_stack([flat * np.sin(bearing_rad), flat * np.cos(bearing_rad), -drop_m])
+
+
 def _tilted(section: UsblSection) -> bool:
     return section.level or section.mount_roll_deg != 0 or section.mount_pitch_deg != 0
 
@@ -235,10 +241,7 @@ def _by_range(raw: RawRecords, section: UsblSection, end: UsblReference | None, 
     horizontal = np.where(np.isfinite(drop), by_depth, by_elevation)
     if frame == "body" and _tilted(section):
         down = np.where(np.isfinite(elevation), slant * np.sin(np.abs(elevation)), drop)
-        flat = np.sqrt(np.maximum(slant**2 - down**2, 0.0))
-        turned = np.radians(bearing)
-        along = np.column_stack([flat * np.sin(turned), flat * np.cos(turned), -down])
-        level = _in_level_axes(section, end, along)
+        level = _in_level_axes(section, end, along_sight(slant, np.radians(bearing), down))
         bearing = np.degrees(np.arctan2(level[:, 0], level[:, 1]))
         horizontal = np.where(np.isfinite(drop), by_depth, np.hypot(level[:, 0], level[:, 1]))
     short = int(np.sum(slant < np.abs(drop)))

@@ -26,7 +26,7 @@ from usbldr.filters.usbl_survey.verdict import SETTLED_SHARE, UNCHANGED, Paramet
 from usbldr.filters.usbl_survey.vertical import VerticalFit, vertical_fit
 from usbldr.filters.windows import columns_at
 from usbldr.io.conventions.timestamps import times_of
-from usbldr.io.conventions.usbl import along_axes
+from usbldr.io.conventions.usbl import along_axes, along_sight
 from usbldr.io.doctor.interpretations import recorded_value
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -175,8 +175,7 @@ def _measured(log: Log, raw: RawRecords) -> tuple[Array, Vector]:
     slant, bearing = raw.number("slant_range_m"), np.radians(raw.number("bearing_deg"))
     drop = slant * np.sin(np.abs(np.radians(raw.number("elevation_deg"))))
     drop = np.where(np.isfinite(drop), drop, raw.number("depth_m"))
-    flat = np.sqrt(np.maximum(slant**2 - drop**2, 0.0))
-    return np.column_stack([flat * np.sin(bearing), flat * np.cos(bearing)]), drop
+    return along_sight(slant, bearing, drop)[:, :2], drop
 
 
 def vertical_text(found: VerticalFit) -> str:

@@ -17,7 +17,7 @@ from usbldr.io.conventions.converted import ConvertedTable, chosen_convention, v
 from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.time_series import TimeSeries, time_series
 from usbldr.io.conventions.timestamps import align_clocks, times_of
-from usbldr.io.conventions.usbl import along_axes
+from usbldr.io.conventions.usbl import along_axes, along_sight
 from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING, fix_times, gyro_section, ship_choices
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_one, without_repeats
 from usbldr.io.findings import Finding
@@ -124,8 +124,7 @@ def _fixes(raw: RawRecords, section: UsblSection, origin: Origin | None) -> tupl
     if kind == "range_bearing":
         range_m, bearing = raw.number("slant_range_m"), np.radians(raw.number("bearing_deg"))
         down = np.sin(np.abs(np.radians(raw.number("elevation_deg"))))  # a transponder lies below the head
-        flat = np.where(np.isfinite(down), np.sqrt(np.maximum(1 - down**2, 0)), 1.0)
-        along = range_m[:, None] * np.column_stack([flat * np.sin(bearing), flat * np.cos(bearing), -down])
+        along = along_sight(range_m, bearing, range_m * down)
     else:
         along, *_ = along_axes(raw, section)
         range_m = np.linalg.norm(along, axis=1)
