@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usbldr.filters.types import Mask, Vector
+from usbldr.filters.types import Vector
 from usbldr.filters.usbl_survey.calibration import Installation, assumed
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey, placed, residuals, seen_from_head
 from usbldr.io.reports.usbl_calibration import Calibration, summary
 from usbldr_cli.figures.drawing import Picture
 from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.plane import frame_square, plane_axes, usual_box
-from usbldr_cli.figures.style import REJECTED_COLOUR, Figure, legend_below, titled_figure
+from usbldr_cli.figures.style import REJECTED_COLOUR, Axes, Figure, legend_below, titled_figure
 
 BEFORE_COLOUR, AFTER_COLOUR = "#999999", "#0072b2"
 TRACK_COLOUR = "#444444"
@@ -27,13 +27,6 @@ class FittedSurvey(NamedTuple):
     stated: Vector  # (11,) the installation of the configuration
     fit: Installation
     report: Calibration
-
-    @property
-    def kinds(self) -> list[tuple[Mask, str, str]]:
-        """Which fixes are good and which false, with their colours and labels; none of which there are none."""
-        good = self.fit.good
-        kinds = (good, AFTER_COLOUR, "good fix"), (~good, REJECTED_COLOUR, "false fix")
-        return [kind for kind in kinds if kind[0].any()]
 
 
 def survey_pictures(found: FittedSurvey) -> list[Picture]:
@@ -81,8 +74,7 @@ def survey_figure(found: FittedSurvey) -> Figure:
     plane_axes(left)
     frame_square(left, np.vstack([track, fit.values[PLACE][:2]]), 0.08)
     seen = seen_from_head(survey, fit.values)[:, :2]
-    for chosen, colour, label in found.kinds:
-        right.plot(*seen[chosen].T, ".", color=colour, ms=3, label=label)
+    _draw_fixes(right, found, *seen.T)
     right.plot(0, 0, "k^", ms=8, label="head")
     right.set_aspect("equal")
     right.set_title("from the head: all directions are needed")
@@ -113,9 +105,7 @@ def residual_figure(found: FittedSurvey) -> Figure:
         edge = SHOWN_SIGMAS * sd
         for axes, values in zip(panels[row], against.values(), strict=True):
             axes.axhspan(-sd, sd, color="#dddddd", lw=0, zorder=0)
-            for chosen, colour, label in found.kinds:
-                style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": label}
-                plot_inside(axes, values[chosen], differences[chosen, row], (-edge, edge), **style)
+            _draw_fixes(axes, found, values, differences[:, row], edge)
             axes.set_ylim(-edge * 1.05, edge * 1.05)
         panels[row, 0].set_ylabel(name)
     for axes, label in zip(panels[-1], against, strict=True):
@@ -136,11 +126,18 @@ def polar_figure(found: FittedSurvey) -> Figure:
         for radius, style in ((SHOWN_SIGMAS, "-"), (SHOWN_SIGMAS - 1, "--"), (SHOWN_SIGMAS + 1, "--")):
             axes.plot(radius * np.sin(around), radius * np.cos(around), style, color=TRACK_COLOUR, lw=0.8)
         away = SHOWN_SIGMAS + np.clip(off, -SHOWN_SIGMAS, SHOWN_SIGMAS)
-        at = np.column_stack([away * np.sin(survey.bearing_rad), away * np.cos(survey.bearing_rad)])
-        for chosen, colour, label in found.kinds:
-            axes.plot(*at[chosen].T, ".", color=colour, ms=2.5, label=label)
+        _draw_fixes(axes, found, away * np.sin(survey.bearing_rad), away * np.cos(survey.bearing_rad))
         axes.set(xlim=(-widest, widest), ylim=(-widest, widest), aspect="equal", title=name.split(" [")[0])
         axes.set(xticks=[], yticks=[], xlabel="starboard")
     panels[0].set_ylabel("forward")
     legend_below(figure, list(panels))
     return figure
+
+
+def _draw_fixes(axes: Axes, found: FittedSurvey, x: Vector, y: Vector, edge: float = np.inf) -> None:
+    """Draw the good and the false fixes, those whose y is beyond the edge at the edge."""
+    good = found.fit.good
+    for chosen, colour, label in ((good, AFTER_COLOUR, "good fix"), (~good, REJECTED_COLOUR, "false fix")):
+        if chosen.any():
+            style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": label}
+            plot_inside(axes, x[chosen], y[chosen], (-edge, edge), **style)
