@@ -5,10 +5,11 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.types import Truth
+from usbldr.filters.types import Array, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin
@@ -27,6 +28,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 
 
 MAX_UNREAD = 3  # [topics] that a sentence names
+MAX_GAP_S = 3.0  # [s] across which depth, roll and pitch are interpolated
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,11 @@ class Log:
         """Return the topic of a sensor, or its role if there is none."""
         return self.provenance[role].topic if role in self.provenance else role
 
+    def depth_below_head_m(self, time_s: Vector) -> Vector:
+        """Return how deep the vehicle is below the USBL's head, (n,), by the log's depth; NaN where it has none."""
+        head = self.settings.usbl.head
+        return column_at(time_s, self.tables.get("depth"), "depth_m") - (head.depth_m if head else 0.0)
+
     def finding(
         self, code: str, role: str, text: str, time_s: float | None = None, worst: float | None = None, unit: str = ""
     ) -> Finding:
@@ -96,3 +103,15 @@ def missing_sensor_text(log: Log, role: str) -> str:
         f"no {role} data (sensors in this log: {have}); name its topic by --{role} TOPIC, "
         f"or add the file that holds it by --with FILE{fixes}{unread}"
     )
+
+
+def column_at(time_s: Vector, table: pd.DataFrame | None, column: str) -> Vector:
+    """Return a column of a table at the times, (n,); NaN outside of its records and inside long gaps."""
+    if table is None or not len(table):
+        return np.full(len(time_s), np.nan)
+    known_s = table["time_s"].to_numpy(dtype=float)
+    values: Array = table[column].to_numpy(dtype=float)
+    found = np.interp(time_s, known_s, values, left=np.nan, right=np.nan)
+    after = np.minimum(np.searchsorted(known_s, time_s), len(known_s) - 1)
+    before = np.maximum(np.searchsorted(known_s, time_s, side="right") - 1, 0)
+    return np.where(known_s[after] - known_s[before] > MAX_GAP_S, np.nan, found)

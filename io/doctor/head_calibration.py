@@ -82,7 +82,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     found = [_identified(log, part) for part in parts]
     (one, one_sd), (other, other_sd) = map(_head, found)
     disagreement = float(np.sum((one - other) ** 2 / (one_sd**2 + other_sd**2)))
-    slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(depth_below_head_m(log, line.fix_time_s)))
+    slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(log.depth_below_head_m(line.fix_time_s)))
     off_m = _judged(line, sides, [_with_head_of(whole, one) for one in found])
     before, after = (scatter(each, slant_m, good) for each in off_m)
     median_m = float(np.median(slant_m))
@@ -155,16 +155,7 @@ def vertical_of(log: Log) -> VerticalFit | None:
         return None
     time_s = (times_of(raw, log.settings.usbl.time, log.settings.usbl.latency_s).time_ns - log.start_ns) / 1e9
     along, drop = _measured(log, raw)
-    return vertical_fit(drop, depth_below_head_m(log, time_s), along)
-
-
-def depth_below_head_m(log: Log, time_s: Vector) -> Vector:
-    """Return how deep the vehicle is below the head, (n,), by the log's depth; NaN where it has none."""
-    if (table := log.tables.get("depth")) is None:
-        return np.full(len(time_s), np.nan)
-    known_s, depth_m = table[["time_s", "depth_m"]].to_numpy(dtype=float).T
-    head = log.settings.usbl.head
-    return np.interp(time_s, known_s, depth_m, left=np.nan, right=np.nan) - (head.depth_m if head else 0.0)
+    return vertical_fit(drop, log.depth_below_head_m(time_s), along)
 
 
 def _measured(log: Log, raw: RawRecords) -> tuple[Array, Vector]:

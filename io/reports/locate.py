@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from usbldr.filters.errors import LogError, UsageError
+from usbldr.filters.frames import rotated
 from usbldr.filters.models.parameters import LeverArm
 from usbldr.filters.types import Array, Indices, Mask, Vector
 from usbldr.filters.usbl_survey.geometry import attitude_matrix
@@ -153,9 +154,7 @@ def _footprints(
 def _cubic(table: pd.DataFrame, heading_rad: Vector, at: Indices, share: Vector, step_s: Vector) -> Array:
     """Return positions (n, 2) on the cubic through the epochs around them, with their velocities (Hermite)."""
     position: Array = table[["east_m", "north_m"]].to_numpy(dtype=float)
-    starboard, forward = table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float).T
-    sin, cos = np.sin(heading_rad), np.cos(heading_rad)
-    velocity = np.column_stack([starboard * cos + forward * sin, forward * cos - starboard * sin])
+    velocity = rotated(-heading_rad, table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float))
     s, h = share[:, None], step_s[:, None]
     first = (1 + 2 * s) * (1 - s) ** 2 * position[at] + s * (1 - s) ** 2 * h * velocity[at]
     return first + s**2 * (3 - 2 * s) * position[at + 1] + s**2 * (s - 1) * h * velocity[at + 1]

@@ -18,9 +18,10 @@ from usbldr.filters.models.calibration import estimated_errors
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
+from usbldr.io.log import column_at
 from usbldr.io.provenance import provenance_values
 from usbldr.io.reader import utc
-from usbldr.io.reports.run import Run, column_at, pose_table
+from usbldr.io.reports.run import Run, pose_table
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import made_by, provenance_content
 from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum

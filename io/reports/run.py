@@ -19,15 +19,14 @@ from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.replay.dead_reckoning import freed, without_changes
 from usbldr.filters.replay.methods import METHODS
-from usbldr.filters.types import Array, Timeline, Trajectory, Truth, Vector
+from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
 from usbldr.filters.windows import columns_at
-from usbldr.io.log import Log
+from usbldr.io.log import Log, column_at
 from usbldr.io.reports.run_provenance import RunProvenance
 
 MOST = 0.8  # [-] of the fixes, by judgement: fewer do not show that the track is right
 FAR = 2.0  # [-] of the distance within which they are: the truth is further from the track than the fixes
-MAX_GAP_S = 3.0  # [s] across which depth, roll and pitch are interpolated
 
 
 class ScoredTrack(NamedTuple):
@@ -79,8 +78,8 @@ class Run:
         good = np.asarray(outcomes == "used", dtype=np.bool_)
         time_s, fix_m = self._fixes
         away_m = None if line.fix_away_m is None else line.fix_away_m + fix_m - line.fix_m
-        depth_m = column_at(time_s, self.log.tables.get("depth"), "depth_m")
-        return fix_statistics(time_s, fix_m, away_m, good, track, self._fix_cov_m2, depth_m)
+        drop_m = self.log.depth_below_head_m(time_s)
+        return fix_statistics(time_s, fix_m, away_m, good, track, self._fix_cov_m2, drop_m)
 
     @property
     def fix_residuals_m(self) -> NDArray[np.float64] | None:
@@ -193,15 +192,3 @@ def pose_table(log: Log, trajectory: Trajectory) -> pd.DataFrame | None:
             "cov_north_heading_mdeg": -np.degrees(trajectory.cov[:, y, psi]),
         }
     )
-
-
-def column_at(time_s: Vector, table: pd.DataFrame | None, column: str) -> Vector:
-    """Return a column of a table at the times, (n,); NaN outside of its records and inside long gaps."""
-    if table is None or not len(table):
-        return np.full(len(time_s), np.nan)
-    known_s = table["time_s"].to_numpy(dtype=float)
-    values: Array = table[column].to_numpy(dtype=float)
-    found = np.interp(time_s, known_s, values, left=np.nan, right=np.nan)
-    after = np.minimum(np.searchsorted(known_s, time_s), len(known_s) - 1)
-    before = np.maximum(np.searchsorted(known_s, time_s, side="right") - 1, 0)
-    return np.where(known_s[after] - known_s[before] > MAX_GAP_S, np.nan, found)

@@ -6,14 +6,17 @@ z, y, x. The earth is pymap3d's, the antenna is at sea off Sydney, and positions
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pandas as pd
 import pymap3d
 import pytest
 from scipy.spatial.transform import Rotation
 
+import usbldr
 from checkout import SAMPLES
 from commands import findings, output_of, report_of, run
 from usbldr.filters.simulation.simulate import simulate_survey
@@ -21,6 +24,7 @@ from usbldr.filters.usbl_survey.calibration import calibrated, known_of
 from usbldr.filters.usbl_survey.geometry import NAMES
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.usbl_survey import read_usbl_survey
+from usbldr.io.reports.run import Run, ScoredTrack
 from usbldr.io.scenarios.survey_scenarios import find_survey
 
 T0 = 1_767_225_600_000_000_000
@@ -219,6 +223,21 @@ def test_the_scatter_of_fixes_is_that_of_a_right_head_if_the_run_has_settled_its
         assert np.loadtxt(Path(out) / "track.tum")[:, 3] == pytest.approx(-depth_m, abs=1e-3)  # also without a truth
         assert f",{-depth_m[0]:.2f}" in (Path(out) / "track.kml").read_text()
     assert drms_m[1] == pytest.approx(drms_m[0], rel=0.05)
+
+
+def test_the_slant_range_counts_from_the_depth_of_the_head(dive):
+    """Of a vehicle at 40 to 80 m: the farther below the head, the less of the range is the same scatter."""
+    log, settings = usbldr.open_log(str(dive)), usbldr.RunSettings(smooth=True, calibrate=())
+    line = usbldr.timeline(log)
+    track, found = usbldr.replay(log, line, "adf", settings), usbldr.resolve(log, line, "adf", settings)
+    assert log.settings.usbl.head is not None
+    percent = []
+    for depth_m in (60.0, 5.0):
+        head = msgspec.structs.replace(log.settings.usbl.head, depth_m=depth_m)
+        usbl = msgspec.structs.replace(log.settings.usbl, head=head)
+        placed = replace(log, settings=msgspec.structs.replace(log.settings, usbl=usbl))
+        percent.append(Run(placed, line, found, ScoredTrack(track, None)).fix_statistics.scatter.drms_percent)
+    assert percent[1] < 0.95 * percent[0]
 
 
 def test_a_head_at_an_unknown_place_is_asked_for(tmp_path):
