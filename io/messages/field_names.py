@@ -47,7 +47,7 @@ RULES: Sequence[Rule] = (
     Rule("dvl", "up_mps", "velocity", "(?<!up_)v?(down|downward)", -1.0),
     *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
     Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
-    Rule("dvl", "valid", None, "(dvl|velocity|bottom_track)_valid|bottom_lock|^(dvl_)?bottom_track"),
+    Rule("dvl", "valid", None, "(dvl|vel|velocity|bottom_track|bt)_valid|(bottom|bt)_lock|^(dvl_)?bottom_track"),
     Rule("", "valid", None, "(fix|position|gps|gnss)_valid|^((gps|gnss|usbl)_)?fix"),
     Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
     Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
@@ -106,6 +106,8 @@ NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
 
 OF_SHIP: Mapping[str, str] = {"lat_deg": "ship/gps", "lon_deg": "ship/gps", "heading_deg": "ship/compass"}
 """The sensors that columns named for a ship belong to."""
+OF_FIXES = "usbl/depth"
+"""The depth that a USBL gives with its fixes, which is no depth sensor's."""
 KEYS = {
     "x_mps": "x",
     "y_mps": "y",
@@ -261,7 +263,8 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
     """Return sensor -> own column -> the columns that could hold it; "" has the times.
 
     A position belongs to the USBL or the GPS that its name suggests, or that of its ``place``, the file; another may be
-    an estimate. A depth that is named for the USBL is no depth sensor's. The ship has sensors of its own.
+    an estimate. A depth that is named for the USBL, or in a table of it alone, is that of its fixes. The ship has
+    sensors of its own.
     """
     names = list(names)
     acoustic = any(OF_USBL.search(words_of(name)) for name in names)
@@ -284,8 +287,15 @@ def sensors_by_name(names: Iterable[str], place: str) -> Mapping[str, Mapping[st
             sensor = OF_SHIP.get(column.rule.key, "?")
         elif column.rule.dimension != "time" and not sensor:
             sensor = own or file or ("usbl" if acoustic and TARGET.search(words_of(column.name)) else "?")
-        if sensor != "?" and not (sensor == "depth" and own == "usbl"):
+        if sensor == "depth" and own == "usbl":
+            sensor = OF_FIXES
+        if sensor != "?":
             found.setdefault(sensor, {}).setdefault(column.rule.key, []).append(column)
+    if _positioning(words_of(place)) == "usbl" and not {"dvl", "compass"} & found.keys():
+        found.setdefault(OF_FIXES, found.pop("depth", {}))
+    depths = [one for one in found.pop(OF_FIXES, {}).get("depth_m", ()) if one.known]
+    if depths and "usbl" in found:  # one without a unit is not needed, and refuses no fix
+        found["usbl"]["depth_m"] = depths
     for columns in found.values():
         for key in ("east_m", "north_m") if columns.keys() >= {"lat_deg", "lon_deg"} else ():  # offsets, or residuals
             columns.pop(key, None)

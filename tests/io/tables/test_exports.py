@@ -212,6 +212,33 @@ def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: s
     assert [topic.type for topic in open_log(tmp_path).topics()] == [kind]
 
 
+@pytest.mark.parametrize(
+    ("file", "names", "cells", "vehicle_m"),
+    [
+        ("APOS_TP_B21", "Latitude [deg],Longitude [deg],Depth", "45.5,7.5,20", []),
+        ("hipap", "Slant Range [m],Bearing [deg],Depth [m]", "25,90,20", []),
+        ("log", "USBL Range [m],USBL Bearing [deg],USBL Depth [m]", "25,90,20", []),
+        ("usbl", "Lat [deg],Lon [deg],Heading (deg),Depth [m]", "45.5,7.5,30,12", [12.0]),
+    ],
+)
+def test_the_depth_of_a_fix_is_no_depth_of_the_vehicle(tmp_path, file, names, cells, vehicle_m):
+    """One without a unit is left out; in a table of other sensors, too, it is the vehicle's."""
+    rows = f"Time [s],{names}\n" + "".join(f"{T0_S + k},{cells}\n" for k in range(3))
+    toml = "[usbl]\nhead = { east_m = 0, north_m = 0, depth_m = 5 }\n" if "Range" in names else ""
+    log = logged_csv(tmp_path, toml, **{file: rows})
+
+    assert [*log.tables["depth"]["depth_m"].unique()] == vehicle_m if vehicle_m else "depth" not in log.tables
+    if toml:
+        np.testing.assert_allclose(log.tables["usbl"]["east_m"], 20.0)  # 25 m, 15 m below the head
+
+
+@pytest.mark.parametrize("flag", ["BT Valid", "Vel valid", "BT Lock"])
+def test_records_that_a_dvl_calls_invalid_are_left_out(tmp_path: Path, flag: str) -> None:
+    rows = f"Time [s],Fwd [m/s],Stbd [m/s],{flag}\n" + "".join(f"{T0_S + k},1.5,0.5,{k % 2}\n" for k in range(4))
+
+    assert logged_csv(tmp_path, "", dvl=rows).tables["dvl"]["valid"].tolist() == [False, True, False, True]
+
+
 NO_NUMBER = f"Time [s],Heading (deg)\n{T0_S},1 bar\n{T0_S + 1},\n{T0_S + 2},2 bar\n"
 OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
 
