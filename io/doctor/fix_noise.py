@@ -113,7 +113,8 @@ def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) 
         )
         return [log.finding("USBL-MOTION", "usbl", text)]
     truth = log.truth
-    if truth is None or len(truth.time_s) < 2 or median > THRESHOLDS.unlike_share:
+    apart = any(one.code == "PLACES-APART" for one in log.findings)  # exchanged coordinates move otherwise, too
+    if truth is None or apart or len(truth.time_s) < 2 or median > THRESHOLDS.unlike_share:
         return []  # fixes and dead reckoning agree too little to judge a truth
     time_s = line.fix_time_s - latency_s
     after = np.searchsorted(truth.time_s, time_s).clip(1, len(truth.time_s) - 1)

@@ -11,7 +11,7 @@ import pandas as pd
 import pymap3d
 import pytest
 
-from commands import output_of, run
+from commands import findings, output_of, run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor import fix_noise
 from usbldr.io.doctor.cross_check import convention_warnings
@@ -94,6 +94,15 @@ def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..
     assert replayed(log, "--truth", "none")[0] == 0
 
     assert replayed(edited(dvl=in_ms, compass=in_ms, usbl=in_ms, gps=in_ms))[0] == 3
+
+
+def test_exchanged_coordinates_are_no_other_vehicle(edited: Callable[..., Path]) -> None:
+    log = edited(gps=lambda table: circling(table).rename(columns=EXCHANGED))
+
+    output_of("init", log, "-o", log / "found.toml")
+
+    assert 'topic = "/gps"' in (log / "found.toml").read_text(encoding="utf-8").partition("[gps]\n")[2]
+    assert "TRUTH-MOTION" not in findings(log)
 
 
 BARE = '[dvl]\ntopic = "/dvl"\ncolumns = { time_ns = "time_ns", x = "vx", y = "vy" }\n'
