@@ -80,6 +80,8 @@ class Truth:
     lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # its antenna: starboard, forward, up of the reference point
     yaw_rad: Vector | None = None  # (T,) unwrapped; None: unknown
     velocity_mps: Array | None = None  # (T, 2) starboard, forward
+    section: str = "gps"  # of the configuration, whose latency_s times it
+    latency_s: float = 0.0  # stated there, and already subtracted
     place_unknown: bool = False  # its origin on the map of the fixes is not stated: errors share an unknown shift
 
     def only(self, rows: Mask) -> "Truth":

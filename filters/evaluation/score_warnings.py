@@ -80,7 +80,7 @@ def motion_warnings(
 ) -> tuple[str, ...]:
     """Say that the stamps of the truth are late or early against the track, or else that both move differently."""
     if (offset := time_offset(time_s, estimate_m, truth)) is not None and offset.notable:
-        return (offset.sentence(truth.source, "gps" if truth.kind == "gps" else "truth", by_fixes=by_fixes),)
+        return (offset.sentence(truth, by_fixes=by_fixes),)
     if not moves_otherwise(shift, time_s, estimate_m - truth_m, truth_m):
         return ()
     return (

@@ -43,26 +43,26 @@ class TimeOffset(NamedTuple):
         beyond = abs(self.late_s) > max(SIGNIFICANT_SIGMAS * self.sd_s, LEAST_OFFSET_S)
         return beyond and self.corrected_m**2 < (1 - EXPLAINED_SHARE) * self.rms_m**2
 
-    def sentence(self, truth: str, section: str, track: str = "the track", by_fixes: bool = False) -> str:
+    def sentence(self, truth: Truth, track: str = "the track", by_fixes: bool = False) -> str:
         """Return what the offset is, and what would correct it; fixes that are late make a track ``by_fixes`` late."""
         side = "late" if self.late_s > 0 else "early"
         leap = abs(abs(self.late_s) - LEAP_SECONDS) < LEAP_TOLERANCE_S
         why = f" (GPS time and UTC are {LEAP_SECONDS:g} s apart)" if leap else ""
         late = by_fixes and self.late_s < 0
-        fixes = f"; if the truth's is, the fixes are late: latency_s = {-self.late_s:.2f} under [usbl]" if late else ""
+        fixes = f"; if the truth's is, the fixes are late: add {-self.late_s:.2f} to latency_s under [usbl]" * late
         ahead_m = -self.late_s * self.speed_mps
         where = f"{abs(ahead_m):.1f} m {'ahead' if ahead_m > 0 else 'astern'}"
-        point = f"; if both clocks are right, the truth may be of a point {where}: lever_arm_m under [{section}]"
+        point = f"; if both clocks are right, the truth may be of a point {where}: lever_arm_m under [{truth.section}]"
         if leap:
             point = ""
         elif abs(ahead_m) > LONGEST_ARM_M:
             place = "goes ahead, such as a ship that tows" if ahead_m > 0 else "follows"
             point = f"; if both clocks are right, the truth is of another vehicle that {place}"
         return (
-            f"{truth}: stamps of the truth are {abs(self.late_s):.2f} ± {self.sd_s:.2f} s {side} against {track}{why}; "
-            f"the RMS distance without a constant shift is {self.rms_m:.2f} m, and {self.corrected_m:.2f} m with them "
-            f"corrected; if the sensors' clock is right, state latency_s = {self.late_s:.2f} under [{section}]{fixes}"
-            f"{point}"
+            f"{truth.source}: stamps of the truth are {abs(self.late_s):.2f} ± {self.sd_s:.2f} s {side} against "
+            f"{track}{why}; the RMS distance without a constant shift is {self.rms_m:.2f} m, and "
+            f"{self.corrected_m:.2f} m with them corrected; if the sensors' clock is right, state "
+            f"latency_s = {truth.latency_s + self.late_s:.2f} under [{truth.section}]{fixes}{point}"
         )
 
 

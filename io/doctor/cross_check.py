@@ -153,9 +153,8 @@ def _truth_offset(log: Log, timeline: Timeline, result: InterpretationResult, va
 def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
     if log.truth is None or offset is None or not offset.notable:
         return []
-    source, section = log.truth.source, "gps" if log.truth.kind == "gps" else "truth"
-    text = offset.sentence(source, section, f"the fixes of {log.topic_of('usbl')}")
-    return [Finding("TRUTH-CLOCK", text, source, None, offset.late_s, "s")]
+    text = offset.sentence(log.truth, f"the fixes of {log.topic_of('usbl')}")
+    return [Finding("TRUTH-CLOCK", text, log.truth.source, None, offset.late_s, "s")]
 
 
 def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Identification | None:

@@ -72,7 +72,7 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
     source = f"the log and {drafted.stated.file.name}" if drafted.stated.file else "the log alone"
     lines = [
         comment(f"Settings for {path.name}, written by usbldr init from {source}."),
-        "# GPS only excludes the mirror image and proposes the map origin, if that is unknown; no other key uses it.",
+        "# GPS only excludes the mirror image, and proposes its own latency, and the map origin, if that is unknown.",
         "# Signs: docs/configuration.md. Commented keys cannot be determined from the log; their values are proposals.",
     ]
     if log is not None:
@@ -93,6 +93,9 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
                 sections["depth"] = [*named, ('# unit = "?"', f"CHECK: {one.text}")]
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(examination, log)
+        for one in (one for one in examination.findings if one.code == "TRUTH-CLOCK" and log.truth and one.worst):
+            why = "CHECK: its stamps against the fixes; only if the clock of the other sensors is right"
+            sections[log.truth.section].append((f"# latency_s = {log.truth.latency_s + one.worst:.2f}", why))
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
     if drafted.fault and drafted.fault not in drafted.unread.values() and not lacks_head:
         lines.append(comment(f"CHECK: {drafted.fault}"))

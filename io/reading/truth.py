@@ -118,7 +118,10 @@ def read_truth(
     kind = _truth_kind(source, request, configuration)
     rows = table if source.file else table.iloc[section.skip_rows :]
     truth = truth_from_table(rows, used.topic, start_ns, section, kind)
-    truth = replace(truth, place_unknown=_place_unknown(sensors.provenance | own, sensors.origin))
+    by_gps = kind == "gps" and not own and not section.latency_s
+    clock = ("gps", configuration.gps.latency_s) if by_gps else ("truth", section.latency_s)
+    unknown = _place_unknown(sensors.provenance | own, sensors.origin)
+    truth = replace(truth, section=clock[0], latency_s=clock[1], place_unknown=unknown)
     if own and "usbl" in tables:
         truth, own["truth"], more = by_fixes(truth, used, tables["usbl"], start_ns)
         findings += more

@@ -96,6 +96,19 @@ def test_swapped_coordinates_and_milliseconds_give_no_result(edited: Callable[..
     assert replayed(edited(dvl=in_ms, compass=in_ms, usbl=in_ms, gps=in_ms))[0] == 3
 
 
+@pytest.mark.parametrize("section", ["gps", "truth"])
+@pytest.mark.parametrize("stated_s", [0.0, 10.0])
+def test_init_proposes_the_latency_of_the_truth_where_it_is_stated(edited, section: str, stated_s: float) -> None:
+    """By GPS of the log, or of a topic of its own."""
+    own = '\n[truth]\ntopic = "/gps"\n' if section == "truth" else "\n[gps]\n"
+    log = edited(f"{LIMITS}{own}latency_s = {stated_s}\n", gps=lambda table: later(table, 18.0))
+
+    output_of("init", log, "-o", log / "found.toml")
+
+    found = (log / "found.toml").read_text(encoding="utf-8").partition(f"[{section}]\n")[2]
+    assert re.search(r"^latency_s = [\d.]+ .*; found: latency_s = 1[78]\.\d\d \(CHECK", found, re.MULTILINE), found
+
+
 def test_exchanged_coordinates_are_no_other_vehicle(edited: Callable[..., Path]) -> None:
     log = edited(gps=lambda table: circling(table).rename(columns=EXCHANGED))
 
@@ -226,7 +239,7 @@ CAUSES = {
     "late fixes": (
         {"usbl": lambda table: later(table, 6.0)},
         # 6 s within twice the sigma of the real log; the turns of the other correct them: 1 s left would be 1 m
-        r"the fixes are late: latency_s = (5\.[5-9]|6\.[0-5])\d under \[usbl\]|mean horizontal error 0\.2\d m",
+        r"the fixes are late: add (5\.[5-9]|6\.[0-5])\d to latency_s under \[usbl\]|mean horizontal error 0\.2\d m",
     ),
     "noise that rises": (
         {"usbl": scattered},

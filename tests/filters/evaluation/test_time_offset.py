@@ -71,6 +71,14 @@ def test_a_clock_of_18_s_is_said_and_proposed_and_a_right_one_is_not() -> None:
     assert "the truth is of another vehicle that goes ahead, such as a ship that tows" in warning
 
 
+def test_a_proposed_clock_counts_from_the_stated_one() -> None:
+    truth = dataclasses.replace(truth_of(SECONDS + 8, turning_m(SECONDS)), section="truth", latency_s=10.0)
+
+    (warning,) = evaluate(track_of(turning_m(SECONDS) + NOISE_M), truth).warnings
+
+    assert float(re.findall(r"state latency_s = ([\d.]+) under \[truth\]", warning)[0]) == pytest.approx(18, abs=0.3)
+
+
 @pytest.mark.parametrize(("ahead_m", "where"), [(3.0, "ahead"), (-3.0, "astern")])
 def test_a_truth_of_another_point_is_named_beside_its_clock(ahead_m: float, where: str) -> None:
     heading = np.sin(SECONDS / 60)
