@@ -292,6 +292,7 @@ def convention_findings(log: Log, result: InterpretationResult) -> list[Finding]
                 f"{key} = {read_as.value} is only the default, and the log "
                 f"fits {' and '.join(fitting)} alike (too straight, or too few fixes); state {key} under [{role}]"
             )
+            text += ", before any latency or lever arm: in turns wrong axes look like one" * (role == "dvl")
             found.append(log.finding("CONVENTION-DEFAULT", role, text))
     if not result.observable:
         fits = "; ".join(f"{r.description}: RMS residual {r.residual_m:.2f} m" for r in result.plausible)

@@ -145,7 +145,9 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
 
     log = edited(BARE + LIMITS.partition("\n")[2].partition("\n")[2], dvl=unnamed, usbl=north,
                  compass=lambda table: table.assign(heading_deg=0.0))  # fmt: skip
-    assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in replayed(log, "--truth", "none")[1]
+    said = replayed(log, "--truth", "none")[1]
+    assert "axes = FLU is only the default, and the log fits FLU and FRD alike" in said
+    assert "state axes under [dvl], before any latency or lever arm: in turns wrong axes look like one" in said
 
 
 def test_a_run_directory_is_called_what_it_is(edited: Callable[..., Path]) -> None:
