@@ -56,12 +56,13 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("Time,Heading (deg)", "2020-09-13 14:{utc}.0 +0200 CEST,{h}"),
         ('"Time [s]","Heading (deg)"', '"{row}",{t},{h}'),
         ("Local Time,UTC Time,Heading (deg)", "2020-09-13 14:{utc},2020-09-13 12:{utc},{h}"),
+        ("UTC Date (ddmmyy),UTC Time (hhmmss.ss),Heading (deg)", "130920,{all}.00,{h}"),
         (",compass,compass\n,Heading (deg),Roll (deg)\ntime,,", "2020-09-13T12:{utc}+00:00,{h},0"),
     ],
     ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF",
          "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens", "WinADCP", "Nucleus",
          "UDAS", "date before", "of midnight", "NTP", "SBG", "unit alone", "minutes",
-         "merged cells", "types", "ERDDAP", "Markdown", "Go", "R's rows", "local and UTC", "pandas"],
+         "merged cells", "types", "ERDDAP", "Markdown", "Go", "R's rows", "local and UTC", "notations", "pandas"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
@@ -330,6 +331,8 @@ columns = { time_unix_s = "t", heading = "Heading" }
 columns = { time_unix_s = "t", depth_m = "Depth" }
 """
 OF_AUTOPILOT = '[gps]\ncolumns = { time_unix_s = "time", lat_deg = "lat", lon_deg = "lon" }\n'
+MINUTES = OF_AUTOPILOT.replace('"lat"', '"Lat (ddmm.mmmm)"').replace('"lon"', '"Lon (dddmm.mmmm)"')
+MINUTES = MINUTES.replace(" }", ', lat_side = "N/S", lon_side = "E/W" }')
 NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Heading (deg)\n"
 
 
@@ -347,13 +350,15 @@ NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Headi
          "".join(f"{T0_S + k},{250_000_000 * k},imu,10\n" for k in range(3)), {"compass.time_s": [0.0, 1.25, 2.5]}),
         ("", "usbl", "Chantier\nHeure;USBL East [m];USBL North [m]\n13.09.2020 12:26:40;597 402,12;4 983 000,5\n",
          {"usbl.east_m": [597402.12], "usbl.north_m": [4983000.5]}),
+        (MINUTES, "gps", f"time,Lat (ddmm.mmmm),N/S,Lon (dddmm.mmmm),E/W\n{T0_S},4530.0000,S,00715.0000,E\n",
+         {"gps.lat_deg": [-45.5], "gps.lon_deg": [7.25]}),
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},45.0,\u22127.0\n", {"gps.lon_deg": [-7.0]}),
         # as autopilots write them, beyond all degrees and minutes
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},450000000,-70000000\n{T0_S + 1},450000360,-70000000\n",
          {"gps.lat_deg": pytest.approx([45.0, 45.000036]), "gps.lon_deg": pytest.approx([-7.0, -7.0])}),
     ],
     ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "thousands",
-         "minus signs", "ten millionths of degrees"],
+         "notations", "minus signs", "ten millionths of degrees"],
 )  # fmt: skip
 def test_values_are_those_that_names_and_cells_mean(tmp_path, toml, file, text, wanted):
     log = logged_csv(tmp_path, toml, **{file: text})
