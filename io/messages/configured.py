@@ -175,6 +175,9 @@ def configured_layout(stated: ConfiguredColumns, topic: TopicInfo, path: Path) -
         beside = ", ".join(layout.required.values())
         raise UsageError(f"[{stated.sensor}] columns: {', '.join(unused)} cannot be used beside {beside}", path=path)
     scale, unit = _scale(stated, names, fields, path)
+    if topic.is_table and "lat_deg" in fields and "lat_side" not in fields:  # as the table shows them
+        beside = {key: key for key in ("lat_side", "lon_side") if key in topic.fields}
+        fields, names = {**fields, **beside}, {**names, **beside}
     layout = replace(
         layout,
         required={quantity: fields[key] for quantity, key in layout.required.items()},

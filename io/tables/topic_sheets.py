@@ -11,11 +11,11 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.columns import counted
 from usbldr.io.decoding.date_order import DateOrder
 from usbldr.io.findings import UNDATED, Finding
-from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, plain, topic_with_columns
+from usbldr.io.messages.configured import TIME_UNITS_NS, ConfiguredColumns, field_of, plain, topic_with_columns
 from usbldr.io.messages.field_names import OF_SHIP, words_of
 from usbldr.io.messages.layouts import FLAG_WORDS
 from usbldr.io.reader import Nanoseconds, TopicInfo
-from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names
+from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names, side_columns
 from usbldr.io.tables.date_times import UNKNOWN_ZONE, named_zone, of_times
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import DAYS, TimeColumn
@@ -137,6 +137,7 @@ def topic_sheets(
         names = [*table.names, *table.elsewhere]
         sheet = configured_sheet(sensors, names, table.file, topic) if sensors else None
         sheet, own = _with_device(sheet, table), _with_device(own, table)
+        sheet = _with_sides(sheet, sensors, table)
         foreign = by_name or (sheet and table.first_row is not None)
         unused = _unused(table, [*by_name.values(), sheet]) if foreign else ()
         if sheet or not by_name:
@@ -165,6 +166,19 @@ def _with_device(sheet: SheetOrNone, table: TableHead) -> SheetOrNone:
     named = named or [one for one in worded if _alternate(table.texts.get(one, ()))]
     columns = {**sheet.columns, "device": named[0]} if named else sheet.columns
     return replace(sheet, columns=columns, texts=sheet.texts | {"device"})
+
+
+def _with_sides(sheet: SheetOrNone, sensors: Sequence[ConfiguredColumns], table: TableHead) -> SheetOrNone:
+    """Return a stated sheet with the columns of N or S and of E or W beside the only position that states none."""
+    places = [one.columns for one in sensors if "lat_deg" in one.columns]
+    if sheet is None or len(places) != 1 or "lat_side" in places[0]:
+        return sheet
+    cells = dict(zip(plain_names(table.names), table.first_row or (), strict=False))
+    place = {
+        key: field_of(name, list(cells), ()) or "" for key, name in places[0].items() if key in ("lat_deg", "lon_deg")
+    }
+    sides = side_columns(place, cells) if {*place.values()} <= cells.keys() else {}
+    return replace(sheet, columns={**sheet.columns, **sides}, texts=sheet.texts | sides.keys())
 
 
 def _alternate(cells: Sequence[str]) -> bool:

@@ -352,13 +352,15 @@ NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Headi
          {"usbl.east_m": [597402.12], "usbl.north_m": [4983000.5]}),
         (MINUTES, "gps", f"time,Lat (ddmm.mmmm),N/S,Lon (dddmm.mmmm),E/W\n{T0_S},4530.0000,S,00715.0000,E\n",
          {"gps.lat_deg": [-45.5], "gps.lon_deg": [7.25]}),
+        (OF_AUTOPILOT, "gps", f"time,lat,N/S,lon,E/W\n{T0_S},4530.0000,S,00715.0000,W\n",
+         {"gps.lat_deg": [-45.5], "gps.lon_deg": [-7.25]}),
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},45.0,\u22127.0\n", {"gps.lon_deg": [-7.0]}),
         # as autopilots write them, beyond all degrees and minutes
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},450000000,-70000000\n{T0_S + 1},450000360,-70000000\n",
          {"gps.lat_deg": pytest.approx([45.0, 45.000036]), "gps.lon_deg": pytest.approx([-7.0, -7.0])}),
     ],
     ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "thousands",
-         "notations", "minus signs", "ten millionths of degrees"],
+         "notations", "sides that are not stated", "minus signs", "ten millionths of degrees"],
 )  # fmt: skip
 def test_values_are_those_that_names_and_cells_mean(tmp_path, toml, file, text, wanted):
     log = logged_csv(tmp_path, toml, **{file: text})
