@@ -148,9 +148,22 @@ def test_a_walk_of_dead_reckoning_that_has_grown_is_tried_against_false_runs_and
     member, steps_m = Member(grown, frozenset()), np.random.default_rng(3).normal(0.0, 0.5, DIVE.fix_m.shape)
     drifting = replace(DIVE, fix_m=DIVE.fix_m + np.cumsum(steps_m, axis=0))
 
-    several = moved(RUNS["several"], np.array([4.0, -3.0]))
-    np.testing.assert_array_equal(false_fixes(several, member, ASSUMED)[0], RUNS["several"])
+    for name in ("several", "last"):
+        false = moved(RUNS[name], np.array([4.0, -3.0]))
+        np.testing.assert_array_equal(false_fixes(false, member, ASSUMED)[0], RUNS[name])
     assert not false_fixes(drifting, member, ASSUMED)[0].any()
+
+
+@pytest.mark.parametrize(("jump_s", "back_s"), [(300.0, np.inf), (100.0, np.inf), (200.0, 260.0)])
+def test_dead_reckoning_that_is_at_fault_may_jump_and_does_not_jump_back(jump_s: float, back_s: float) -> None:
+    grown = replace(ASSUMED, process=replace(ASSUMED.process, position_m=0.5))
+    steps_m = np.random.default_rng(3).normal(0.0, 0.5, DIVE.fix_m.shape)
+    there = (jump_s < T) & (back_s > T)
+    line = replace(DIVE, fix_m=DIVE.fix_m + np.cumsum(steps_m, axis=0) + np.outer(there, (24.0, -18.0)))
+
+    false, _ = false_fixes(line, Member(grown, frozenset()), ASSUMED)
+
+    np.testing.assert_array_equal(false, there & np.isfinite(back_s))
 
 
 def test_when_a_false_start_is_known_does_not_depend_on_its_distance() -> None:
