@@ -29,6 +29,9 @@ from usbldr.filters.models.parameters import FalseStart, Parameters, Start
 from usbldr.filters.types import Mask, Timeline, Vector
 
 CELL_SIGMAS = 3.0  # [-] of a fix: positions that differ by less are one
+JUMP_FIXES = 5  # before and after a jump: a median ignores two outliers
+FASTEST_MPS = 3.0  # [m/s] by judgement: AUVs with a DVL do up to 2.5, and dead reckoning may stand still meanwhile
+UNCLEAR = 3.0  # [-] by judgement: if one fix in so many is false, another place may be the vehicle's
 UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
 
 
@@ -46,20 +49,44 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
     with the stated correlated error and the sigma that neighbouring fixes show, too; the likelier noise decides. None
-    is false if one run has as many as are correct: nothing says then which of both is the vehicle. Nor is a run to
-    which no correct fix comes back if dead reckoning is at fault, which jumps, too.
+    is false if one run has as many as are correct: nothing says then which of both is the vehicle. If dead reckoning is
+    at fault, it may jump, too.
     """
-    fitted, found = member.parameters, false_runs(timeline, member)
+    fitted, found = member.parameters, _from_both_ends(timeline, member)
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
     if at_fault or found.false.any() or fitted.errors.usbl_bias_m > stated.errors.usbl_bias_m:
-        robust = false_runs(timeline, robust_member(timeline, member, stated))
+        robust = _from_both_ends(timeline, robust_member(timeline, member, stated))
         if robust.log_likelihood > found.log_likelihood:
             found, at_fault = robust, False
-    false = found.false
-    if at_fault:
-        enclosed = np.logical_or.accumulate(~false) & np.logical_or.accumulate(~false[::-1])[::-1]
-        false = false & enclosed
+    false = found.false & ~_jumps(timeline, member, found.false) if at_fault else found.false
     return false & (_longest(false) < (~false[:MAX_FIXES]).sum()), found.log_likelihood
+
+
+def _from_both_ends(timeline: Timeline, member: Member) -> FalseRuns:
+    """Return the likelier of the histories that are followed from the first fix and from the last one.
+
+    Of fixes that lie by turns in two places, the first ones may decide for the wrong place: few histories are kept.
+    """
+    found = false_runs(timeline, member)
+    if not found.false.any() or member.parameters.start is not None:
+        return found
+    return max(found, false_runs(timeline, member, backwards=True), key=lambda runs: runs.log_likelihood)
+
+
+def _jumps(timeline: Timeline, member: Member, false: Mask) -> Mask:
+    """Return which false fixes, first or last ones, dead reckoning may have left by a jump, (F,).
+
+    No correct fixes come before or after them, and medians of the fixes beside the jump are no further apart than a
+    vehicle goes.
+    """
+    jumps, correct = np.zeros_like(false), np.flatnonzero(~false[:MAX_FIXES])
+    residual_m = linearised(timeline, member.parameters.usbl_from_dvl_m, MAX_FIXES, member.about).residual_m
+    for side, edge in ((slice(correct[0]), correct[0]), (slice(correct[-1] + 1, None), correct[-1] + 1)):
+        before, after = slice(max(edge - JUMP_FIXES, 0), edge), slice(edge, edge + JUMP_FIXES)
+        if len(residual_m[before]) and len(residual_m[after]):
+            apart_m = np.hypot(*(np.median(residual_m[after], axis=0) - np.median(residual_m[before], axis=0)))
+            jumps[side] = apart_m <= FASTEST_MPS * (timeline.fix_time_s[after][-1] - timeline.fix_time_s[before][0])
+    return jumps
 
 
 def _longest(false: Mask) -> int:
@@ -98,10 +125,15 @@ def false_starts(timeline: Timeline, member: Member) -> tuple[FalseStart, ...]:
 
 
 def false_runs(
-    timeline: Timeline, member: Member, gradual: bool = True, kinds: Sequence[int] = range(len(KINDS))
+    timeline: Timeline,
+    member: Member,
+    gradual: bool = True,
+    kinds: Sequence[int] = range(len(KINDS)),
+    backwards: bool = False,
 ) -> FalseRuns:
     """Return the likeliest history with the noise and the priors of a member; it starts in the spread of the fixes.
 
+    It is followed from the first fix to the last one, or ``backwards`` if the start is not known.
     A run may begin gradually if it ends: if the fixes leave the track slowly and for ever, dead reckoning is at fault.
     """
     time_s, errors = timeline.fix_time_s[:MAX_FIXES], member.parameters.errors
@@ -135,15 +167,16 @@ def false_runs(
         cell_m=CELL_SIGMAS * float(np.sqrt(np.median(np.einsum("fkk->fk", noise.cov[0])))),
         kinds=np.array(KINDS)[list(kinds)],
     )
-    after = followed(search)
+    after = followed(search.backwards() if backwards else search)
     row = int(np.argmax(after[-1].log_weight))
     if gradual and after[-1].gradual[row]:
-        return false_runs(timeline, member, False, kinds)
+        return false_runs(timeline, member, False, kinds, backwards)
     total = float(after[-1].log_weight[row])
     false = np.zeros(len(timeline.fix_time_s), np.bool_)
-    for f in range(len(time_s) - 1, -1, -1):
-        false[f] = after[f].decision[row] != CORRECT
-        row = int(after[f].parent[row])
+    followed_as = np.arange(len(time_s))[:: -1 if backwards else 1]
+    for f, one in zip(followed_as[::-1], after[::-1], strict=True):
+        false[f] = one.decision[row] != CORRECT
+        row = int(one.parent[row])
     return FalseRuns(false, total, after, kinds[row])
 
 

@@ -46,6 +46,22 @@ class HistorySearch(NamedTuple):
     cell_m: float  # histories whose positions lie in one square of this size may be one
     kinds: Array  # (k, 3) those of KINDS that are followed
 
+    def backwards(self) -> "HistorySearch":
+        """Return the search from the last fix to the first one, for positions that are not known at the start."""
+        at_last = np.eye(len(self.mean))
+        at_last[:2] = self.measurement_matrix[-1]
+        at_last[:2, self.bias] = 0.0
+        return self._replace(
+            residual_m=self.residual_m[::-1],
+            measurement_matrix=(self.measurement_matrix @ np.linalg.inv(at_last))[::-1],
+            dt_s=np.roll(self.dt_s, -1)[::-1],
+            fade=np.roll(self.fade, -1)[::-1],
+            drift_m2=np.roll(self.drift_m2, -1)[::-1],
+            noise=Noise(self.noise.probabilities, self.noise.cov[:, ::-1]),
+            mean=at_last @ self.mean,
+            cov=at_last @ self.cov @ at_last.T,
+        )
+
     def followed(self) -> list["Followed"]:
         """Return the histories after each fix: the reference of the kernel."""
         kinds, n = len(self.kinds), len(self.mean)
@@ -74,7 +90,7 @@ class Followed(NamedTuple):
     first: Indices  # (N,) how many of the first fixes are false
     parent: Indices  # (N,) the history before it
     decision: Indices  # (N,) what it takes the fix for: CORRECT, BEGINS or CONTINUES
-    gradual: Mask  # (N,) it is in a run that began with a fix that was not far from the track
+    gradual: Mask  # (N,) the last fixes are false, from one on that was not far from the track
 
 
 class _Histories(NamedTuple):
@@ -84,7 +100,7 @@ class _Histories(NamedTuple):
     mean: Array  # (N, n)
     cov: Array  # (N, n, n)
     in_run: Mask  # (N,)
-    gradual: Mask  # (N,) the run began with a fix that was not far from the track
+    gradual: Mask  # (N,) no fix is correct since a run that began with one not far from the track
     kind: Indices  # (N,) row of the search's kinds
     recent: Indices  # (N,) the last RECENT decisions as bits
     first: Indices  # (N,) how many of the first fixes are false
@@ -155,7 +171,7 @@ def _updated(
     g, G = _correction(np.exp(log_l[:, kept] - of_fix[kept]), inverse[:, kept], weighted[:, kept])
     mean += (cross @ g[:, :, None])[:, :, 0]
     cov += cross @ G @ cross.transpose(0, 2, 1)
-    slowly = np.where(decision == BEGINS, near[parent], (decision == CONTINUES) & now.gradual[parent])
+    slowly = in_run[kept] & (now.gradual[parent] | ((decision == BEGINS) & near[parent]))
     after = _Histories(
         log_weight, mean, cov, in_run[kept], slowly, now.kind[parent], recent[kept], first[kept], octave[kept]
     )

@@ -140,7 +140,7 @@ static void branch(const Search *s, const SearchArrays *a, int f, int parent, co
         if (d == CORRECT) c->past.log_weight += 0.5 * log(usual_m2 / (usual_m2 + added));
         if (d == BEGINS) c->past.log_weight += 0.5 * log(usual_m2 / added);
         c->past.in_run = in_run;
-        c->past.gradual = d == BEGINS ? near : d == CONTINUES && past->gradual;
+        c->past.gradual = d != CORRECT && (past->gradual || (d == BEGINS && near));
         c->past.recent = ((past->recent << 1) | in_run) & all;
         if (d == BEGINS) c->past.octave = octave_of((uint32_t)f + 1);
         if (d == CORRECT && past->in_run && past->recent != all) c->past.octave = 0;

@@ -7,7 +7,7 @@ import pytest
 
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.evidence import identify
-from usbldr.filters.identification.false_runs import false_fixes, false_starts
+from usbldr.filters.identification.false_runs import false_fixes, false_runs, false_starts
 from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.parameters import FalseStart
 from usbldr.filters.replay.dead_reckoning import freed
@@ -132,6 +132,27 @@ def test_false_fixes_may_be_half_of_all_if_each_run_has_an_offset_of_its_own() -
     assert mean_error_m(line, found) < 0.5
 
 
+def test_false_fixes_by_turns_that_outnumber_the_first_true_ones_are_found_from_the_end() -> None:
+    """As echoes from the surface at some ranges; the first seconds decide for the wrong place."""
+    false = (T % 130 < 40) & (np.random.default_rng(2).random(len(T)) < 0.6)
+    line = moved(false, np.array([12.0, 9.0]))
+
+    found = identify(line, ASSUMED).parameters
+
+    assert np.mean(np.isin(np.arange(len(T)), found.false_fixes) == false) > 0.9
+    assert mean_error_m(line, found) < 0.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_from_the_last_fix_backwards_a_log_is_as_likely(seed: int) -> None:
+    """But for the prior of the position, which is that of the other end."""
+    member, line = Member(ASSUMED, frozenset({"scale", "misalignment"})), weaving_dive(Faults(), seed)
+
+    forwards, backwards = (false_runs(line, member, backwards=way).log_likelihood for way in (False, True))
+
+    assert backwards == pytest.approx(forwards, abs=3.0)
+
+
 def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
     line = moved(RUNS["middle"], np.array([40.0, -30.0]))
 
@@ -159,7 +180,7 @@ def test_dead_reckoning_that_is_at_fault_may_jump_and_does_not_jump_back(jump_s:
     grown = replace(ASSUMED, process=replace(ASSUMED.process, position_m=0.5))
     steps_m = np.random.default_rng(3).normal(0.0, 0.5, DIVE.fix_m.shape)
     there = (jump_s < T) & (back_s > T)
-    line = replace(DIVE, fix_m=DIVE.fix_m + np.cumsum(steps_m, axis=0) + np.outer(there, (24.0, -18.0)))
+    line = replace(DIVE, fix_m=DIVE.fix_m + np.cumsum(steps_m, axis=0) + np.outer(there, (16.0, -12.0)))
 
     false, _ = false_fixes(line, Member(grown, frozenset()), ASSUMED)
 
