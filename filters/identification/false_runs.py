@@ -31,7 +31,7 @@ from usbldr.filters.types import Mask, Timeline, Vector
 CELL_SIGMAS = 3.0  # [-] of a fix: positions that differ by less are one
 JUMP_FIXES = 5  # before and after a jump: a median ignores two outliers
 FASTEST_MPS = 3.0  # [m/s] by judgement: AUVs with a DVL do up to 2.5, and dead reckoning may stand still meanwhile
-UNCLEAR = 3.0  # [-] by judgement: if one fix in so many is false, another place may be the vehicle's
+ASTRAY, ASTRAY_RUNS = 0.9, 3  # [-], [runs] by judgement: of echoes by turns a third and more are correct
 UNKNOWN_START_M = 1000.0  # [m] each axis: says nothing, as offsets and distances are tens to hundreds of metres
 
 
@@ -49,8 +49,8 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
 
     The noise of the member fits all fixes, false ones included. If it has grown for them, the histories are followed
     with the stated correlated error and the sigma that neighbouring fixes show, too; the likelier noise decides. None
-    is false if one run has as many as are correct: nothing says then which of both is the vehicle. If dead reckoning is
-    at fault, it may jump, too.
+    is false if one run has as many as are correct: nothing says then which of both is the vehicle. Nor are first or
+    last ones to which dead reckoning comes near again and again, and which it leaves by a jump if it is at fault.
     """
     fitted, found = member.parameters, _from_both_ends(timeline, member)
     at_fault = fitted.process.position_m > CONTRADICTED * stated.process.position_m
@@ -58,7 +58,9 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
         robust = _from_both_ends(timeline, robust_member(timeline, member, stated))
         if robust.log_likelihood > found.log_likelihood:
             found, at_fault = robust, False
-    false = found.false & ~_jumps(timeline, member, found.false) if at_fault else found.false
+    false = found.false & ~_astray(found.false)
+    if at_fault and false.any():
+        false &= ~_jumps(timeline, member, false)
     return false & (_longest(false) < (~false[:MAX_FIXES]).sum()), found.log_likelihood
 
 
@@ -71,6 +73,20 @@ def _from_both_ends(timeline: Timeline, member: Member) -> FalseRuns:
     if not found.false.any() or member.parameters.start is not None:
         return found
     return max(found, false_runs(timeline, member, backwards=True), key=lambda runs: runs.log_likelihood)
+
+
+def _astray(false: Mask) -> Mask:
+    """Return the first and the last fixes if dead reckoning leaves them again and again, (F,).
+
+    Hardly any of them is correct, in spite of several runs: it is not the fixes that lie elsewhere each time.
+    """
+    astray = np.zeros_like(false)
+    for mask, there in ((false, astray), (false[::-1], astray[::-1])):
+        runs = np.cumsum(np.diff(mask, prepend=False) & mask)
+        share = np.cumsum(mask) / np.arange(1, len(mask) + 1)
+        if len(last := np.flatnonzero(mask & (runs >= ASTRAY_RUNS) & (share >= ASTRAY))):
+            there[: last[-1] + 1] = True
+    return astray
 
 
 def _jumps(timeline: Timeline, member: Member, false: Mask) -> Mask:

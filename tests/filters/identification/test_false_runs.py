@@ -187,6 +187,21 @@ def test_dead_reckoning_that_is_at_fault_may_jump_and_does_not_jump_back(jump_s:
     np.testing.assert_array_equal(false, there & np.isfinite(back_s))
 
 
+@pytest.mark.parametrize("at_end", [False, True])
+@pytest.mark.parametrize(("correct", "astray"), [(1, True), (8, False)])
+def test_dead_reckoning_that_leaves_the_last_or_first_fixes_again_and_again_is_at_fault(at_end, correct, astray):
+    """Each 20 s they lie elsewhere, after so many correct ones."""
+    k = np.arange(100)
+    angle, there = 2.4 * (k // 20), k % 20 >= correct
+    off_m = np.zeros_like(DIVE.fix_m)
+    off_m[:100] = 20.0 * there[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    line = replace(DIVE, fix_m=DIVE.fix_m + (off_m[::-1] if at_end else off_m))
+
+    false, _ = false_fixes(line, Member(ASSUMED, frozenset()), ASSUMED)
+
+    assert false.sum() == (0 if astray else there.sum())
+
+
 def test_when_a_false_start_is_known_does_not_depend_on_its_distance() -> None:
     dive, first_s = weaving_dive(Faults(), seconds=70), 20
     away = (dive.fix_time_s > first_s)[:, None]
