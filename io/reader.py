@@ -22,9 +22,7 @@ Nanoseconds: TypeAlias = NDArray[np.int64]  # (n,) since 1970, never through flo
 Column: TypeAlias = NDArray[Any]  # (n,) int64, float64, bool or str, as the message has it
 MAX_TIME_NS = 1 << 62  # fixed: in 2116, so that differences of times fit 64 bits
 TABLES = ("csv", "table")  # encodings
-TIME_OF_DAY = (
-    " [hhmmss]"  # behind the name of a field whose digits are hour, minute and second: its time as nanoseconds
-)
+TIME_OF_DAY = " [hhmmss]"  # behind the name of a field of hours, minutes and seconds: its time in nanoseconds
 MAX_NAME = 250  # [characters] of a topic or type as users see it
 
 

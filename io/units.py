@@ -78,9 +78,8 @@ _SCALED = re.compile(rf"(0?\.0*1|1e-\d)[*x]?([a-z°/]+)|([{''.join(_PREFIXES)}])
 _LABELS = re.compile(r"(.*?)\s*\{([^{}]*[=:][^{}]*)\}\s*")
 """A name with the labels of a time series as Prometheus, Loki and Grafana write them: heading {vehicle="rov1"}."""
 _NOTES = frozenset({"t", "true", "utc", "gmt", "wgs84", "wgs-84"})  # in brackets, in lower case: no unit
-_NOTATION = re.compile(
-    r"d{2,3}[ °:-]*m{1,2}.*|hhmm.*", re.IGNORECASE
-)  # of angles and times in parts: "dd mm.mmm", "ddmm.mmmm", "hhmmss.ss"
+_NOTATION = re.compile(r"d{2,3}[ °:-]*m{1,2}.*|hhmm.*", re.IGNORECASE)
+"""Of angles and times in parts: dd mm.mmm, ddmm.mmmm, hhmmss.ss."""
 _NUMBER = r"(\d+(?:\.\d*)?)"
 _ANGLE = re.compile(
     rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º])T? *| +|[-:](?=\d)|(?=[NSW]|$))"

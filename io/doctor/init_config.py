@@ -93,9 +93,10 @@ def initial_configuration(drafted: Draft, joined: tuple[str, ...], target: Path)
                 sections["depth"] = [*named, ('# unit = "?"', f"CHECK: {one.text}")]
         sections["gps"] += grid_lines(log, "gps") if "gps" in log.tables else []
         sections["truth"] = _asked(drafted, "truth") if "truth" in drafted.unread else _truth(examination, log)
-        for one in (one for one in examination.findings if one.code == "TRUTH-CLOCK" and log.truth and one.worst):
+        late_s = [one.worst or 0.0 for one in examination.findings if one.code == "TRUTH-CLOCK"]
+        if log.truth is not None and late_s:
             why = "CHECK: its stamps against the fixes; only if the clock of the other sensors is right"
-            sections[log.truth.section].append((f"# latency_s = {log.truth.latency_s + one.worst:.2f}", why))
+            sections[log.truth.section].append((f"# latency_s = {log.truth.latency_s + late_s[0]:.2f}", why))
         lines += [*_convention_comments(examination), *_rival_comments(examination)]
     if drafted.fault and drafted.fault not in drafted.unread.values() and not lacks_head:
         lines.append(comment(f"CHECK: {drafted.fault}"))
