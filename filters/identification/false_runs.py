@@ -59,7 +59,7 @@ def false_fixes(timeline: Timeline, member: Member, stated: Parameters) -> tuple
         if robust.log_likelihood > found.log_likelihood:
             found, at_fault = robust, False
     false = found.false & ~_astray(found.false)
-    if at_fault and false.any():
+    if at_fault and false.any() and not false[:MAX_FIXES].all():
         false &= ~_jumps(timeline, member, false)
     return false & (_longest(false) < (~false[:MAX_FIXES]).sum()), found.log_likelihood
 
