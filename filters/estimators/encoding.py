@@ -86,7 +86,7 @@ class Encoder:
             if len(self._known) > 4096:  # fixed: bounds the memory; every fix has a model of its own
                 self._known.clear()
             noise = noise_columns(part.noise.probabilities, part.noise.cov[:, None]).tobytes()
-            coded = function_bytes(part.model, self.motion.layout, part.bilinear) + noise
+            coded = function_bytes(part.model, self.motion.layout, part.bilinear, part.held) + noise
             known = self._known[both] = (part, coded)
         z = part.z.tolist()
         ending = READING_END.pack(z[0], z[-1], len(part.noise.probabilities), FIXES.get(part.sensor, 0))
@@ -100,7 +100,7 @@ def can_encode(motion: VehicleMotion, kinds: Iterable[tuple[StateFunction, Noise
         return False
     try:
         for model, family in kinds:
-            function_bytes(model, motion.layout, bilinear=False)
+            function_bytes(model, motion.layout)
             noise = family.modes(np.eye(1)[None])
             noise_columns(noise.probabilities, noise.cov)
     except EncodingError:
@@ -120,7 +120,7 @@ def relaxation(motion: VehicleMotion, t0_s: float, dt_s: float) -> tuple[float, 
     return tuple(columns.ravel().tolist())
 
 
-def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> bytes:
+def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool = False, held: Sequence[int] = ()) -> bytes:
     """Return the code of a measurement model; raises EncodingError for one that the kernel does not know."""
     nonlinear, linear = tuple(g.nonlinear), tuple(g.linear)
     if g.rows is not None:
@@ -140,7 +140,7 @@ def function_bytes(g: StateFunction, layout: StateLayout, bilinear: bool) -> byt
         axis = g.velocity_row - layout.index("u")
         return _function(VELOCITY, 1, nonlinear, linear, layout, axis=axis, bilinear=bilinear)
     if type(g) is DeviatingCompass:
-        return _function(COMPASS, 1, nonlinear, linear, layout, angle=True, bilinear=bilinear)
+        return _function(COMPASS, 1, nonlinear, linear, layout, angle=True, held=held)
     if type(g) is UsblFix:
         numbers = (g.offset_s, *g.lever_m[:2])
         return _function(FIX, len(g.axes), nonlinear, linear, g.layout, numbers, g.axes[0], bilinear=bilinear)
@@ -157,6 +157,7 @@ def _function(
     axis: int = 0,
     angle: bool = False,
     bilinear: bool = False,
+    held: Sequence[int] = (),
 ) -> bytes:
     rows = (*nonlinear, *linear)
     if len(rows) > MAX_COLUMNS:
@@ -166,7 +167,8 @@ def _function(
     numbers = (*numbers, *[0.0] * (4 - len(numbers)))
     uses = sum(1 << argument for argument in arguments)
     counts = (kind, k, len(nonlinear), len(rows))
-    return FUNCTION.pack(*numbers, *counts, *arguments, *none, *rows, *none, axis, angle, bilinear, uses)
+    last = (axis, angle, bilinear, uses, sum(1 << row for row in held), 0)
+    return FUNCTION.pack(*numbers, *counts, *arguments, *none, *rows, *none, *last)
 
 
 def noise_columns(probabilities: Vector, cov: Array) -> NDArray[np.void]:
@@ -296,13 +298,13 @@ def _coded(one: Readings, part: Part, layout: StateLayout) -> NDArray[np.void]:
     rows, scalars = part.readings, part.scalars
     coded, model, z = np.zeros(len(rows), READINGS), one.model, one.z[rows, scalars]
     if one.offset_s is None or not isinstance(model, UsblFix):
-        coded["g"] = np.frombuffer(function_bytes(model, layout, one.bilinear), FUNCTIONS)
+        coded["g"] = np.frombuffer(function_bytes(model, layout, one.bilinear, one.held), FUNCTIONS)
     else:
         offset_s, axes = one.offset_s[rows], model.axes[scalars]
         for here in (offset_s == 0, offset_s != 0):  # a fix at the epoch itself may select states
             if here.any():
                 model = replace(model, axes=axes, offset_s=float(offset_s[here.argmax()]))
-                coded["g"][here] = np.frombuffer(function_bytes(model, layout, one.bilinear), FUNCTIONS)
+                coded["g"][here] = np.frombuffer(function_bytes(model, layout, one.bilinear, one.held), FUNCTIONS)
                 if model.rows is None:
                     coded["g"]["number"][here, 0] = offset_s[here]
     coded["noise"] = noise_columns(one.noise.probabilities, one.noise.cov[:, rows, scalars, scalars])

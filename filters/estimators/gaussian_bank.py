@@ -38,6 +38,7 @@ class Projection(NamedTuple):
     innovation: Array  # (k, N) e = z - E[h(x)]
     cov: Array  # (k, k, N) H P H', without the measurement noise R
     cross: Array  # (n, k, N) P H'
+    held: tuple[int, ...] = ()  # see Measurement
     relinearise: "Callable[[GaussianBank], Projection] | None" = None  # repeats the projection from another bank
 
     def take(self, ancestors: Indices) -> "Projection":
@@ -103,7 +104,7 @@ def project(bank: GaussianBank, measurement: Measurement, rule: MomentTransform)
     model = measurement.model
     mean, cov, cross = rule(model, bank.mean, bank.cov)
     relinearise = functools.partial(project, measurement=measurement, rule=rule) if measurement.bilinear else None
-    return Projection(model.residual(measurement.z[:, None], mean), cov, cross, relinearise)
+    return Projection(model.residual(measurement.z[:, None], mean), cov, cross, measurement.held, relinearise)
 
 
 def relinearised(bank: GaussianBank, after: GaussianBank, projection: Projection) -> Projection | None:
@@ -131,22 +132,31 @@ def update(bank: GaussianBank, projection: Projection, R: Array) -> GaussianBank
 
 def _updated(bank: GaussianBank, projection: Projection, R: Array) -> GaussianBank:
     inverse, _ = inverse_and_logdet(projection.cov + R)  # S^-1, S = H P H' + R; K = P H' S^-1: m + K e, P - K S K'
-    return apply_gain(bank, projection.cross, np.einsum("kln,ln->kn", inverse, projection.innovation), inverse)
+    return apply_gain(bank, projection, np.einsum("kln,ln->kn", inverse, projection.innovation), inverse)
 
 
-def apply_gain(bank: GaussianBank, cross: Array, g: Array, G: Array) -> GaussianBank:
-    """Return mean + cross g and cov - cross G cross', with the covariance exactly symmetric.
+def apply_gain(bank: GaussianBank, projection: Projection, g: Array, G: Array) -> GaussianBank:
+    """Return mean + cross g and cov - cross G cross' but for what is held, with the covariance exactly symmetric.
 
     cross (n, k, N) is P H'. g (k, N) is the score of the predictive likelihood and G (k, k, N) its negative curvature;
     for a Gaussian g = S^-1 e and G = S^-1, the Kalman update. An asymmetry by rounding would grow until a variance
     turns negative.
+
+    A compass with a deviation corrects heading and turn rate alone: mean and covariance of the others are held (S.
+    Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3, 1966,
+    doi:10.1016/B978-1-4831-6716-9.50011-4). The deviation multiplies the turn rate that the compass shows. Turns that
+    are not as the motion model assumes would count as information on the deviation, and so on the position.
     """
+    cross, held = projection.cross, list(projection.held)
     if len(g) == 1:
         c = cross[:, 0]
-        return GaussianBank(bank.mean + c * g, bank.cov - (c[:, None] * c[None]) * G[0, 0], bank.log_weight)
-    loss = np.einsum("aln,bln->abn", np.einsum("akn,kln->aln", cross, G), cross)
-    mean = bank.mean + np.einsum("akn,kn->an", cross, g)
-    return GaussianBank(mean, bank.cov - 0.5 * (loss + loss.swapaxes(0, 1)), bank.log_weight)
+        moved, loss = c * g, (c[:, None] * c[None]) * G[0, 0]
+    else:
+        loss = np.einsum("aln,bln->abn", np.einsum("akn,kln->aln", cross, G), cross)
+        moved, loss = np.einsum("akn,kn->an", cross, g), 0.5 * (loss + loss.swapaxes(0, 1))
+    if held:
+        moved[held], loss[np.ix_(held, held)] = 0.0, 0.0
+    return GaussianBank(bank.mean + moved, bank.cov - loss, bank.log_weight)
 
 
 def mixture_moments(bank: GaussianBank) -> tuple[Vector, Array]:

@@ -106,7 +106,7 @@ def _collapsed(bank: GaussianBank, projection: Projection, noise: Noise) -> tupl
     second = np.einsum("jkn,jln->kln", weighted, modes.scaled)  # sum p_j S_j^-1 e e' S_j^-1
     G = (p[:, None, None] * modes.inverse).sum(axis=0) - second + g[:, None] * g[None]
     # Masreliez: m = m- + P H' g, P = P- - P H' G H P
-    return apply_gain(bank, projection.cross, g, G), modes.log_likelihood
+    return apply_gain(bank, projection, g, G), modes.log_likelihood
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 CALLS = 8  # fixed: version of the arguments of the functions, as in module.c
 FIELDS = {
-    "Function": "number kind k nonlinear columns argument row axis angle bilinear uses",
+    "Function": "number kind k nonlinear columns argument row axis angle bilinear uses held padding",
     "NoiseModes": "probability log_probability R nominal",
     "Reading": "g noise z modes fix",
     "Step": "dt_s remaining usual added state seed seeded gap readings padding",

@@ -86,8 +86,8 @@ INLINE V collapse_axes(const Members *w, int f, int axis, int k, int n, const Mo
     member_noise(w, f, axis, k, &noise);
     V log_likelihood = likelihoods(e, &noise, k, probability);
     collapsed_gain(e, &noise, k, probability, &gain);
-    move_mean(e, n, k, &gain, b);
-    reduce_cov(e, n, k, &gain, b);
+    move_mean(e, n, k, 0, &gain, b);
+    reduce_cov(e, n, k, 0, &gain, b);
     return log_likelihood;
 }
 

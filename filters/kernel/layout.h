@@ -27,7 +27,8 @@ enum { SELECTED, VELOCITY, COMPASS, FIX, DISPLACEMENT, TURN, DECAY };
     FIELD(int32_t, nonlinear, ) FIELD(int32_t, columns, ) /* columns: all of them, the nonlinear ones first */ \
     FIELD(int32_t, argument, [MAX_COLUMNS]) FIELD(int32_t, row, [MAX_COLUMNS]) \
     FIELD(int32_t, axis, ) FIELD(int32_t, angle, ) FIELD(int32_t, bilinear, ) \
-    FIELD(int32_t, uses, ) /* bit a is set if argument a is a state */
+    FIELD(int32_t, uses, ) /* bit a is set if argument a is a state */ \
+    FIELD(int32_t, held, ) FIELD(int32_t, padding, ) /* held: bits of rows that an update leaves as they are */
 typedef struct { FUNCTION_FIELDS(DECLARED) } Function;
 
 /* The modes of a noise. */

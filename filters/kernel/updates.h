@@ -183,15 +183,16 @@ INLINE void collapsed_gain(const Moments *p, const Noise *noise, int k, const V 
     out->G[1] = out->G[1] + out->g[0] * out->g[1], out->G[2] = out->G[2] + out->g[1] * out->g[1];
 }
 
-INLINE void move_mean(const Moments *p, int n, int k, const Gain *gain, double *b) { /* m + P H' g */
+INLINE void move_mean(const Moments *p, int n, int k, int held, const Gain *gain, double *b) { /* m + P H' g */
     for (int i = 0; i < n; i++) {
+        if (held >> i & 1) continue;
         V moved = p->cross[i][0] * gain->g[0];
         if (k == 2) moved = moved + p->cross[i][1] * gain->g[1];
         AT(b, i) = AT(b, i) + moved;
     }
 }
 
-INLINE void reduce_cov(const Moments *p, int n, int k, const Gain *gain, double *b) { /* P - P H' G H P */
+INLINE void reduce_cov(const Moments *p, int n, int k, int held, const Gain *gain, double *b) { /* P - P H' G H P */
     for (int i = 0; i < n; i++) {
         V x = p->cross[i][0] * gain->G[0], y = all(0.0);
         if (k == 2) {
@@ -199,6 +200,7 @@ INLINE void reduce_cov(const Moments *p, int n, int k, const Gain *gain, double 
             y = p->cross[i][0] * gain->G[1] + p->cross[i][1] * gain->G[2];
         }
         for (int j = 0; j <= i; j++) {
+            if (held >> i & held >> j & 1) continue;
             V loss = x * p->cross[j][0];
             if (k == 2) loss = loss + y * p->cross[j][1];
             AT(b, at(n, i, j)) = AT(b, at(n, i, j)) - loss;
@@ -228,9 +230,9 @@ INLINE void update(const Filter *f, const Reading *reading, const Noise *noise, 
     int k = reading->g.k;
     Gain gain;
     gain_of(f, noise, p, k, u, probability, &gain);
-    move_mean(p, n, k, &gain, b);
+    move_mean(p, n, k, reading->g.held, &gain, b);
     if (!reading->g.bilinear) {
-        reduce_cov(p, n, k, &gain, b);
+        reduce_cov(p, n, k, reading->g.held, &gain, b);
         return;
     }
     Moments again;
@@ -243,6 +245,6 @@ INLINE void update(const Filter *f, const Reading *reading, const Noise *noise, 
     } else {
         gain_of(f, noise, &again, k, u, probability, &gain);
     }
-    reduce_cov(&again, n, k, &gain, b);
+    reduce_cov(&again, n, k, reading->g.held, &gain, b);
 }
 #endif

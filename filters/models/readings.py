@@ -34,6 +34,7 @@ class Readings:
     model: StateFunction  # of a fix: without its offset
     family: NoiseFamily
     bilinear: bool  # see Measurement
+    held: tuple[int, ...]  # likewise
     epoch: Indices  # (R,) that uses it, ascending
     row: Indices  # (R,) see Measurement
     time_s: Vector  # (R,) of validity
@@ -78,9 +79,8 @@ class Readings:
         if self.offset_s is not None and isinstance(model, UsblFix):
             model = replace(model, offset_s=float(self.offset_s[r]))
         noise = scalar_noise(self.family, float(cov[0, 0])) if len(cov) == 1 else self.family.modes(cov)
-        return Measurement(
-            self.z[r], model, noise, self.sensor, self.axis, int(self.row[r]), float(self.time_s[r]), self.bilinear
-        )
+        row, time_s = int(self.row[r]), float(self.time_s[r])
+        return Measurement(self.z[r], model, noise, self.sensor, self.axis, row, time_s, self.bilinear, self.held)
 
 
 @lru_cache(maxsize=1024)

@@ -29,6 +29,7 @@ class Measurement(NamedTuple):
     row: int  # which record, see types.Update
     time_s: float  # time of validity
     bilinear: bool = False  # the model multiplies a state by a constant error that is a state, too
+    held: tuple[int, ...] = ()  # rows of states of which the measurement says nothing
 
     def parts(self) -> "Sequence[Measurement]":
         """Return the parts that are used in sequence: each axis of a fix if their errors are independent, else all."""

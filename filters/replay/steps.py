@@ -92,7 +92,7 @@ def _fix_readings(epochs_s: Vector, fixes: PositionFixes) -> Readings:
     epoch, time_s = first_epoch[inside], fixes.time_s[inside]
     model = UsblFix(fixes.layout, 0.0, fixes.lever_m)
     columns = (fixes.row[inside], time_s, fixes.received_s[inside], fixes.position_m[inside], fixes.cov_m2[inside])
-    return Readings(fixes.sensor, "position", model, fixes.family, False, epoch, *columns, time_s - epochs_s[epoch])
+    return Readings(fixes.sensor, "position", model, fixes.family, False, (), epoch, *columns, time_s - epochs_s[epoch])
 
 
 class ScalarSensor(NamedTuple):
@@ -102,30 +102,29 @@ class ScalarSensor(NamedTuple):
     axis: str
     model: StateFunction
     family: NoiseFamily
-
-    @property
-    def bilinear(self) -> bool:
-        """See Measurement."""
-        return bool(self.model.nonlinear)
+    bilinear: bool  # see Measurement
+    held: tuple[int, ...]  # likewise
 
     def readings(self, row: Indices, time_s: Vector, z: Vector, variance: Vector) -> Readings:
         """Return the readings of epochs, (R,) each."""
-        return Readings(*self, self.bilinear, row, row, time_s, time_s, z[:, None], variance[:, None, None])
+        return Readings(*self, row, row, time_s, time_s, z[:, None], variance[:, None, None])
 
     def measurement(self, row: int, time_s: float, z: Vector, sd: float) -> Measurement:
         """Return the measurement of one record, (1,)."""
         noise = scalar_noise(self.family, sd**2)
-        return Measurement(z, self.model, noise, self.sensor, self.axis, row, time_s, self.bilinear)
+        return Measurement(z, self.model, noise, self.sensor, self.axis, row, time_s, self.bilinear, self.held)
 
 
 class VehicleSensors:
     """Compass and DVL as the parameters describe them."""
 
     def __init__(self, parameters: Parameters, layout: StateLayout) -> None:
-        self.compass = ScalarSensor("compass", "yaw", compass_model(layout), parameters.compass)
+        others = set(range(len(layout.names))) - {*layout.rows("psi", "r")}
+        held = tuple(sorted(others)) if layout.existing("deviation_sin") else ()  # see apply_gain
+        self.compass = ScalarSensor("compass", "yaw", compass_model(layout), parameters.compass, False, held)
         starboard, forward = dvl_models(layout, parameters.dvl_lever_m)
         axes = (("starboard", starboard), ("forward", forward))
-        self.dvl = [ScalarSensor("dvl", axis, model, parameters.dvl) for axis, model in axes]
+        self.dvl = [ScalarSensor("dvl", axis, model, parameters.dvl, bool(model.nonlinear), ()) for axis, model in axes]
         self.dvl_sd_scale = parameters.dvl_sd_scale
         self.compass_sd_scale = parameters.compass_sd_scale
 

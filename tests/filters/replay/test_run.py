@@ -21,12 +21,13 @@ from usbldr.filters.models.noise import Gaussian, Mixture, NoiseFamily
 from usbldr.filters.models.parameters import Parameters, SensorErrors, Start
 from usbldr.filters.models.sensors import UsblFix
 from usbldr.filters.models.states import StateLayout
+from usbldr.filters.replay.dead_reckoning import displacement_m
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 from usbldr.filters.replay.prior import find_anchor, prior
 from usbldr.filters.replay.run import run
 from usbldr.filters.replay.steps import steps
 from usbldr.filters.types import Array, Timeline, Trajectory, Truth
-from weaving import SD_M, Faults, weaving_dive
+from weaving import ASSUMED, DIVE, SD_M, Faults, weaving_dive
 
 
 def timeline(seconds: float = 4.0, fixes: tuple[float, ...] = (0.0, 1.0, 1.31, 1.39, 3.05)) -> Timeline:
@@ -298,3 +299,23 @@ def test_without_usbl_a_stated_start_or_gps_at_the_surface_will_do(log: Path) ->
         said = replayed(log, "-f", "adf", *options)
         assert said.startswith("adf: mean horizontal error 0.")  # metres
     assert replayed(log, "-f", "dr", "--dr-from", "first-gps").startswith("dr: mean horizontal error 0.")
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "adf"])
+def test_without_fixes_a_compass_shows_nothing_of_its_deviation(name: str) -> None:
+    """The vehicle turns less than the motion model allows: that is no sign that the compass turns too little."""
+    parameters = replace(ASSUMED, start=Start(*DIVE.fix_m[0], sd_m=1.0), calibrate=("heading", "deviation"))
+    track = run(name, DIVE.with_fixes(DIVE.fix_time_s < 20.0), parameters)
+    assert track.cov is not None
+    rows = [track.names.index(error) for error in ("deviation_sin", "deviation_cos")]
+    later = np.flatnonzero(track.time_s > 25.0)
+
+    errors = track.mean[later][:, rows]
+    sds = np.sqrt(track.cov[later][:, rows, rows])
+    moved_m = np.diff(track.position_m[later[[0, -1]]], axis=0)[0]
+    reckoned_m = np.diff(displacement_m(DIVE)[later[[0, -1]]], axis=0)[0]
+
+    np.testing.assert_allclose(errors, np.broadcast_to(errors[0], errors.shape), atol=1e-9)
+    np.testing.assert_allclose(sds, np.broadcast_to(sds[0], sds.shape), rtol=1e-9)
+    turned = np.degrees(np.abs(np.angle(complex(*moved_m) / complex(*reckoned_m))))
+    assert turned < 4.0
