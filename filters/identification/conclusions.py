@@ -10,6 +10,7 @@ import numpy as np
 
 from usbldr.filters.identification.identification import (
     DR_WALK_NAME,
+    HEADING_OR_DEVIATION,
     LEVER_OR_LATENCY,
     STRONG_ODDS,
     ErrorEstimate,
@@ -70,6 +71,12 @@ class Choice(NamedTuple):
     found: FixLikelihoods
     far: frozenset[str]  # keys of the errors whose prior is that of FAR_SD
 
+    @property
+    def bias_for_deviation(self) -> bool:
+        """Return whether a heading bias is taken in place of a deviation that is somewhat likelier."""
+        scores, present = dict(zip(self.subsets, self.score.tolist(), strict=True)), self.member.present
+        return "heading" in present and scores.get(present ^ HEADING_OR_DEVIATION, -math.inf) > scores[present]
+
 
 def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice: Choice) -> Identification:
     """Return the choice as parameters of a run: its errors are settled, and states estimate what is left of them.
@@ -102,7 +109,8 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     parameters = replace(parameters, settled_sd=sd | _perhaps_sd(choice, settled))
     separate = choice.named - (LEVER_OR_LATENCY if shared else frozenset())
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
-    kept = tuple(key for key in STATES if key in present | always)
+    covered = {"deviation"} if choice.bias_for_deviation else set[str]()
+    kept = tuple(key for key in STATES if key in present | always | covered)
     evidence = tuple(
         SensorErrorEvidence(
             key,

@@ -38,6 +38,7 @@ from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rota
 from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
+    HEADING_OR_DEVIATION,
     LEVER_OR_LATENCY,
     STRONG_ODDS,
     FalseRun,
@@ -298,23 +299,30 @@ def _plausible(members: Sequence[Member], found: FixLikelihoods) -> Mask:
 def _present(score: Vector, subsets: Sequence[frozenset[str]]) -> tuple[frozenset[str], frozenset[str]]:
     """Return the errors of the best subset with those that are open beside it, and those of them that have evidence.
 
-    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose.
+    At a constant speed v a lever arm of -v tau forward is a latency of tau: both, if the log cannot choose. On one
+    heading a deviation is a bias: the bias, which is the same on others; then a state covers the deviation.
     No head is mounted without error, so that those of a head are always present; the sigma of a ship's is soon small.
     Turned or scaled fixes of a head that rests are a turned compass or a scaled DVL: these are present, too, unless the
     evidence against them is strong, also where the two hide each other: the track depends on their shares.
     """
     scores = dict(zip(subsets, score.tolist(), strict=True))
     best = max(subsets, key=scores.__getitem__)
+    if "deviation" in best and _undecided(scores, best, HEADING_OR_DEVIATION):
+        best ^= HEADING_OR_DEVIATION
     present = named = best
-    if len(best & LEVER_OR_LATENCY) == 1:
-        other = scores.get(best ^ LEVER_OR_LATENCY, -math.inf)
-        present |= LEVER_OR_LATENCY if scores[best] - other < -LOG_PRIOR_ODDS else best
-        named = present
+    if _undecided(scores, best, LEVER_OR_LATENCY):
+        present = named = best | LEVER_OR_LATENCY
     for head, vehicle in HEAD_OR_VEHICLE:
         if math.isfinite(both := scores.get(best | {head, vehicle}, -math.inf)):
             gained = both - scores[(best | {head}) - {vehicle}] - LOG_PRIOR_ODDS
             present |= {head, vehicle} if gained > LOG_PRIOR_ODDS else {head}
     return present, named
+
+
+def _undecided(scores: Mapping[frozenset[str], float], subset: frozenset[str], pair: frozenset[str]) -> bool:
+    """Return whether a subset has one error of a pair, and the evidence against the other one instead is not strong."""
+    other = scores.get(subset ^ pair, -math.inf)
+    return len(subset & pair) == 1 and scores[subset] - other < -LOG_PRIOR_ODDS
 
 
 def _relinearised(members: Sequence[Member], found: FixLikelihoods) -> list[Member]:

@@ -10,6 +10,7 @@ import numpy as np
 from usbldr.filters.models.parameters import Parameters, SensorChange
 
 LEVER_OR_LATENCY = frozenset(("dvl-lever", "latency"))  # keys of usbl_likelihood.KEYS
+HEADING_OR_DEVIATION = frozenset(("heading", "deviation"))
 UNUSUAL = 2.0  # [-] of the prior sigma: an error beyond it is said to be more than is usual
 DR_WALK_NAME = "position_walk_m"  # fixed: the name under which a change of ProcessNoise.position_m is reported
 STRONG_ODDS = 20.0  # [-] from which on evidence is strong: Kass and Raftery, see evidence.py

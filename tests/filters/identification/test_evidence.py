@@ -456,3 +456,22 @@ def test_a_lever_arm_or_a_latency_that_is_larger_than_usual_is_said_to_be(late_s
     assert f"{ahead_m:.2f} ± 0.10 m further ahead" in found.lever_or_latency_text
     assert ("more than is usual: at one speed" in found.lever_or_latency_text) == unusual
     assert found.lever_or_latency_text in "".join(found.warnings)
+
+
+@pytest.mark.parametrize("bias_deg", [0.5, 2.0])
+def test_on_one_heading_a_deviation_is_a_bias_and_a_state_covers_it(bias_deg: float) -> None:
+    """The prior of the deviation is narrower, so that its evidence is larger, but not by much."""
+    found = identify(weaving_dive(Faults(heading_bias_deg=bias_deg), weaves=False), ASSUMED)
+
+    assert [set(one.keys) for one in found.explanations] == [{"deviation"}, {"heading"}]
+    assert found.estimates.keys() == {"heading_bias_deg"}
+    assert found.estimates["heading_bias_deg"].value == pytest.approx(bias_deg, abs=0.1)
+    assert {"heading", "deviation"} <= {*found.parameters.calibrate}
+    assert found.parameters.errors.deviation_rad == ASSUMED.errors.deviation_rad
+
+
+def test_on_many_headings_a_deviation_is_no_bias() -> None:
+    found = identify(weaving_dive(Faults(deviation_sin_deg=1.5)), ASSUMED)
+
+    assert found.estimates.keys() == {"deviation_sin_deg", "deviation_cos_deg"}
+    assert "heading" not in found.parameters.calibrate
