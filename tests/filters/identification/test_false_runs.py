@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from usbldr.filters.frames import rotated
+from usbldr.filters.identification import false_runs as search_room
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.false_runs import false_fixes, false_runs, false_starts
+from usbldr.filters.identification.histories import HistorySearch
 from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.parameters import FalseStart
 from usbldr.filters.replay.dead_reckoning import freed
@@ -151,6 +153,30 @@ def test_from_the_last_fix_backwards_a_log_is_as_likely(seed: int) -> None:
     forwards, backwards = (false_runs(line, member, backwards=way).log_likelihood for way in (False, True))
 
     assert backwards == pytest.approx(forwards, abs=3.0)
+
+
+def test_from_the_last_fix_backwards_the_same_time_and_drift_lie_between_two_fixes(monkeypatch) -> None:
+    """Of fixes at uneven times; from the last one, each lies where it lay from the first one."""
+    searches: list[HistorySearch] = []
+    monkeypatch.setattr(search_room, "followed", lambda search: (searches.append(search), search.followed())[1])
+    line, member = DIVE.with_fixes(T % 7 % 3 == 0), Member(ASSUMED, frozenset({"scale"}))
+    for backwards in (False, True):
+        false_runs(line, member, backwards=backwards)
+    ahead, back = searches
+    errors = ahead.mean + np.linspace(0.1, 0.5, len(ahead.mean))
+    to_last = ahead.measurement_matrix[-1].copy()
+    to_last[:, ahead.bias] = 0.0
+    last = np.concatenate([to_last @ errors, errors[2:]])
+
+    between_s = np.diff(line.fix_time_s)
+    assert np.ptp(between_s) > 1.0
+    np.testing.assert_allclose(back.dt_s, [0.0, *between_s[::-1]])
+    np.testing.assert_allclose(back.fade, np.exp(-back.dt_s / ASSUMED.errors.usbl_bias_s))
+    np.testing.assert_allclose(back.drift_m2, [0.0, *ahead.drift_m2[:0:-1]])
+    assert np.ptp(ahead.drift_m2[1:]) > 0
+    np.testing.assert_allclose(back.mean[:2], to_last @ ahead.mean)
+    np.testing.assert_allclose(back.cov[:2, :2], to_last @ ahead.cov @ to_last.T)
+    np.testing.assert_allclose(back.measurement_matrix @ last, (ahead.measurement_matrix @ errors)[::-1], atol=1e-9)
 
 
 def test_a_false_fix_is_reported_as_rejected_at_its_own_row() -> None:
