@@ -21,6 +21,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
 REST_MPS = 0.05  # [m/s] of the mean velocity: the sensors of a slower vehicle may show the same values again
+USUAL_STEPS = 0.999  # [-] of the steps from record to record, by judgement: those beyond may be errors themselves
 SPIKE_PASSES = 20  # of eight hours at 10 Hz with 40 % false headings 12 find some, with 20 % two
 LEFT_OUT = "they are left out"
 TOO_FAST = "no vehicle moves there and back so fast"
@@ -172,10 +173,23 @@ CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] 
 
 
 def _without_stuck(records: Records, tables: Tables, what: str) -> Judged:
-    frozen = _while_moving(stuck(records.time_s, records.values), records.time_s, tables)
+    equal = stuck(records.time_s, records.values)
+    frozen = _while_moving(equal, records.time_s, tables)
+    if what == "headings":
+        frozen |= _before_a_step(equal, records.values[:, 0])
     kept = "" if what == "depths" else f"; {LEFT_OUT}"
     text = f"are equal to the last digit, for longer than rounding explains: the sensor was stuck{kept}"
     return records.without(frozen), _stretch_finding("STUCK", records, frozen, text)
+
+
+def _before_a_step(repeats: Mask, heading_deg: Vector) -> Mask:
+    """Return the records (n,) of runs after which headings step by more than they usually do: the vehicle turned."""
+    if not repeats.any() or repeats.all():
+        return np.zeros_like(repeats)
+    steps = np.abs(np.diff(np.unwrap(heading_deg, period=360.0)))
+    usual = np.quantile(steps[~repeats[1:] & ~repeats[:-1]], USUAL_STEPS)
+    _, end = runs(repeats)
+    return some_runs(repeats, np.append(steps, 0.0)[end - 1] > usual)
 
 
 def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:

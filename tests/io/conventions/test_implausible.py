@@ -423,6 +423,19 @@ def test_a_sensor_may_repeat_itself_if_it_is_coarse_or_polled_faster_than_it_mea
     assert without_implausible(held) is held
 
 
+def test_a_compass_is_stuck_if_its_headings_step_afterwards_although_the_vehicle_only_turned(dive: Log) -> None:
+    time_s, held = times(dive, "dvl"), within(dive, "compass", 310, 370)
+    moving = ((time_s < 300) | (time_s > 380))[:, None]
+    noise = 0.01 * np.random.default_rng(7).normal(size=(len(time_s), 2))
+    log = changed(dive, "dvl", VELOCITY, dive.tables["dvl"][VELOCITY].to_numpy() * moving + noise)
+    log = turned(log, times(dive, "compass") > 310, np.clip(times(dive, "compass") - 310, 0, 60) * 2)
+    log = stuck(log, "compass", ["heading_deg"], 310, 370)
+
+    assert "STUCK" in found(log)
+    assert "HEADING-JUMP" not in found(log)
+    assert lost(log)["compass"] == times(log, "compass")[held].tolist()
+
+
 def test_a_vehicle_at_rest_may_show_the_same_values_again(dive: Log) -> None:
     share = np.clip(np.abs(times(dive, "dvl") - 350)[:, None] - 50, 0, 1)  # it stops and starts within a second
     noise = np.random.default_rng(6).normal(size=(len(share), 2))
