@@ -83,7 +83,7 @@ def noise_warnings(trajectory: Trajectory, false_fixes: Sequence[int] = ()) -> t
         order = np.argsort(parts.time_s[mine], kind="stable")
         if (change := noise_change(parts.time_s[mine][order], squares[order])) is not None:
             texts.append(
-                f"the noise of the {sensor} {change.text}, and the filter assumes one for the whole log: its sigmas "
+                f"the noise of the {sensor} {change.text} more than the filter takes into account: its sigmas "
                 "are too small in one part and too large in the other"
             )
         if (mean := float(squares.mean())) > FAR_FACTOR**2:

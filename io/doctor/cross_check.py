@@ -93,11 +93,11 @@ def cross_check(
         return CrossCheck(tuple(found), result, _identified(log, errors[0].line, result) if with_errors else None)
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, timeline = _corrected(log, timeline, result, sources)
-    moving = motion_findings(log, timeline, result)
-    if any(one.code == "USBL-MOTION" for one in moving):
-        return CrossCheck((*steps, *moving))
     line = flipped(log, timeline, result.best.flips)
     identification = _identified(log, line, result) if with_errors else None
+    moving = motion_findings(log, timeline, result, identification)
+    if any(one.code == "USBL-MOTION" for one in moving):
+        return CrossCheck((*steps, *moving))
     if identification is not None:
         result, there = _by_evidence(log, timeline, result, result.best, identification)
         identification = there.conclude()
@@ -225,7 +225,7 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
         return single_error_findings(log, result, errors, rms_m)
     steps = clock_step_findings(log, timeline, {result.best.flips, result.as_read.flips})
     unit_ratio, clock_offset_s, result, corrected = _corrected(log, timeline, result, sources)
-    if (moving := motion_findings(log, corrected, result)) and moving[0].code == "USBL-MOTION":
+    if (moving := motion_findings(log, corrected, result, identification)) and moving[0].code == "USBL-MOTION":
         return moving
     if identification is not None and result.best != result.as_read:  # else only doctor asks, as it takes time
         result, _ = _by_evidence(log, corrected, result, result.as_read, identification)

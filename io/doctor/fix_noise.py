@@ -7,12 +7,14 @@ from usbldr.filters.identification.dr_usbl_fit import (
     Points,
     as_points,
     dead_reckoned,
+    fit_rotation,
     fix_points,
     residuals_m,
     segment_numbers,
     without_errors,
 )
 from usbldr.filters.identification.identification import Identification
+from usbldr.filters.replay.dead_reckoning import without_changes
 from usbldr.filters.types import Indices, Timeline, Vector
 from usbldr.io.doctor.interpretations import InterpretationResult, reinterpret
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -91,16 +93,21 @@ def _stated_sd(log: Log, stated_m: Vector, found: Identification) -> list[Findin
     return [log.finding("USBL-NOISE", "usbl", text, None, ratio * median_m, "m")]
 
 
-def motion_findings(log: Log, timeline: Timeline, result: InterpretationResult) -> list[Finding]:
+def motion_findings(
+    log: Log, timeline: Timeline, result: InterpretationResult, found: Identification | None = None
+) -> list[Finding]:
     """Report fixes that move unlike dead reckoning by its best interpretation, else a truth that moves unlike them.
 
     A ship's sensor moves otherwise. Movements are those within a minute, freed of the white noise of the fixes, which
-    second differences show.
+    second differences show, and of the changes of sensors that are found, as of a DVL that measures through a current.
     """
-    latency_s = result.best.fit.latency_s
-    line = reinterpret(log, timeline, result.best.flips)
-    track = np.exp(1j * result.best.fit.rotation_rad) * dead_reckoned(line, line.fix_time_s - latency_s)
+    line, fit = reinterpret(log, timeline, result.best.flips), result.best.fit
     group = segment_numbers(line, line.fix_time_s)
+    if found is not None and found.parameters.changes:
+        line = without_changes(line, found.parameters.changes)
+        fit = fit_rotation(line, group)
+    latency_s = fit.latency_s
+    track = np.exp(1j * fit.rotation_rad) * dead_reckoned(line, line.fix_time_s - latency_s)
     unlike, median = (
         unexplained_share(line.fix_time_s, track, fix_points(line), group, share)
         for share in (THRESHOLDS.sound_share, 0.5)
