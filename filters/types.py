@@ -5,7 +5,7 @@ filters/ has no other access to a log. Times are seconds since the start of the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -56,12 +56,12 @@ class Timeline:
     gps_sd_m: Vector | None = None  # (G,) 1-sigma per axis; NaN, or None for all, if unknown
     fix_away_m: Array | None = None  # (F, 2) of a fix from the head or beacon that it was measured from; None: unknown
     fix_levelled_by_m: Vector | None = None  # (F,) depth that made its slant range horizontal; 0 or None: none
+    fix_ship_yaw_rad: Vector | None = None  # (F,) psi of the ship that carries the head; NaN, or None for all: unknown
     fix_is_gps: Mask | None = None  # (F,) which are aiding GPS fixes, see position_fixes.with_gps_fixes; None: none
 
     def with_fixes(self, rows: Indices | Mask) -> "Timeline":
         """Return the timeline with these fixes only, in this order; outages are unchanged."""
-        names = ("fix_time_s", "fix_received_s", "fix_m", "fix_cov_m2", "fix_away_m", "fix_levelled_by_m", "fix_is_gps")
-        columns = {name: getattr(self, name) for name in names}
+        columns = {one.name: getattr(self, one.name) for one in fields(self) if one.name.startswith("fix_")}
         return replace(self, **{name: None if column is None else column[rows] for name, column in columns.items()})
 
 

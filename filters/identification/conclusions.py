@@ -1,5 +1,6 @@
 """What the best set of sensor errors means for a run: its parameters, the evidence for each error, and rivals."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
+    ARM,
     COMPASS_CLOCK,
     DVL_CLOCK,
     HEAD,
@@ -46,11 +48,12 @@ FAR_SD = {
     "latency_s": 10.0,
     "usbl_heading_rad": math.radians(30.0),
     "usbl_range": 0.1,
+    "usbl_arm_m": 10.0,
 }
 """Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
-compass mounted any way round or beside iron, stamps of a slow export, a USBL head on a pole that was not surveyed. Each
-needs strong evidence once more."""
-HEAD_FIELDS = {"usbl_heading_rad": HEAD, "usbl_range": RANGE}
+compass mounted any way round or beside iron, stamps of a slow export, a USBL head on a pole that was not surveyed, or
+whose lever arm is not stated. Each needs strong evidence once more."""
+HEAD_FIELDS = {"usbl_heading_rad": HEAD, "usbl_range": RANGE, "usbl_arm_m": ARM}
 FAR_KEYS = {HEAD_FIELDS.get(field) or SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
@@ -90,7 +93,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     row = choice.subsets.index(present)
     constant = present - {LEVER}
     if found.mean["usbl_latency"][row] < 0:  # not moved, so that the others, found with it, are not settled either
-        constant &= {*choice.far, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE}
+        constant &= {*choice.far, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE, ARM}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
     errors = {field: error for field, error in SENSOR_ERRORS.items() if error.key in constant}
     sds = {field: AGAIN * float(max(found.sd[state][row] for state in one.states)) for field, one in errors.items()}
@@ -100,13 +103,15 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
-    of_head = [name for key in (HEAD, RANGE) if key in present for name in KEYS[key]]
+    of_head = [name for key in (HEAD, RANGE, ARM) if key in present for name in KEYS[key]]
     sd = {name: float(found.sd[name][row]) for name in of_head}
+    column = {name: PASS_STATES.index(name) for name in of_head}
+    cov = {(a, b): float(found.cov[column[a], column[b], row]) for a, b in itertools.combinations(of_head, 2)}
     if LEVER in choice.member.present:
         of_lever = choice.subsets.index(choice.member.present - ({"latency"} if shared else frozenset()))
         of_dvl = {name: (found.mean[name][of_lever], found.sd[name][of_lever]) for name in KEYS[LEVER]}
         sd |= {name: math.hypot(math.sqrt(OF_RIVAL) * mean, one_sd) for name, (mean, one_sd) in of_dvl.items()}
-    parameters = replace(parameters, settled_sd=sd | _perhaps_sd(choice, settled))
+    parameters = replace(parameters, settled_sd=sd | _perhaps_sd(choice, settled), settled_cov=cov)
     separate = choice.named - (LEVER_OR_LATENCY if shared else frozenset())
     always = {"usbl-bias", "current"} if given.water_track else {"usbl-bias"}
     covered = {"deviation"} if choice.bias_for_deviation else set[str]()

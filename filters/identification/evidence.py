@@ -27,6 +27,7 @@ from usbldr.filters.identification.changes_of_noise import change_of_noise, with
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
+    HEAD_FIELDS,
     HEAD_OR_VEHICLE,
     LOG_PRIOR_ODDS,
     OPEN,
@@ -45,6 +46,7 @@ from usbldr.filters.identification.identification import (
     Identification,
 )
 from usbldr.filters.identification.linearisation import (
+    ARM,
     COMPASS_CLOCK,
     DVL_CLOCK,
     HEAD,
@@ -214,8 +216,9 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     members, at_fault = [usual], list[Member]()
-    of_vehicle = [key for key in far if key not in (HEAD, RANGE)]  # beside a head that rests they explain as much
-    for keys in filter(None, [of_vehicle, far] if of_vehicle != far else [far]):
+    of_vehicle = [key for key in far if key not in HEAD_FIELDS.values()]  # beside a resting head they explain as much
+    of_arm = [ARM] if ARM in usual.present else []  # which a circle shows only as scales and headings within the usual
+    for keys in filter(None, dict.fromkeys(map(tuple, (of_vehicle, far, of_arm)))):
         errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in keys})
         about = {state: start[state] for key in keys for state in KEYS[key]}
         wide = _about(Member(replace(stated, errors=errors), usual.present), about)
@@ -243,10 +246,12 @@ def _likeliest(choices: Sequence[Choice]) -> Choice:
     """Return the choice with the largest score; wide priors are only for errors that lie far outside what is usual.
 
     Evidence for them must be strong against the usual ones, too: in a circle a latency of 12 s is a compass turned by
-    six degrees.
+    six degrees. One that is wide without need pays again, as the errors of a head are always present.
     """
     possible = (one for one in choices if not one.far or one.far & one.member.present)
-    return max(possible, key=lambda one: float(one.score.max()) + (LOG_PRIOR_ODDS if one.far else 0.0))
+    return max(
+        possible, key=lambda one: float(one.score.max()) + LOG_PRIOR_ODDS * (bool(one.far) + len(one.far - one.named))
+    )
 
 
 def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:

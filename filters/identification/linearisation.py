@@ -23,6 +23,7 @@ from usbldr.filters.replay.dead_reckoning import (
     displacement_m,
     drift_rates,
     freed,
+    ship_axes,
     until,
     velocity_mps,
 )
@@ -31,7 +32,7 @@ from usbldr.filters.windows import columns_at, integrated
 
 Point: TypeAlias = tuple[float, ...]  # a value for each of STEPS
 
-LEVER, HEAD, RANGE = "dvl-lever", "usbl-heading", "usbl-range"
+LEVER, HEAD, RANGE, ARM = "dvl-lever", "usbl-heading", "usbl-range", "usbl-arm"
 DVL_CLOCK, COMPASS_CLOCK = "dvl-clock", "compass-clock"
 STEEP = 1 / 3  # [-] horizontal by vertical distance, below which that derivative is not linear within metres
 CLOCKS = ("dvl_clock", "compass_clock")
@@ -47,8 +48,9 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     COMPASS_CLOCK: ("compass_clock",),
     HEAD: ("usbl_heading",),
     RANGE: ("usbl_range",),
+    ARM: ("usbl_arm_starboard", "usbl_arm_forward"),
 }
-"""Sensor errors that a log may have or not, and their states in the pass; the last two if a fix has a head."""
+"""Sensor errors that a log may have or not, and their states in the pass."""
 REPORTED: Mapping[str, ReportedQuantity] = {
     **REPORTED_QUANTITIES,
     "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
@@ -57,11 +59,14 @@ REPORTED: Mapping[str, ReportedQuantity] = {
     "compass_clock": ReportedQuantity("compass_clock_s", "s", 1.0),
     "usbl_heading": ReportedQuantity("usbl_heading_deg", "deg", -DEGREES),
     "usbl_range": ReportedQuantity("usbl_range_scale", "", 1.0),
+    "usbl_arm_starboard": ReportedQuantity("usbl_arm_starboard_m", "m", 1.0),
+    "usbl_arm_forward": ReportedQuantity("usbl_arm_forward_m", "m", 1.0),
 }
 BIAS_STATES = STATES["usbl-bias"]
 CURRENT_STATES = STATES["current"]
 OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
-OF_USBL = (*BIAS_STATES, *OFFSET_STATES, *STATES["latency"], *KEYS[HEAD], *KEYS[RANGE])  # which no GPS fix has
+OF_HEAD = (*KEYS[HEAD], *KEYS[RANGE], *KEYS[ARM])
+OF_USBL = (*BIAS_STATES, *OFFSET_STATES, *STATES["latency"], *OF_HEAD)  # which no GPS fix has
 ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
 PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
 STEPS: Mapping[str, float] = {
@@ -97,13 +102,16 @@ def prior_sds(parameters: Parameters) -> Mapping[str, float]:
         **dict.fromkeys(KEYS[COMPASS_CLOCK], parameters.errors.compass_clock_s),
         **dict.fromkeys(KEYS[HEAD], parameters.errors.usbl_heading_rad),
         **dict.fromkeys(KEYS[RANGE], parameters.errors.usbl_range),
+        **dict.fromkeys(KEYS[ARM], parameters.errors.usbl_arm_m),
     }
 
 
 def keys_of(timeline: Timeline, parameters: Parameters) -> tuple[str, ...]:
     """Return the keys of the errors that the fixes of a timeline can have, but for those with a prior sigma of 0."""
-    known, has_head = prior_sds(parameters), timeline.fix_away_m is not None
-    return tuple(key for key, states in KEYS.items() if known[states[0]] > 0 and (has_head or key not in (HEAD, RANGE)))
+    known = prior_sds(parameters)
+    unknown = {HEAD, RANGE} if timeline.fix_away_m is None else set[str]()
+    unknown |= {ARM} if timeline.fix_ship_yaw_rad is None else set[str]()
+    return tuple(key for key, states in KEYS.items() if known[states[0]] > 0 and key not in unknown)
 
 
 def near(value: Mapping[str, float]) -> Point:
@@ -152,6 +160,8 @@ def linearised(timeline: Timeline, lever_m: tuple[float, float], fixes: int, poi
         if timeline.fix_levelled_by_m is not None:  # of h² = r² - z² the derivative is r² / h
             z_m2, h_m2 = timeline.fix_levelled_by_m[:fixes] ** 2, np.sum(away_m**2, axis=1)
             H[:, :, states.index("usbl_range")] *= (1 + z_m2 / np.maximum(h_m2, STEEP**2 * z_m2 + 1e-9))[:, None]
+    if line.fix_ship_yaw_rad is not None:
+        H[:, :, [states.index(name) for name in KEYS[ARM]]] = -ship_axes(line.fix_ship_yaw_rad[:fixes])
     for name in OF_USBL:
         H[gps, :, states.index(name)] = 0.0
     residual_m += H[:, :, states.index("usbl_heading")] * about["usbl_heading"]

@@ -25,6 +25,7 @@ from usbldr.filters.identification.linearisation import (
     HEAD,
     KEYS,
     NO_ERROR,
+    OF_HEAD,
     OFFSET_STATES,
     PASS_STATES,
     RANGE,
@@ -47,6 +48,7 @@ from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 MAX_FIXES = 3600  # an hour at 1 Hz, enough to identify noise and sensor errors
 kept_linearised = lru_cache(maxsize=32)(linearised)  # members in turn share points; each takes 1.5 MB at most
 HEAD_ROWS = [PASS_STATES.index(name) for key in (HEAD, RANGE) for name in KEYS[key]]
+OF_HEAD_ROWS = [PASS_STATES.index(name) for name in OF_HEAD]
 PASS = KERNEL.packer("Pass")
 BOTH_AXES = slice(0, 2)  # east and north of a fix
 
@@ -70,6 +72,7 @@ class FixLikelihoods(NamedTuple):
     log_likelihood: Vector  # (N,) predictive, of all fixes
     mean: Mapping[str, Vector]  # (N,) of each state after the last fix
     sd: Mapping[str, Vector]  # (N,)
+    cov: Array  # (n, n, N) of PASS_STATES
 
 
 def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelihoods:
@@ -95,14 +98,16 @@ def fix_likelihoods(timeline: Timeline, members: Sequence[Member]) -> FixLikelih
         np.diff(time_s, prepend=0.0),
     )
     bank, total = passed(fixes, GaussianBank(mean[rows], cov[np.ix_(rows, rows)], np.zeros(len(members))))
-    after = np.zeros((2, len(PASS_STATES), len(members)))
+    after, after_cov = np.zeros((2, len(PASS_STATES), len(members))), np.zeros_like(cov)
     after[0, rows] = bank.mean
-    after[1, rows] = np.sqrt(np.maximum(np.einsum("iim->im", bank.cov), 0.0))
+    after_cov[np.ix_(rows, rows)] = bank.cov
+    after[1] = np.sqrt(np.maximum(np.einsum("iim->im", after_cov), 0.0))
     # beyond the point the pass found one factor, (1 + scale) exp(i heading), by its real and imaginary part
     (heading, scale), there_rad = HEAD_ROWS, turned_rad[rows_about]
     factor = 1 + after[0, scale] + 1j * (after[0, heading] - there_rad)
     after[0, heading], after[0, scale] = there_rad + np.angle(factor), np.abs(factor) - 1
-    return FixLikelihoods(total, *(dict(zip(PASS_STATES, each, strict=True)) for each in after))
+    of_states, sd = (dict(zip(PASS_STATES, each, strict=True)) for each in after)
+    return FixLikelihoods(total, of_states, sd, after_cov)
 
 
 def _changes(timeline: Timeline, members: Sequence[Member]) -> Array:
@@ -136,8 +141,8 @@ def _start(
         T[:, :2] += start_sensitivity(timeline, time_s, PASS_STATES, fixes.sensor == "usbl")
         for k, log in enumerate(logs if fixes.sensor == "usbl" else ()):
             rows = np.flatnonzero(own[: len(log.residual_m)])[:START_FIXES]
-            moved = log.measurement_matrix[rows][:, :, HEAD_ROWS].mean(axis=0)
-            T[k, :2, HEAD_ROWS] -= moved.T
+            moved = log.measurement_matrix[rows][:, :, OF_HEAD_ROWS].mean(axis=0)
+            T[k, :2, OF_HEAD_ROWS] -= moved.T
             if turned_rad[k]:  # not linear so far from the point
                 begin = timeline.with_fixes(rows)
                 apart_m = freed(begin, {"usbl_heading": float(turned_rad[k])}).fix_m - begin.fix_m

@@ -125,6 +125,8 @@ class SensorErrors:
     usbl_heading_rad: Annotated[float, Quantity("usbl_heading_sd_deg", SPREAD["deg"])] = math.radians(1.0)
     # of its ranges: 15 m/s of sound speed; 0: they are right
     usbl_range: Annotated[float, Quantity("usbl_range_sd", Limits(0.0, 1.0))] = 0.01
+    # of each axis of the lever arm from a ship's antenna to the head, measured with a tape; 0: it is as stated
+    usbl_arm_m: Annotated[float, Quantity("usbl_arm_sd_m", SPREAD["m"])] = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +202,9 @@ class Parameters:
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""
     settled_sd: Mapping[str, float] = field(default_factory=dict[str, float])
-    """1-sigma of what no state estimates further: of the USBL head's heading and range, of the arm to the DVL."""
+    """1-sigma of what no state estimates further: of the errors of the USBL head, of the arm to the DVL."""
+    settled_cov: Mapping[tuple[str, str], float] = field(default_factory=dict[tuple[str, str], float])
+    """Covariances of two of them, once for a pair: on a ship that circles, an arm is a heading of the head."""
 
     @property
     def usbl_from_dvl_m(self) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
-from usbldr.filters.models.parameters import SensorChange
+from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.types import Array, Mask, Outage, Timeline, Trajectory, Vector
 from usbldr.filters.windows import columns_at, integrated
 
@@ -157,6 +157,9 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
             shorter = np.sqrt(np.maximum(left_m2, 0.0) / np.maximum(level_m2, 1e-12))
         away_m = rotated(-error.get("usbl_heading", 0.0), line.fix_away_m) * shorter[:, None]
         line = replace(line, fix_m=line.fix_m + away_m - line.fix_away_m, fix_away_m=away_m)
+    arm_m = np.array([error.get("usbl_arm_starboard", 0.0), error.get("usbl_arm_forward", 0.0)])
+    if line.fix_ship_yaw_rad is not None and arm_m.any():
+        line = replace(line, fix_m=line.fix_m + ship_axes(line.fix_ship_yaw_rad) @ arm_m)
     for sensor, columns in COLUMNS.items():
         if clock_s := error.get(f"{sensor}_clock", 0.0):
             line = _with_earlier_records(line, clock_s, *columns)
@@ -170,6 +173,11 @@ def freed(timeline: Timeline, error: Mapping[str, float]) -> Timeline:
         yaws.append(yaw)
     mps = {"dvl_mps": line.dvl_mps / (1 + scale), "dr_mps": line.dr_mps / (1 + scale)}
     return replace(line, yaw_rad=yaws[0], dr_yaw_rad=yaws[1], **mps)
+
+
+def ship_axes(ship_yaw_rad: Vector) -> Array:
+    """Return starboard and forward of a ship, east and north of each in a column, (F, 2, 2); 0 if psi is unknown."""
+    return np.nan_to_num(np.stack([rotated(ship_yaw_rad, unit) for unit in np.eye(2)], axis=2))
 
 
 def _with_earlier_records(
@@ -249,8 +257,8 @@ def _without_sensor(timeline: Timeline, lost: Mask, measured: str, reckoned: str
     return replace(timeline, **columns)
 
 
-def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, sd: Mapping[str, float]) -> Array:
-    """Return what sigmas of settled numbers leave open at the positions of K epochs, (K, 2): (K, 2, 2).
+def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, parameters: Parameters) -> Array:
+    """Return what the settled numbers leave open at the positions of K epochs, (K, 2): (K, 2, 2).
 
     ``yaw_rad``, (K,), turns lever arms; errors of a USBL head count from where it was.
     """
@@ -261,9 +269,14 @@ def open_covariance_m2(timeline: Timeline, position_m: Array, yaw_rad: Vector, s
         t, fix_s, head_m = timeline.time_s, timeline.fix_time_s, timeline.fix_m - timeline.fix_away_m
         away_m: Array = position_m - columns_at(t, fix_s, head_m)
         by_error |= {"usbl_heading": np.column_stack([-away_m[:, 1], away_m[:, 0]]), "usbl_range": away_m}
+    if timeline.fix_ship_yaw_rad is not None:
+        axes = columns_at(timeline.time_s, timeline.fix_time_s, ship_axes(timeline.fix_ship_yaw_rad).reshape(-1, 4))
+        by_error |= {"usbl_arm_starboard": -axes[:, ::2], "usbl_arm_forward": -axes[:, 1::2]}
     cov_m2 = np.zeros((len(position_m), 2, 2))
-    for name, one_sigma in sd.items():
-        cov_m2 += one_sigma**2 * by_error[name][:, :, None] * by_error[name][:, None]
+    half = {(name, name): one_sigma**2 / 2 for name, one_sigma in parameters.settled_sd.items()}
+    for (one, other), covariance in (half | dict(parameters.settled_cov)).items():
+        product = covariance * by_error[one][:, :, None] * by_error[other][:, None]
+        cov_m2 += product + product.swapaxes(1, 2)
     return cov_m2
 
 

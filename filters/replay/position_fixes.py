@@ -79,6 +79,7 @@ def with_gps_fixes(timeline: Timeline, parameters: Parameters) -> Timeline:
     yaw = np.interp(gps.time_s, timeline.time_s, timeline.dr_yaw_rad)
     arm_m = rotated(yaw, np.array(gps.lever_m[:2]) - parameters.usbl_lever_m[:2])
     away_m, depth_m, none = timeline.fix_away_m, timeline.fix_levelled_by_m, np.zeros_like(gps.position_m)
+    ship_rad = timeline.fix_ship_yaw_rad
     time_s = np.append(timeline.fix_time_s, gps.time_s)
     every = replace(
         timeline,
@@ -88,6 +89,7 @@ def with_gps_fixes(timeline: Timeline, parameters: Parameters) -> Timeline:
         fix_cov_m2=np.vstack([timeline.fix_cov_m2, gps.cov_m2 / parameters.usbl_sd_scale**2]),
         fix_away_m=None if away_m is None else np.vstack([away_m, none]),
         fix_levelled_by_m=None if depth_m is None else np.append(depth_m, none[:, 0]),
+        fix_ship_yaw_rad=None if ship_rad is None else np.append(ship_rad, none[:, 0] * np.nan),
         fix_is_gps=np.arange(len(time_s)) >= count,
     )
     return every.with_fixes(np.argsort(time_s, kind="stable"))

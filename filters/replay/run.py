@@ -117,7 +117,7 @@ def _run(
     for state, value in parameters.settled.items():
         mean[:, layout.existing(state)] += value
     x, y = layout.rows("x", "y")
-    open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters.settled_sd)
+    open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters)
     open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.rival_shift or parameters.changes)
     at_fixes = timeline, mean[:, x : y + 1], mean[:, psi], np.array(parameters.usbl_lever_m[:2])
     rivals = rival_fixes(*at_fixes, parameters.usbl_sd_scale)

@@ -28,7 +28,15 @@ from usbldr.io.conventions.usbl_covariance import (
     stated_covariance,
     with_variance_floor,
 )
-from usbldr.io.conventions.usbl_head import UsblReference, fix_times, moved_by_head_m, rotated_clockwise, usbl_reference
+from usbldr.io.conventions.usbl_head import (
+    SHIP,
+    SHIP_HEADING,
+    UsblReference,
+    fix_times,
+    moved_by_head_m,
+    rotated_clockwise,
+    usbl_reference,
+)
 from usbldr.io.conventions.usbl_selection import fix_causes, kind_of_fixes, records_of_one, without_repeats
 from usbldr.io.findings import Finding
 from usbldr.io.geodesy import Origin, OriginKind
@@ -36,9 +44,10 @@ from usbldr.io.messages.layouts import RawRecords
 from usbldr.io.provenance import Convention
 from usbldr.io.settings.sensor_sections import UsblSection
 
-# optional, of fixes measured from a head: the line from there, and the depth that made a slant range horizontal
-AWAY_COLUMNS, LEVELLED_COLUMN = ("away_east_m", "away_north_m"), "levelled_by_m"
-OF_HEAD_COLUMNS = (*AWAY_COLUMNS, LEVELLED_COLUMN)
+# optional, of fixes measured from a head: the line from there, the depth that made a slant range horizontal, and where
+# the bow of the ship points
+AWAY_COLUMNS, LEVELLED_COLUMN, SHIP_COLUMN = ("away_east_m", "away_north_m"), "levelled_by_m", "ship_heading_deg"
+OF_HEAD_COLUMNS = (*AWAY_COLUMNS, LEVELLED_COLUMN, SHIP_COLUMN)
 DEPTH_HELD_S = (
     5.0  # beyond the first and the last depth: vehicles dive by less than 1 m/s, and without it a fix is far off
 )
@@ -121,6 +130,8 @@ def usbl(
         columns |= dict(zip(AWAY_COLUMNS, line.T, strict=True))
     if levelled_m is not None:
         columns[LEVELLED_COLUMN] = levelled_m
+    if end is not None and SHIP in raws and SHIP_HEADING in raws:
+        columns[SHIP_COLUMN] = end.carrier_heading.heading_deg
     chosen = [*target, kind_chosen, *when.conventions, *fixes.conventions]
     chosen += [*(end.conventions if end else ()), *sd_chosen]
     made = converted_table(times, columns, chosen, [*findings, *invalid])

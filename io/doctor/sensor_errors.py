@@ -15,7 +15,16 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.identification.evidence import Explained, explained
 from usbldr.filters.identification.identification import LEVER_OR_LATENCY, ErrorEstimate, Explanation, Identification
-from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, HEAD, KEYS, LEVER, RANGE, REPORTED
+from usbldr.filters.identification.linearisation import (
+    ARM,
+    COMPASS_CLOCK,
+    DVL_CLOCK,
+    HEAD,
+    KEYS,
+    LEVER,
+    RANGE,
+    REPORTED,
+)
 from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
 from usbldr.filters.types import Array, Timeline
 from usbldr.filters.windows import columns_at
@@ -123,6 +132,11 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
     if key == RANGE:
         percent, long = signed("usbl_range_scale", 100.0)
         return f"ranges of the USBL are {percent} % too {'long' if long else 'short'}"
+    if key == ARM:
+        forward, ahead = signed("usbl_arm_forward_m")
+        across, starboard = signed("usbl_arm_starboard_m")
+        place = f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to "
+        return f"the USBL head is {place}{'starboard' if starboard else 'port'} of the ship's antenna than stated"
     sensor, others = ("DVL", "compass") if key == DVL_CLOCK else ("compass", "DVL")
     seconds, late = signed(f"{sensor.lower()}_clock_s")
     return f"stamps of the {sensor} are {seconds} s {'late' if late else 'early'} against those of {others} and fixes"
@@ -162,6 +176,16 @@ def _head(log: Log, _: Identification, heading: float) -> WorstAndAdvice:
 def _range(log: Log, _: Identification, scale: float) -> WorstAndAdvice:
     stated = log.settings.usbl.sound_speed_scale / (1 + scale)
     return 100 * scale, f"check the speed of sound; if so, state sound_speed_scale = {stated:.4f} under [usbl]"
+
+
+def _arm(log: Log, _: Identification, starboard_m: float, forward_m: float) -> WorstAndAdvice:
+    head = log.settings.usbl.head
+    starboard, forward, up = head.lever_arm_m if head is not None else (0.0, 0.0, 0.0)
+    stated = f"[{starboard + starboard_m:z.2f}, {forward + forward_m:z.2f}, {up:z.2f}]"
+    return math.hypot(starboard_m, forward_m), (
+        f"measure it on the ship; if so, state lever_arm_m = {stated} in head of [usbl], or in the USBL's own software "
+        "if its fixes do not count from the head"
+    )
 
 
 def stated_scale(log: Log, scale: float) -> float:
@@ -226,6 +250,7 @@ ERROR_FINDINGS: Mapping[str, _ErrorFinding] = {
     LEVER: _ErrorFinding("DVL-LEVER", "dvl", "m", _lever),
     HEAD: _ErrorFinding("USBL-HEADING", "usbl", "deg", _head),
     RANGE: _ErrorFinding("USBL-RANGE", "usbl", "%", _range),
+    ARM: _ErrorFinding("USBL-ARM", "usbl", "m", _arm),
     "latency": _ErrorFinding("USBL-LATENCY", "usbl", "s", _latency),
 }
 """By the keys of linearisation.KEYS, in the order of the findings."""

@@ -22,7 +22,7 @@ from usbldr.io.conventions.clock_steps import LONGEST_LOG_NS
 from usbldr.io.conventions.compass import COMPASS_SD_DEG
 from usbldr.io.conventions.map_north import headings_on_plane
 from usbldr.io.conventions.time_series import unwrap
-from usbldr.io.conventions.usbl import AWAY_COLUMNS, LEVELLED_COLUMN
+from usbldr.io.conventions.usbl import AWAY_COLUMNS, LEVELLED_COLUMN, SHIP_COLUMN
 from usbldr.io.log import COLUMNS, Log, missing_sensor_text
 from usbldr.io.messages.layouts import BLOCK_RECORDS, blocks
 from usbldr.io.reader import utc
@@ -94,6 +94,7 @@ def timeline(log: Log, fast_hz: float = 5.0, slow_hz: float = 1.0) -> Timeline:
         fix_cov_m2=fixes[["cov_ee_m2", "cov_en_m2", "cov_en_m2", "cov_nn_m2"]].to_numpy(dtype=float).reshape(-1, 2, 2),
         fix_away_m=fixes[list(AWAY_COLUMNS)].to_numpy(dtype=float) if {*AWAY_COLUMNS} <= {*fixes} else None,
         fix_levelled_by_m=fixes[LEVELLED_COLUMN].to_numpy(dtype=float) if LEVELLED_COLUMN in fixes else None,
+        fix_ship_yaw_rad=-np.radians(fixes[SHIP_COLUMN].to_numpy(dtype=float)) if SHIP_COLUMN in fixes else None,
         gps_time_s=gps[:, 0],
         gps_m=gps[:, 1:3],
         outages=(

@@ -95,7 +95,9 @@ KEYS = {
     **keys("process", "position_m heading_deg velocity_mps turn_rate_dps uncalibrated_m"),
     **keys("calibrate", "scale_sd mount_sd_deg heading_sd_deg heading_walk_deg deviation_sd_deg", ALL_STATES),
     **keys("calibrate", "latency_sd_s usbl_bias_sd_m usbl_bias_time_s current_sd_mps current_walk_mps", ALL_STATES),
-    **keys("calibrate", "dvl_lever_sd_m dvl_clock_sd_s compass_clock_sd_s usbl_heading_sd_deg usbl_range_sd"),
+    **keys(
+        "calibrate", "dvl_lever_sd_m dvl_clock_sd_s compass_clock_sd_s usbl_heading_sd_deg usbl_range_sd usbl_arm_sd_m"
+    ),
     **keys("start", "east_m", "north_m = 0\nsd_m = 1"),
     **keys("start", "north_m", "east_m = 0\nsd_m = 1"),
     **keys("start", "sd_m", "east_m = 0\nnorth_m = 0"),

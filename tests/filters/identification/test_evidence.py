@@ -20,6 +20,7 @@ from usbldr.filters.identification.identification import (
     SensorErrorEvidence,
 )
 from usbldr.filters.identification.linearisation import (
+    ARM,
     COMPASS_CLOCK,
     DVL_CLOCK,
     HEAD,
@@ -44,12 +45,12 @@ from weaving import DIVE, SD_M, Faults, apart_m, mean_nees, weaving_dive
 
 ASSUMED = Parameters(process=ProcessNoise(0.005, 0.001, 0.02, 0.02), usbl=Gaussian(), start=Start(0.0, 0.0, 0.05))
 CLEAN = run("adf", DIVE, ASSUMED)
-OWN_KEYS = tuple(key for key in KEYS if key not in (HEAD, RANGE))  # of fixes without a head
+OWN_KEYS = tuple(key for key in KEYS if key not in (HEAD, RANGE, ARM))  # of fixes without a head
 SUBSETS = subsets_of(OWN_KEYS)
 
 
 def chosen(score: np.ndarray, rows: Mapping[str, np.ndarray], *keys: str) -> Choice:
-    likelihoods = FixLikelihoods(score, rows, rows)
+    likelihoods = FixLikelihoods(score, rows, rows, np.empty(0))
     return Choice(Member(ASSUMED, frozenset(keys)), 0, frozenset(), SUBSETS, score, likelihoods, frozenset())
 
 
@@ -273,7 +274,7 @@ def test_a_rival_latency_goes_beside_a_lever_arm_unless_it_is_clearly_worse() ->
 def test_an_early_clock_is_twenty_times_rarer_than_a_late_one(key: str, state: str) -> None:
     def score(value_s: float) -> float:
         mean = {"usbl_latency": np.zeros(1), "compass_clock": np.zeros(1), state: np.array([value_s])}
-        (found,) = _score(FixLikelihoods(np.array([7.0]), mean, mean), [frozenset([key])], frozenset())
+        (found,) = _score(FixLikelihoods(np.array([7.0]), mean, mean, np.empty(0)), [frozenset([key])], frozenset())
         return float(found)
 
     assert score(1.0) == pytest.approx(7.0 - np.log(20))

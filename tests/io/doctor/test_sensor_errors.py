@@ -1,18 +1,24 @@
 """What the doctor says of sensor errors and of noise: numbers as identified, and rivals instead of a guess."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.models.parameters import Parameters, SensorChange
-from usbldr.filters.types import Vector
+from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor import fix_noise
 from usbldr.io.doctor.doctor import examine_log
 from usbldr.io.doctor.fix_noise import exceeds_heavy_tail, fix_noise_findings
+from usbldr.io.doctor.interpretations import compare_interpretations
 from usbldr.io.doctor.sensor_errors import sensor_error_findings
 from usbldr.io.drills.drill import Drill, damaged
 from usbldr.io.drills.fault_text import fault_of
@@ -21,6 +27,9 @@ from usbldr.io.log import Log
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.reading.opening import Request
 from usbldr.io.session import open_log
+from weaving import DIVE
+
+Table: TypeAlias = tuple[Vector, Mapping[str, Vector]]  # times, s, and columns
 
 NUMBERS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "scale": {"dvl_scale": (0.05, 0.004)},
@@ -185,3 +194,59 @@ def test_fixes_without_dead_reckoning_between_them_show_no_noise(log: Log, monke
     codes = [one.code for one in fix_noise_findings(log, timeline(log), identification(explanation("scale")))]
 
     assert {"USBL-OUTLIERS", "USBL-NOISE-CHANGE"}.isdisjoint(codes)
+
+
+def test_the_lever_arm_of_a_ships_head_is_stated_as_the_configuration_has_it(tmp_path: Path) -> None:
+    """Fixes count from a head that lies 1 m to port and 6 m ahead of the antenna; stated is 2 m ahead."""
+    fix_s = DIVE.fix_time_s
+    heading_deg = 80.0 + 60.0 * np.sin(fix_s / 40.0)
+    sin, cos = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
+    antenna_m = np.column_stack([100 * np.sin(fix_s / 70.0), 50 * np.cos(fix_s / 50.0)])
+    head_m = antenna_m + np.column_stack([6 * sin - cos, 6 * cos + sin])
+    tables = {
+        **own_sensors(DIVE.dvl_mps),
+        "usbl": (fix_s, dict(zip(("east_m", "north_m"), (DIVE.fix_m - head_m).T, strict=True))),
+        "ship": (fix_s, dict(zip(("east_m", "north_m"), antenna_m.T, strict=True))),
+        "gyro": (fix_s, {"heading_deg": heading_deg}),
+    }
+    save(tmp_path, tables)
+    head = 'head = { topic = "ship", heading_topic = "gyro", lever_arm_m = [0.0, 2.0, 0.0] }'
+    (tmp_path / "usbldr.toml").write_text(f'schema = 1\n[compass]\ntopic = "compass"\n[usbl]\ntopic = "usbl"\n{head}\n')
+
+    findings = examine_log(open_log(str(tmp_path))).findings
+
+    (found,) = (one for one in findings if one.code == "USBL-ARM")
+    assert re.search(
+        r"head is [34]\.\d\d ± 0\.\d\d m further ahead and [01]\.\d\d ± 0\.\d\d m further to port", found.text
+    )
+    starboard, forward, up = map(float, re.findall(r"lever_arm_m = \[(.*?)\]", found.text)[0].split(","))
+    assert (starboard, forward, up) == (pytest.approx(-1.0, abs=0.2), pytest.approx(6.0, abs=0.2), 0.0)
+
+
+def test_fixes_beside_a_dvl_that_measures_through_a_current_are_of_the_same_vehicle(tmp_path: Path) -> None:
+    current_mps = (9.0, -3.0)  # on a course that changes all the time, less is still like the fixes within a minute
+    tables = own_sensors(DIVE.dvl_mps - rotated(-DIVE.yaw_rad, np.array(current_mps)))
+    tables["usbl"] = DIVE.fix_time_s, dict(zip(("east_m", "north_m"), DIVE.fix_m.T, strict=True))
+    save(tmp_path, tables)
+    log = open_log(str(tmp_path))
+    result = compare_interpretations(log, line := timeline(log))
+    assert result is not None
+    result = replace(result, best=result.as_read)
+    through = SensorChange(-np.inf, 0.0, 0.0, current_mps=current_mps)
+
+    (found,) = fix_noise.motion_findings(log, line, result)
+    assert found.code == "USBL-MOTION"
+    assert fix_noise.motion_findings(log, line, result, Identification(Parameters(changes=(through,)))) == []
+
+
+def own_sensors(dvl_mps: Array) -> dict[str, Table]:
+    return {
+        "dvl": (DIVE.time_s, {"starboard_mps": dvl_mps[:, 0], "forward_mps": dvl_mps[:, 1]}),
+        "compass": (DIVE.time_s, {"heading_deg": -np.degrees(DIVE.yaw_rad) % 360}),
+    }
+
+
+def save(folder: Path, tables: Mapping[str, Table]) -> None:
+    for name, (time_s, columns) in tables.items():
+        table = pd.DataFrame({"time_ns": np.rint(1e9 * time_s).astype(int)} | dict(columns))
+        table.to_csv(folder / f"{name}.csv", index=False)
