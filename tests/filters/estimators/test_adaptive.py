@@ -16,7 +16,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.noise import Contamination, Gaussian, Noise, NoiseFamily
 from usbldr.filters.models.parameters import ProcessNoise
 from usbldr.filters.models.sensors import DirectState, Measurement, UsblFix
-from usbldr.filters.models.sigma_points import MomentTransform, linearised, unscented
+from usbldr.filters.models.sigma_points import linearised, unscented
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.methods import METHODS, FilterSettings
 
@@ -122,9 +122,7 @@ def test_speed_and_heading_are_not_listened_to(factor: InflationFactor) -> None:
 @pytest.mark.parametrize(
     ("name", "rule", "factor"), [("afukf", unscented, FadingFactor()), ("aekf", linearised, CovarianceMatching())]
 )
-def test_the_table_pairs_ukf_and_ekf_with_their_factors(
-    name: str, rule: MomentTransform, factor: InflationFactor
-) -> None:
+def test_the_table_pairs_ukf_and_ekf_with_their_factors(name, rule, factor):
     motion = VehicleMotion(StateLayout(), ProcessNoise())
 
     build = METHODS[name].build

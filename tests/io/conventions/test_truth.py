@@ -107,9 +107,7 @@ def test_the_truth_is_the_file_or_topic_that_is_named_or_else_the_gps(
     assert "KEY-UNUSED" not in {finding.code for finding in log.findings}
 
 
-def test_rows_of_one_time_are_averaged_and_the_keys_and_sigmas_of_the_truth_are_kept(
-    tmp_path: Path,
-) -> None:
+def test_rows_of_one_time_are_averaged_and_the_keys_and_sigmas_of_the_truth_are_kept(tmp_path):
     log = dive(tmp_path, NED_FILE, FIXES)
 
     assert log.truth.max_gap_s == 12.0

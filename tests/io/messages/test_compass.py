@@ -21,13 +21,10 @@ from usbldr.io.provenance import Convention
 TURN, PLACE = "geometry_msgs/Quaternion orientation", "float64 latitude longitude"
 STAMP = "builtin_interfaces/Time timestamp"
 TYPES = {
-    "compass_msgs/msg/Azimuth": HEADER + fields("float64 azimuth variance", "uint8 unit orientation reference"),
     "ds_sensor_msgs/msg/Compass": HEADER + fields("float64 heading heading_covar", "bool is_true_heading"),
     "ds_sensor_msgs/msg/Gyro": HEADER + fields("float64 roll pitch heading heading_covar", TURN),
     "old_ds_sensor_msgs/msg/Gyro": HEADER + fields("float64 roll pitch heading"),
     "ds_sensor_msgs/msg/Ins": HEADER + fields("float64 roll pitch heading", TURN),
-    "cola2_msgs/msg/RPY": fields("float32 roll pitch yaw"),
-    "cola2_msgs/msg/NavSts": HEADER + fields("cola2_msgs/RPY orientation"),
     "auv_msgs/msg/NavigationStatus": HEADER + fields("geometry_msgs/Vector3 orientation"),
     "beside_position/msg/GPSData": HEADER + fields(PLACE, "int32 fix_quality", "float32 heading"),
     "beside_position/msg/GPSRAW": HEADER + fields("uint8 fix_type", "int32 lat lon", "uint16 yaw"),
@@ -36,7 +33,7 @@ TYPES = {
     "heading_geo/msg/GeoPose": fields("heading_geo/GeoPoint position", TURN),
     "heading_smarc/msg/LatLonOdometry": HEADER + fields("heading_geo/GeoPose lat_lon_pose"),
 }
-define(TYPES)
+define(TYPES, shipped="cola2_msgs compass_msgs")
 QUATERNION, VECTOR = "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped"
 FIELD, AZIMUTH, WHOI = "sensor_msgs/msg/MagneticField", "compass_msgs/msg/Azimuth", "ds_sensor_msgs/msg/Compass"
 FLOAT = "std_msgs/msg/Float32"

@@ -12,14 +12,8 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.provenance import Convention
 
 VELOCITY = "geometry_msgs/Vector3 velocity\n"
-SIMULATED = HEADER + VELOCITY + "float64[9] velocity_covariance\nfloat64 altitude\n"
-
 TYPES = {
-    "uuv_sensor_ros_plugins_msgs/msg/DVL": SIMULATED,
-    "smarc_msgs/msg/DVL": SIMULATED,
-    "cola2_msgs/msg/DVL": SIMULATED,
-    "stonefish_ros2/msg/DVL": SIMULATED,
-    "uuv_sensor_msgs/msg/DVL": SIMULATED + "uint8 velocity_reference\n",
+    "uuv_sensor_msgs/msg/DVL": HEADER + VELOCITY + fields("float64[9] velocity_covariance", "uint8 velocity_reference"),
     "ds_sensor_msgs/msg/Dvl": HEADER
     + VELOCITY
     + fields("float64[9] velocity_covar", "uint8 num_good_beams velocity_mode coordinate_mode"),
@@ -30,11 +24,10 @@ TYPES = {
     "nortek_dvl/msg/Dvl": HEADER
     + fields("float64 time", "geometry_msgs/Vector3 velocity", "float64 figureOfMerit", "float64[4] beamDistance"),
     "nortek_dvl333_msgs/msg/BottomTrack": fields("float64 vel_beam0 vel_beam1 vel_beam2"),
-    "holoocean_interfaces/msg/DVLSensorRange": fields("int64 timestamp", "float64[4] range"),
     "cola2_msgs/msg/LinkquestDvl": HEADER + fields("float64[3] velocityInst", "int32 velocityInstFlag"),
     "cola2_msgs/msg/TeledyneExplorerDvl": HEADER + fields("float64 bi_x_axis bi_y_axis bi_z_axis", "string bi_status"),
 }
-define(TYPES)
+define(TYPES, shipped="uuv_sensor_ros_plugins_msgs smarc_msgs cola2_msgs stonefish_ros2 holoocean_interfaces")
 
 row = partial(record, "/sensor")
 

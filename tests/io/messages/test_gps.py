@@ -40,30 +40,19 @@ from table_recordings import as_csv, as_hdf5, as_mat, as_mat_7_3, as_netcdf, as_
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
 
-PLACE = "float64 latitude\nfloat64 longitude\n"
-COVARIANCE = "float64[9] position_covariance\nuint8 position_covariance_type\n"
 TYPES = {
-    "gps_msgs/msg/GPSStatus": "int16 status\n",
-    "gps_msgs/msg/GPSFix": HEADER + "gps_msgs/GPSStatus status\n" + PLACE + "float64 err_horz\n" + COVARIANCE,
-    "mavros_msgs/msg/GPSRAW": HEADER + "uint8 fix_type\nint32 lat\nint32 lon\nuint32 h_acc\n",
-    "nmea_msgs/msg/Gpgga": HEADER + "float64 lat\nfloat64 lon\nstring lat_dir\nstring lon_dir\nuint32 gps_qual\n",
-    "cola2_msgs/msg/GPSData": HEADER
-    + PLACE
-    + fields("int32 fix_quality", "float32 latitude_stdev longitude_stdev heading"),
-    "ds_sensor_msgs/msg/UbloxNav": HEADER + PLACE + "float32 accuracy_horz\nstring fixtype\n",
-    "foxglove_msgs/msg/LocationFix": "builtin_interfaces/Time timestamp\nstring frame_id\n" + PLACE + COVARIANCE,
-    "smarc_msgs/msg/LatLonStamped": HEADER + PLACE,
-    "geographic_msgs/msg/GeoPoint": PLACE + "float64 altitude\n",
-    "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
+    "ds_sensor_msgs/msg/UbloxNav": HEADER
+    + fields("float64 latitude longitude", "float32 accuracy_horz", "string fixtype"),
     "old_geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint geo_point\n",
-    "geographic_msgs/msg/GeoPose": "geographic_msgs/GeoPoint position\ngeometry_msgs/Quaternion orientation\n",
     "geographic_msgs/msg/GeoPoseStamped": HEADER + "geographic_msgs/GeoPose pose\n",
-    "riptide_msgs/msg/Depth": HEADER + "float32 depth\nfloat32 variance\n",
-    "uuv_sensor_msgs/msg/Depth": HEADER + "float64 depth\nfloat64 depth_variance\n",
-    "ds_sensor_msgs/msg/DepthPressure": HEADER + "float64 pressure\nfloat64 depth\n",
-    "holoocean_interfaces/msg/DepthSensor": HEADER + "float32 depth\n",
+    "riptide_msgs/msg/Depth": HEADER + fields("float32 depth variance"),
+    "uuv_sensor_msgs/msg/Depth": HEADER + fields("float64 depth depth_variance"),
+    "ds_sensor_msgs/msg/DepthPressure": HEADER + fields("float64 pressure depth"),
 }
-define(TYPES)
+define(
+    TYPES,
+    shipped="gps_msgs mavros_msgs nmea_msgs cola2_msgs foxglove_msgs smarc_msgs geographic_msgs holoocean_interfaces",
+)
 
 row = partial(record, "/gps")
 

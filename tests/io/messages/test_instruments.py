@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from logs import MAP, codes, logged, refusal
-from recordings import FIX, HEADER, IMU, ROS2, SECOND, T0, Row, define, fields, fix, turned, twist
+from recordings import FIX, HEADER, IMU, SECOND, T0, Row, define, fields, fix, turned, twist
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.decoding.definitions import KNOWN, SHIPPED
 from usbldr.io.log import Log
 
 TYPES = {  # further ones have the layouts that their drivers publish, which test_definitions holds to checksums
@@ -23,13 +22,7 @@ TYPES = {  # further ones have the layouts that their drivers publish, which tes
     "vectornav/msg/Ins": HEADER
     + fields("uint16 week insStatus", "float32 yaw pitch roll", "float64 latitude longitude", "float32 posUncertainty"),
 }
-define(TYPES)
-for known in (
-    name
-    for name in KNOWN
-    if name.startswith(("interfaces/", "sbg_", "ublox_", "sept", "vectornav", "mavros_msgs/msg/VfrHud"))
-):
-    ROS2.register(dict(SHIPPED.layouts(known)[0]))
+define(TYPES, shipped="interfaces sbg_ ublox_ sept vectornav mavros_msgs/msg/VfrHud")
 
 
 def row(kind: str, values: Mapping[str, Any], after_s: int = 0, topic: str = "/topic") -> Row:

@@ -17,8 +17,6 @@ from usbldr.io.provenance import Convention
 LONG = "float64 current_time measurement_time", "int32 remote_address"
 QUALITY = "float32 propagation_time", "int32 rssi integrity", "float32 accuracy"
 VECTOR, PLACE = "geometry_msgs/Vector3", "float64 latitude longitude"
-SEATRAC, STAMP = "position_easting position_northing position_depth", "builtin_interfaces/Time timestamp"
-OF_BEACON = "float64 range azimuth elevation", "geometry_msgs/Point relative_position"
 TYPES = {
     "dmac/msg/mUSBLFix": HEADER
     + fields("int32 source_id", "string source_name", "int32 type", "geometry_msgs/Point relative_position")
@@ -31,28 +29,17 @@ TYPES = {
     "mvp_acomm/msg/EvologicsUsbllong": fields(*LONG, f"{VECTOR} xyz enu rpy", *QUALITY),
     "vehicle_interface/msg/AcousticLocalization": HEADER
     + fields("uint8 sender_address", PLACE, "float32 depth", "float64 measurement_time", "float32 accuracy"),
-    "acomms_msgs/msg/UsblData": HEADER + fields(*LONG, f"{VECTOR} xyz enu", *QUALITY),
-    "seatrac_interfaces/msg/ModemRec": HEADER
-    + fields("uint8 src_id", "bool includes_position position_flt_error", f"int16 {SEATRAC}"),
-    "seatrac_driver/msg/AcousticFix": fields("uint8 source_id", "bool position_valid position_filter_error")
-    + fields(f"float32 {SEATRAC}"),
-    "seatrac_driver/msg/TransceiverFixStatus": "seatrac_driver/AcousticFix fix\n",
     "later_driver/msg/TransceiverFixStatus": "seatrac_driver/AcousticFix acoustic_fix\n",
-    "seatrac_driver/msg/NavigationQueryResponseStatus": "seatrac_driver/AcousticFix fix\n",
-    "stonefish_ros2/msg/BeaconInfo": HEADER + fields("int64 beacon_id", *OF_BEACON),
     "sonardyne_msgs/msg/Position": HEADER + fields("string UID name", PLACE, "float64 depth age"),
-    "geographic_msgs/msg/GeoPoint": fields(PLACE, "float64 altitude"),
-    "geographic_msgs/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint position\n",
     "old_usbl_geo/msg/GeoPointStamped": HEADER + "geographic_msgs/GeoPoint geo_point\n",
-    "foxglove_msgs/msg/Point3InFrame": fields(STAMP, "string frame_id", "geometry_msgs/Point point"),
-    "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
-    "holoocean_interfaces/msg/AcousticBeaconSensor": fields(
-        "int64 timestamp", "string msg_type", "int32 from_beacon", "float32 azimuth elevation range z"
+    "foxglove_msgs/msg/Point3InFrame": fields(
+        "builtin_interfaces/Time timestamp", "string frame_id", "geometry_msgs/Point point"
     ),
+    "vehicle_interface/msg/AcousticModemUSBLANGLES": HEADER + "float32 bearing\n",
     "collaborative/msg/USBL": "float32 distance\nfloat32 bearing\n",
     "labust_msgs/msg/AcousticModemRange": HEADER + "float32 range_m\nuint8 id\n",
 }
-define(TYPES)
+define(TYPES, shipped="acomms_msgs seatrac_ stonefish_ros2 geographic_msgs holoocean_interfaces")
 
 row = partial(record, "/usbl")
 

@@ -232,9 +232,7 @@ UNFIT = "/heading: {} messages, the first of 2020-09-13T12:26:41.000Z, do not ma
           for byte, name in ((3, "PL_CDR"), (7, "XCDR2"), (11, "XCDR2"))),
     ],
 )  # fmt: skip
-def test_messages_that_do_not_fit_their_definition_are_counted(
-    tmp_path: Path, payloads: list[bytes], said: str
-) -> None:
+def test_messages_that_do_not_fit_their_definition_are_counted(tmp_path, payloads, said):
     log = McapLog(write_payloads(tmp_path / "a.mcap", "/heading", "cdr", FLOAT64, payloads))
 
     heading = read_whole(log, {"/heading": ["data"]})["/heading"]

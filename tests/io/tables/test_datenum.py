@@ -100,9 +100,7 @@ def test_times_of_labview_count_from_1904(tmp_path: Path, columns: dict[str, str
      ("Date", 25_569), ("Time", 25_569)],
 )  # fmt: skip
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
-def test_day_numbers_of_other_calendars_are_known_by_name_or_size(
-    tmp_path: Path, write: Callable[[Path, Tables], Path], name: str, at_1970: float
-) -> None:
+def test_day_numbers_of_other_calendars_are_known_by_name_or_size(tmp_path, write, name, at_1970):
     days = np.array([at_1970 + (T0 // SECOND + k / 4) / DAY_S for k in range(8)])
     log = read_log(write(tmp_path, {"nav": {name: days, "heading_deg": np.arange(8.0)}}))
 
@@ -148,9 +146,7 @@ def test_days_of_an_unknown_year_are_named(tmp_path: Path, name: str, cell: str,
 
 @pytest.mark.parametrize(("name", "year"), [("FileTime", 1601), ("Ticks", 1), ("Time", 1601), ("Time", 1)])
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
-def test_steps_of_100_ns_count_from_1601_or_from_the_year_1(
-    tmp_path: Path, write: Callable[[Path, Tables], Path], name: str, year: int
-) -> None:
+def test_steps_of_100_ns_count_from_1601_or_from_the_year_1(tmp_path, write, name, year):
     first = (FIRST - datetime(year, 1, 1)) // timedelta(seconds=1) * 10**7
     steps = np.array([first + k * 2_500_001 for k in range(8)])
 

@@ -1,6 +1,5 @@
 """Objects in MATLAB's files, by the book as far as there is one: they are named, and never taken for numbers."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -57,9 +56,7 @@ def write_5(file: Path, kind: str, with_vectors: bool) -> Path:
 
 
 @pytest.mark.parametrize("write", [write_5, write_7_3])
-def test_an_object_is_named_and_no_column_and_a_file_of_nothing_else_says_so(
-    tmp_path: Path, write: Callable[[Path, str, bool], Path]
-) -> None:
+def test_an_object_is_named_and_no_column_and_a_file_of_nothing_else_says_so(tmp_path, write):
     (topic,) = open_log(write(tmp_path / "dive.mat", "datetime", True)).topics()
 
     assert topic.problem.startswith("its columns match no sensor (heading, t (a datetime: store posixtime)); name them")
