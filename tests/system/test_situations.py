@@ -128,7 +128,7 @@ def test_local_time_in_a_sentence_is_moved_to_the_clock_of_the_others(tmp_path: 
     assert "CLOCK-SHIFTED" in codes(log)
 
 
-@pytest.mark.parametrize("later", [0.4, -0.4])
+@pytest.mark.parametrize("later", [1.4, -0.4])
 def test_fixes_around_midnight_stay_in_order(tmp_path: Path, later: float) -> None:
     """The logger's midnight comes a little before or after the sender's."""
     midnight_s = 1_600_041_600  # 2020-09-14T00:00:00Z

@@ -40,7 +40,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The paper's dive, and the run directory of a filter beside it."""
     folder = tmp_path_factory.mktemp("own")
     output_of("simulate", "paper", "-o", folder / "paper.mcap")
-    output_of("replay", folder / "paper.mcap", "-f", "adf", "-q", "-o", folder / "adf")
+    output_of("replay", folder / "paper.mcap", "-f", "adf", "--fnv", "-q", "-o", folder / "adf")
     return folder
 
 
@@ -50,9 +50,11 @@ def judged(log: Path, name: object, *options: object) -> dict[str, Any]:
 
 def test_our_own_track_has_our_own_numbers(own: Path) -> None:
     found, filtered = judged(own / "paper.mcap", own / "adf" / "track_5hz.csv"), report_of(own / "adf")
+    of_fnv = judged(own / "paper.mcap", own / "adf" / "track.fnv", "--force")["metrics"]
 
     for name in ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m", "matched", "shift_m"):
         assert found["metrics"][name] == pytest.approx(filtered["metrics"][name], abs=1e-4), name  # as written: 0.1 mm
+        assert of_fnv[name] == pytest.approx(filtered["metrics"][name], abs=1e-3), name
     for name in ("nees_mean", "nees_low", "inside_1_sigma"):
         assert found["metrics"][name] == pytest.approx(filtered["metrics"][name], rel=5e-3), name
     assert found["relative_errors"] == [
@@ -138,17 +140,17 @@ def test_a_file_that_holds_no_track_is_named(own: Path, content: bytes, why: str
     assert why in refusal(LogError, output_of, "evaluate", own / "paper.mcap", "-e", other, "-o", own / "other")
 
 
-def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> list[Row]:
-    """Two minutes east at 1 m/s by GPS, and an estimate with a right sigma, white errors and a heading of east."""
+def onboard(kind: str, frame: str, sd_m: float = 0.5) -> list[Row]:
+    """Two minutes east at 1 m/s by GPS, and an estimate with white errors of 0.5 m, a sigma and a heading of east."""
     rng, rows = np.random.default_rng(2), list[Row]()
     for k in range(120):
-        ns, e, n = T0 + k * SECOND, *(np.array([k, 0.0]) + rng.normal(0, error_m, 2))
+        ns, e, n = T0 + k * SECOND, *(np.array([k, 0.0]) + rng.normal(0, 0.5, 2))
         rows.append(fix(ns, 45.0, 7.0 + k / (M_PER_DEG * 0.70910)))
         covariance = np.zeros(36)
         covariance[[0, 7]] = sd_m**2
         x, y = (n, e) if frame == NED else (e, n)
-        values = {f"{prefix}.pose.position.x": x, f"{prefix}.pose.position.y": y, f"{prefix}.covariance": covariance}
-        values |= turned(f"{prefix}.pose.orientation", 90.0 if frame == NED else 0.1 * (k % 2))
+        values = {"pose.pose.position.x": x, "pose.pose.position.y": y, "pose.covariance": covariance}
+        values |= turned("pose.pose.orientation", 90.0 if frame == NED else 0.1 * (k % 2))
         rows.append((ns, "/nav", kind, {"header.stamp": ns, "header.frame_id": frame} | values))
     return rows
 
@@ -156,7 +158,7 @@ def onboard(kind: str, prefix: str, frame: str, error_m: float, sd_m: float) -> 
 @pytest.mark.parametrize("kind", [ODOMETRY, POSE_COVARIANCE])
 @pytest.mark.parametrize("frame", ["odom", NED])
 def test_a_topic_of_a_log_without_dvl_is_judged_with_its_covariance(tmp_path: Path, kind: str, frame: str) -> None:
-    log = written(tmp_path, onboard(kind, "pose", frame, 0.5, 0.5), MAP)
+    log = written(tmp_path, onboard(kind, frame), MAP)
 
     found = judged(log, "/nav")
 
@@ -167,7 +169,7 @@ def test_a_topic_of_a_log_without_dvl_is_judged_with_its_covariance(tmp_path: Pa
 
 
 def test_a_covariance_too_small_is_told_and_so_is_an_unknown_place(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "dive.mcap", onboard(ODOMETRY, "pose", "odom", 0.5, 0.1))
+    log = write_mcap(tmp_path / "dive.mcap", onboard(ODOMETRY, "odom", 0.1))
 
     found = judged(log, "/nav")
 
@@ -200,7 +202,7 @@ def test_what_cannot_be_judged_is_one_sentence(own: Path) -> None:
 
 @pytest.mark.parametrize("write", [write_mcap, write_bag, write_rosbag2])
 def test_a_track_or_a_truth_in_a_recording_of_its_own_is_its_only_topic_of_positions(tmp_path, write) -> None:
-    rows = onboard(ODOMETRY, "pose", "odom", 0.5, 0.5)
+    rows = onboard(ODOMETRY, "odom")
     log = written(tmp_path, rows, MAP)
     ending = {write_mcap: ".mcap", write_bag: ".bag", write_rosbag2: ""}[write]
     nav, gps = tmp_path / f"nav{ending}", tmp_path / f"gps{ending}"

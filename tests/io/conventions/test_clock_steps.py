@@ -452,17 +452,6 @@ def test_only_the_stamps_of_one_sensor_go_back(tmp_path: Path) -> None:
     assert headings(whole) == [*range(COUNT)]
 
 
-def test_a_slow_topic_is_cut_where_the_clock_went_back(tmp_path: Path) -> None:
-    rows: list[Row] = []
-    for k, t in enumerate(back(40, 2 * SECOND).tolist()):
-        rows += [twist(t, 1.0, 0.0), yaw(t, 0.0), *([point(t, float(k), 0.0)] if k % 20 == 19 else [])]
-    log = write_mcap(tmp_path / "a.mcap", rows)
-
-    parts = [read_log(log, Request(part=part)).tables["usbl"]["east_m"].tolist() for part in ("1", "2")]
-
-    assert parts == [[19, 39], [59, 79]]
-
-
 def test_a_part_that_there_is_not_is_refused_and_one_without_a_step_is_said(tmp_path: Path) -> None:
     log = write_mcap(tmp_path / "a.mcap", rows_of(back(40, 100 * SECOND)))
 

@@ -206,23 +206,6 @@ def test_letters_beside_the_degrees_of_a_truth_say_its_hemisphere(tmp_path: Path
     np.testing.assert_allclose(log.truth.position_m, 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("frame", "yaws_deg", "left"), [("ENU", (30.0, 40.0), 1.0), ("NED", (60.0, 50.0), -1.0)])
-def test_odometry_has_the_heading_and_the_velocity_of_the_truth(tmp_path, frame, yaws_deg, left):
-    """Bow 60, then 50 degrees from north; 2 m/s ahead and 0.5 m/s to port, y to port in ENU and to starboard in NED."""
-    rows: list[Row] = []
-    for k, yaw_deg in enumerate(yaws_deg):
-        ns, topic, kind, values = pose(T0 + k * SECOND, 1.0, 2.0, ODOMETRY)
-        twist = {"twist.twist.linear.x": 2.0, "twist.twist.linear.y": 0.5 * left}
-        rows.append((ns, topic, kind, {**values, **turned("pose.pose.orientation", yaw_deg), **twist}))
-
-    truth = dive(tmp_path, f'[truth]\ntopic = "/slam"\nframe = "{frame}"', rows).truth
-
-    assert truth.yaw_rad is not None
-    assert truth.velocity_mps is not None
-    np.testing.assert_allclose(np.degrees(truth.yaw_rad), [-60.0, -50.0])
-    np.testing.assert_allclose(truth.velocity_mps, [[-0.5, 2.0], [-0.5, 2.0]])
-
-
 def test_poses_that_are_all_turned_alike_state_no_heading(tmp_path: Path) -> None:
     truth = dive(tmp_path, '[truth]\ntopic = "/slam"', [pose(T0 + k * SECOND, k, 0.0, POSE) for k in range(3)]).truth
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from logs import HEAD, logged_csv, logged_nmea, on_map, only, places, refusal
 from recordings import sentence
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.log import Log
 
 LAKE = "[map]\norigin_lat_deg = 44.986266\norigin_lon_deg = -93.5761859\n"
@@ -133,7 +132,6 @@ LONG = [
     "10446.991981,10446.534643,3,-0.0604,-1.0888,-0.5851,-0.4233,-1.0020,-0.5901,0.0063,0.0269,-0.3295,825,-36,77,1.2375",
     "1325384364.662679,1325384364.401149,2,0.0234,0.3407,-0.1417,-0.3286,0.0800,-0.1494,-0.0178,0.1164,1.3498,247,-16,388,0.0116",
 ]
-ANGLES = "1325377475.019626,1325377474.170448,2,-2.2959,-0.4586,-1.7643,-0.4293,0.0307,0.0766,0.5695,-16,296,0.0114"
 DIGITS = 2e-4  # of the printed numbers, turned by printed angles
 SHIP = (51.3306281, -0.83499295)  # of Sonardyne's example
 T0_S = 1_600_000_000
@@ -173,14 +171,3 @@ head = { topic = "/gps", heading_topic = "/compass" }
     )
 
     assert places(log)[0] == pytest.approx(stated[:2], abs=DIGITS)
-
-
-def test_the_angles_of_an_evologics_head_are_turned_to_those_that_it_states() -> None:
-    (bearing, elevation), (east_north, up) = parts(ANGLES, 3, 2), parts(ANGLES, 5, 2)
-    flat = math.cos(elevation)
-    seen = np.array(
-        [-flat * math.sin(bearing), flat * math.cos(bearing), math.sin(elevation)]
-    )  # starboard, forward, up
-    east, north, high = attitude_matrix(*np.array(heading_pitch_roll(ANGLES, 7))[:, None])[0] @ seen
-
-    assert (math.atan2(north, east), math.asin(high)) == pytest.approx((east_north, up), abs=DIGITS)

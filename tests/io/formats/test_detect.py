@@ -47,13 +47,6 @@ def test_every_format_has_a_recording() -> None:
     assert found == set(FORMATS_READ)
 
 
-def test_a_folder_of_text_is_a_csv_folder(tmp_path: Path) -> None:
-    folder = write_csv(tmp_path / "dive.mcap", dvl="time_ns,starboard_mps,forward_mps\n1,2,3")
-
-    assert open_log(folder).format == "CSV folder"
-    assert open_log(folder / "dvl.csv").format == "CSV file"
-
-
 def matlab_4() -> bytes:
     file = BytesIO()
     scipy.io.savemat(file, {"time_s": np.arange(3.0)}, format="4")

@@ -18,7 +18,7 @@ from recordings import SECOND, T0, saved, saved_lines, sentence
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS
-from usbldr.io.decoding.nmea_times import NO_TIME, on_nearest_date, prefixed_ns, times_from_sentences
+from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns, times_from_sentences
 from usbldr.io.formats.detect import open_log
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
@@ -67,13 +67,6 @@ def test_a_time_of_day_has_the_date_that_is_known(tmp_path, lines, start, wanted
     assert log.start_ns == np.datetime64(start, "ns").astype(int)
     assert columns(log, wanted) == {name: pytest.approx(values, abs=1e-9) for name, values in wanted.items()}
     assert ("1970-01-01" in codes(log).get("NMEA-DATE", "")) == start.startswith("1970")
-
-
-def test_times_around_midnight_fall_on_either_side_of_it() -> None:
-    midnight = 20_000 * DAY
-    of_day, received = np.array([DAY - SECOND, SECOND]), np.array([midnight + 2 * SECOND, midnight - 2 * SECOND])
-
-    assert on_nearest_date(of_day, received).tolist() == [midnight - SECOND, midnight + SECOND]
 
 
 @pytest.mark.parametrize("order", [("GPRMC", "GPGGA"), ("GPGGA", "GPRMC")])

@@ -1,7 +1,6 @@
 """Further files of a run: track.fnv for MB-System, and the tables as Parquet."""
 
 import csv
-import json
 import math
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -48,17 +47,6 @@ def test_every_column_is_that_of_the_format(folder: Path) -> None:
         assert kmph == pytest.approx(3.6 * speed_mps, abs=1e-3)
         assert (draft, roll, pitch, heave) == (0, 0, 0, 0)
         assert swath == [lon, lat, lon, lat]
-
-
-def test_evaluating_the_file_gives_the_numbers_of_the_run(folder: Path) -> None:
-    own = report_of(folder)["metrics"]
-
-    reported = output_of("evaluate", LOG, "-e", folder / "track.fnv", "--json", "-o", folder.parent / "judged")
-
-    found = json.loads(reported)["metrics"]
-    assert found["matched"] == own["matched"]
-    for name in ("mean_horizontal_m", "rmse_east_m", "bias_north_m", "max_horizontal_m"):
-        assert found[name] == pytest.approx(own[name], abs=1e-3), name
 
 
 def test_lines_of_mblist_are_read_as_a_truth(tmp_path: Path) -> None:
