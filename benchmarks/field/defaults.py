@@ -157,11 +157,7 @@ def _sensitivity() -> Iterator[tuple[str, Change]]:
         )
         for name in ("count", "least_sd_m", "sd_yaw_rad", "sd_mps", "sd_radps"):
             yield f"start.{name} {label}", _scaled_start(name, factor)
-        for name in (
-            "evidence.LATENCY_SD_S",
-            "evidence.SCALE_SD",
-            "evidence.MAX_PRIOR_SIGMAS",
-        ):
+        for name in ("evidence.LATENCY_SD_S", "evidence.SCALE_SD", "evidence.MAX_PRIOR_SIGMAS"):
             yield f"{name} {label}", Change(constants={name: factor * attrgetter(name)(MODULES)})
         odds = evidence.LOG_PRIOR_ODDS - math.log(factor)
         yield f"evidence.LOG_PRIOR_ODDS {label}", Change(constants={"evidence.LOG_PRIOR_ODDS": odds})

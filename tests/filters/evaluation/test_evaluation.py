@@ -11,13 +11,7 @@ import pytest
 
 from checkout import ROOT
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.filters.evaluation.consistency import (
-    SensorUpdates,
-    consistency,
-    consistency_text,
-    nees,
-    truth_covariances,
-)
+from usbldr.filters.evaluation.consistency import SensorUpdates, consistency, consistency_text, nees, truth_covariances
 from usbldr.filters.evaluation.error_report import METRICS, Window
 from usbldr.filters.evaluation.evaluation import evaluate
 from usbldr.filters.evaluation.metrics import AxisErrors, declared, distance_travelled_m
