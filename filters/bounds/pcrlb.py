@@ -18,7 +18,6 @@ Trans. Signal Processing 46(5), 1998, doi:10.1109/78.668800.
 """
 
 import functools
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -75,11 +74,6 @@ def local_bounds(steps: Sequence[Step], motion: MotionModel, truth: Array, prior
         share = some.shape[2] / truth.shape[2]
         total = Bounds(total.filtered + share * batch.filtered, total.smoothed + share * batch.smoothed)
     return total
-
-
-def mean_absolute_error(cov: Array, row: int) -> float:
-    """Return the mean |e| of Gaussian errors of one state with the covariances (K, n, n): sqrt(2/pi) mean sigma."""
-    return math.sqrt(2 / math.pi) * float(np.sqrt(np.maximum(cov[:, row, row], 0.0)).mean())
 
 
 def parallel_sum(A: Array, B: Array) -> Array:

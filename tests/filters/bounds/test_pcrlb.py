@@ -11,8 +11,8 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from textbook import PRIOR, Drift, position_steps
-from usbldr.filters.bounds.dive_bounds import dive_bounds, true_states
-from usbldr.filters.bounds.pcrlb import BATCH_SIZE, Bounds, bounds, local_bounds, mean_absolute_error, parallel_sum
+from usbldr.filters.bounds.dive_bounds import PositionBound, dive_bounds, true_states
+from usbldr.filters.bounds.pcrlb import BATCH_SIZE, Bounds, bounds, local_bounds, parallel_sum
 from usbldr.filters.errors import UsageError
 from usbldr.filters.estimators.protocol import Step
 from usbldr.filters.models.calibration import STATES, layout_for
@@ -223,10 +223,12 @@ def test_parallel_is_the_inverse_of_the_sum_of_inverses() -> None:
     assert parallel_sum(np.diag([0.0, 2.0]), np.diag([3.0, 1.0])).tolist() == [[0.0, 0.0], [0.0, 2.0 / 3.0]]
 
 
-def test_the_mean_absolute_error_is_that_of_drawn_gaussians() -> None:
-    draws = np.random.default_rng(5).normal(size=(200_000, 2)) * (0.5, 2.0)
-    cov = np.array([np.diag([9.0, 0.25]), np.diag([9.0, 4.0])])
-    assert mean_absolute_error(cov, 1) == pytest.approx(np.abs(draws).mean(), rel=0.01)
+def test_the_bounds_of_absolute_errors_are_those_of_drawn_gaussians() -> None:
+    sd_m = np.array([[0.5, 3.0], [2.0, 1.0]])
+    draws = np.abs(np.random.default_rng(5).normal(size=(200_000, 2, 2)) * sd_m)
+    bound = PositionBound(np.arange(2.0), sd_m, 2.0 * sd_m)
+    np.testing.assert_allclose(bound.filter_m, draws.mean(axis=(0, 1)), rtol=0.01)
+    np.testing.assert_allclose(bound.smoother_m, 2.0 * draws.mean(axis=(0, 1)), rtol=0.01)
 
 
 PAPER = find_scenario("paper")
