@@ -10,6 +10,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,13 +35,18 @@ def drill(text: str) -> Damage:
     return lambda log, seed: damaged(log, Drill(text, (fault_of(*text.split(" ")),)), seed)
 
 
+def changed(log: Log, role: str, **columns: Any) -> Log:
+    """Return the log with other values in some columns of a sensor."""
+    return replace(log, tables={**log.tables, role: log.tables[role].assign(**columns)})
+
+
 def fixes(change: Change) -> Damage:
     """Return the damage that a change does to the fixes."""
 
     def put_in(log: Log, seed: int) -> Log:
         table = log.tables["usbl"]
         z = change(table["time_s"].to_numpy(), table[["east_m", "north_m"]].to_numpy(), np.random.default_rng(seed))
-        return replace(log, tables={**log.tables, "usbl": table.assign(east_m=z[:, 0], north_m=z[:, 1])})
+        return changed(log, "usbl", east_m=z[:, 0], north_m=z[:, 1])
 
     return put_in
 
@@ -81,9 +87,9 @@ def late(log: Log, seed: int) -> Log:
 
 def later(log: Log, seed: int) -> Log:
     """Return a log whose fixes are stamped 3 s late from the middle on."""
-    table = log.tables["usbl"]
-    stamped = table["time_s"] + np.where(table["time_s"] > 400.0, 3.0, 0.0)
-    return replace(log, tables={**log.tables, "usbl": table.assign(time_s=stamped, received_s=stamped)})
+    time_s = log.tables["usbl"]["time_s"]
+    stamped = time_s + np.where(time_s > 400.0, 3.0, 0.0)
+    return changed(log, "usbl", time_s=stamped, received_s=stamped)
 
 
 def over_fish(log: Log, seed: int) -> Log:
@@ -92,8 +98,7 @@ def over_fish(log: Log, seed: int) -> Log:
     velocity, time_s = table[["starboard_mps", "forward_mps"]].to_numpy(), table["time_s"].to_numpy()
     for begin_s in np.linspace(0.18, 0.82, 5) * time_s[-1]:
         velocity = velocity + ((time_s >= begin_s) & (time_s < begin_s + 20.0))[:, None] * rng.normal(0.0, 0.7, 2)
-    changed = table.assign(starboard_mps=velocity[:, 0], forward_mps=velocity[:, 1])
-    return examined(replace(log, tables={**log.tables, "dvl": changed}))
+    return examined(changed(log, "dvl", starboard_mps=velocity[:, 0], forward_mps=velocity[:, 1]))
 
 
 def through_water(log: Log, seed: int) -> Log:
@@ -102,18 +107,15 @@ def through_water(log: Log, seed: int) -> Log:
     time_s, to_rad = table["time_s"].to_numpy(), np.random.default_rng(seed).uniform(0.0, 2 * np.pi)
     heading_rad = np.interp(time_s, compass["time_s"], np.unwrap(np.radians(compass["heading_deg"])))
     there = (time_s > 300.0) & (time_s < 450.0)
-    changed = table.assign(
-        starboard_mps=table["starboard_mps"] - there * 0.3 * np.sin(to_rad - heading_rad),
-        forward_mps=table["forward_mps"] - there * 0.3 * np.cos(to_rad - heading_rad),
-    )
-    return examined(replace(log, tables={**log.tables, "dvl": changed}))
+    starboard = table["starboard_mps"] - there * 0.3 * np.sin(to_rad - heading_rad)
+    forward = table["forward_mps"] - there * 0.3 * np.cos(to_rad - heading_rad)
+    return examined(changed(log, "dvl", starboard_mps=starboard, forward_mps=forward))
 
 
 def biased(log: Log, seed: int) -> Log:
     """Return a log whose DVL reads 0.02 m/s too much forward and 0.03 m/s to starboard, at any speed."""
     table = log.tables["dvl"]
-    changed = table.assign(forward_mps=table["forward_mps"] + 0.02, starboard_mps=table["starboard_mps"] + 0.03)
-    return replace(log, tables={**log.tables, "dvl": changed})
+    return changed(log, "dvl", forward_mps=table["forward_mps"] + 0.02, starboard_mps=table["starboard_mps"] + 0.03)
 
 
 def seldom(role: str, every: int, fault: str) -> Damage:
@@ -132,8 +134,7 @@ def headings_off(change: Callable[[Vector, Vector], Vector]) -> Damage:
     def put_in(log: Log, seed: int) -> Log:
         table = log.tables["compass"]
         off_deg = change(table["time_s"].to_numpy(), table["heading_deg"].to_numpy())
-        changed = table.assign(heading_deg=(table["heading_deg"] + off_deg) % 360.0)
-        return examined(replace(log, tables={**log.tables, "compass": changed}))
+        return examined(changed(log, "compass", heading_deg=(table["heading_deg"] + off_deg) % 360.0))
 
     return put_in
 
@@ -143,14 +144,14 @@ def beside_iron(log: Log, seed: int) -> Log:
     rng, table = np.random.default_rng(seed), log.tables["compass"]
     from_s = table["time_s"] - rng.uniform(200.0, 600.0)
     heading_deg = table["heading_deg"] + rng.choice([-50.0, 50.0]) * np.exp(-((from_s / 15.0) ** 2))
-    return replace(log, tables={**log.tables, "compass": table.assign(heading_deg=heading_deg % 360.0)})
+    return changed(log, "compass", heading_deg=heading_deg % 360.0)
 
 
 def restarting(log: Log, seed: int) -> Log:
     """Return a log whose compass sends 0 for 8 s, every 200 s."""
     table = log.tables["compass"]
-    changed = table.assign(heading_deg=table["heading_deg"].where((table["time_s"] + 50.0) % 200.0 > 8.0, 0.0))
-    return examined(replace(log, tables={**log.tables, "compass": changed}))
+    heading_deg = table["heading_deg"].where((table["time_s"] + 50.0) % 200.0 > 8.0, 0.0)
+    return examined(changed(log, "compass", heading_deg=heading_deg))
 
 
 def silent(log: Log, seed: int) -> Log:

@@ -21,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -125,7 +126,7 @@ def message(store: Any, name: str, ns: int, rng: Any) -> Any:
     return store.types[name](*(value(node, what) for _, (node, what) in store.fielddefs[name][1]))
 
 
-def by_usbldr(file: Path) -> Callable[[], int]:
+def by_usbldr(file: Path, whole: bool = False) -> Callable[[], int]:
     from usbldr.io.decoding.collected import read_whole
     from usbldr.io.formats.detect import open_log
 
@@ -133,9 +134,12 @@ def by_usbldr(file: Path) -> Callable[[], int]:
 
     def read() -> int:
         log = open_log(file)
-        log.topics()
-        records = read_whole(log, {topic: STAMP + paths for topic, (_, paths) in SENSORS.items()})
-        assert not log.findings()
+        topics = log.topics()
+        wanted = {topic: STAMP + paths for topic, (_, paths) in SENSORS.items()}
+        if whole:
+            wanted = {topic.name: topic.fields for topic in topics if not topic.problem}
+        records = read_whole(log, wanted)
+        assert not any(finding.lost_data for finding in log.findings())
         return sum(len(one.received_ns) for one in records.values())
 
     return read
@@ -160,21 +164,6 @@ def by_rosbags(file: Path) -> Callable[[], int]:
         with AnyReader([file]) as reader:
             wanted = [connection for connection in reader.connections if connection.topic in SENSORS]
             return sum(1 for c, _, data in reader.messages(wanted) if reader.deserialize(data, c.msgtype))
-
-    return read
-
-
-def whole_by_usbldr(file: Path) -> Callable[[], int]:
-    from usbldr.io.decoding.collected import read_whole
-    from usbldr.io.formats.detect import open_log
-
-    open_log(file).topics()  # the imports
-
-    def read() -> int:
-        log = open_log(file)
-        records = read_whole(log, {topic.name: topic.fields for topic in log.topics() if not topic.problem})
-        assert not any(finding.lost_data for finding in log.findings())
-        return sum(len(one.received_ns) for one in records.values())
 
     return read
 
@@ -215,7 +204,7 @@ READINGS = {
     "usbldr": by_usbldr,
     "mcap": by_mcap,
     "rosbags": by_rosbags,
-    "usbldr, all": whole_by_usbldr,
+    "usbldr, all": partial(by_usbldr, whole=True),
     "pandas": by_pandas,
     "pyarrow": by_pyarrow,
     "pymavlink": by_pymavlink,

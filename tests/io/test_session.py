@@ -11,6 +11,7 @@ import pytest
 import usbldr
 from checkout import SAMPLES
 from commands import output_of, report_of
+from logs import with_table
 from recordings import saved
 from usbldr.io.reports.locate import read_smoothed_run
 from usbldr.io.reports.run import ScoredTrack
@@ -109,7 +110,7 @@ def test_a_run_takes_the_dvls_records_earlier_by_the_clock_of_its_parameters() -
     log = usbldr.open_log(SAMPLES / "lawnmower_turn_db3")
     known = dataclasses.replace(log.parameters, calibrate=())
     dvl = log.tables["dvl"].assign(time_s=log.tables["dvl"]["time_s"] + 2.0)
-    late = dataclasses.replace(log, tables={**log.tables, "dvl": dvl})
+    late = with_table(log, "dvl", dvl)
     settled = dataclasses.replace(known, settled={"dvl_clock": 2.0})
     right, found, wrong = (
         usbldr.replay(one, usbldr.timeline(one), "adf", identification=usbldr.Identification(parameters)).position_m

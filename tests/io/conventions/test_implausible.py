@@ -306,7 +306,7 @@ def test_a_vehicle_that_moves_and_stops_keeps_its_velocities(dive, mirrored, fal
     log = changed(log, "usbl", PLACE, place)
     if false:
         kept = (usbl_s > 60.0) | (np.arange(len(usbl_s)) < false)
-        log = replace(log, tables={**log.tables, "usbl": log.tables["usbl"][kept].reset_index(drop=True)})
+        log = with_table(log, "usbl", log.tables["usbl"][kept].reset_index(drop=True))
 
     assert "dvl" not in lost(log)
 

@@ -2,14 +2,13 @@
 
 import math
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from logs import on_map, read_as
+from logs import on_map, read_as, with_table
 from recordings import saved_lines
 from textbook import radii_m
 from usbldr.filters.models.parameters import Parameters
@@ -118,7 +117,7 @@ def test_headings_turn_alike_in_blocks_of_any_length(tmp_path: Path, monkeypatch
     log = dive(tmp_path, 80.0, by_latitude(80.0))
     compass = log.tables["compass"].copy()
     compass.loc[[0, 6, 7, 8, 5000], "heading_deg"] = np.nan
-    log = replace(log, tables={**log.tables, "compass": compass})
+    log = with_table(log, "compass", compass)
     whole = headings_on_plane(log).tables["compass"]
 
     monkeypatch.setattr(layouts, "BLOCK_RECORDS", 7)
@@ -132,7 +131,7 @@ def test_the_headings_of_a_dense_compass_are_turned_in_little_memory(tmp_path: P
     log = dive(tmp_path, 80.0, by_latitude(80.0))
     t = np.linspace(0, SECONDS, 1_000_000)
     compass = pd.DataFrame({"time_s": t, "received_s": t, "heading_deg": 90.0, "sd_deg": 0.1})
-    log = replace(log, tables={**log.tables, "compass": compass})
+    log = with_table(log, "compass", compass)
 
     tracemalloc.start()
     turned = headings_on_plane(log)

@@ -79,7 +79,7 @@ def test_unknown_sigmas_short_logs_headings_about_north_and_stamps_that_repeat_s
     t = np.repeat(np.arange(500) / 5, 2)
     heading = (360 + np.random.default_rng(3).normal(0, 0.3, len(t))) % 360
     table = pd.DataFrame({"time_s": t, "received_s": t, "heading_deg": heading, "sd_deg": 0.3})
-    log = replace(dive, tables={**dive.tables, "compass": table})
+    log = with_table(dive, "compass", table)
 
     assert with_shown_noise(log) is log
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from logs import with_table
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
 from usbldr.filters.models.parameters import Parameters, SensorChange
@@ -115,7 +116,7 @@ def test_only_what_every_explanation_contains_has_a_finding_of_its_own(log: Log)
 def test_fixes_that_would_arrive_before_they_are_valid_show_that_dvl_and_compass_are_late(log, delay_s, late_s):
     """They are valid 2.6 s after their stamps, known to 0.1 s: four sigma are 0.4 s."""
     table = log.tables["usbl"]
-    arriving = replace(log, tables={**log.tables, "usbl": table.assign(received_s=table["time_s"] + delay_s)})
+    arriving = with_table(log, "usbl", table.assign(received_s=table["time_s"] + delay_s))
 
     text = reported(arriving, identification(explanation("latency")))["USBL-LATENCY"].text
 

@@ -12,6 +12,7 @@ import pytest
 
 from checkout import SAMPLES
 from commands import options_of, run
+from logs import with_table
 from usbldr.filters.errors import UsageError
 from usbldr.filters.models.noise import StudentT
 from usbldr.filters.replay.methods import METHODS
@@ -36,8 +37,7 @@ OPTIONS = {str(param.name): param for param in compare.params if isinstance(para
 def log() -> Log:
     made = simulated_log(SHORT, 0)
     fixes = made.tables["usbl"]
-    late = fixes.assign(received_s=fixes["time_s"] + 1.5)  # so that their order matters
-    return dataclasses.replace(made, tables={**made.tables, "usbl": late})
+    return with_table(made, "usbl", fixes.assign(received_s=fixes["time_s"] + 1.5))  # so that their order matters
 
 
 def track(log: Log, method: str, **settings: Any) -> np.ndarray:
