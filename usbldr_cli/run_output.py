@@ -11,13 +11,7 @@ import click
 from usbldr.filters.errors import UsageError
 from usbldr.io.stages import stage
 from usbldr_cli.options.option import option, packed_options
-from usbldr_cli.options.output_files import (
-    html_option,
-    plot_format_option,
-    plots_option,
-    print_result,
-    write_json,
-)
+from usbldr_cli.options.output_files import html_option, plot_format_option, plots_option, print_result, write_json
 
 if TYPE_CHECKING:
     from usbldr.io.reports.page import Picture

@@ -19,14 +19,7 @@ from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import DEGREES, Parameters
 from usbldr.filters.models.quantities import ReportedQuantity
-from usbldr.filters.replay.dead_reckoning import (
-    displacement_m,
-    drift_rates,
-    freed,
-    ship_axes,
-    until,
-    velocity_mps,
-)
+from usbldr.filters.replay.dead_reckoning import displacement_m, drift_rates, freed, ship_axes, until, velocity_mps
 from usbldr.filters.types import Array, Mask, Timeline, Vector
 from usbldr.filters.windows import columns_at, integrated
 
