@@ -53,6 +53,7 @@ def matlab_4() -> bytes:
     return file.getvalue()
 
 
+SETTINGS = "is JSON, but not of one object a record; write it so, or as CSV"
 ECHO = "is what ros2 topic echo prints; read the recording that it came from, or write its values as CSV"
 
 
@@ -77,8 +78,8 @@ ECHO = "is what ros2 topic echo prints; read the recording that it came from, or
         (b"<html><body><table><tr><td>Time,Heading</td></tr>",
          "is an HTML page, whatever its name; export the sheet as CSV"),
         (b'<?xml version="1.0"?>\n<Workbook>', "is XML; export its values as CSV, with a line of names"),
-        (b'{"dvl": {"time_s": [' + b"1.5, " * 50_000 + b"2.5]}}\n",
-         "is JSON, but not of one object a record; write it so, or as CSV"),
+        (b'{"dvl": {"time_s": [' + b"1.5, " * 50_000 + b"2.5]}}\n", SETTINGS),
+        (b'{\n  "usbl": {\n    "x": 1\n  },\n  "list": [\n    {\n      "a": 1\n    }\n  ]\n}', SETTINGS),
         (b"header:\n  stamp:\n    sec: 1\n---\n", ECHO),
         (b"data: 1.5\n---\ndata: 2.5\n---\n", ECHO),
         (b"#BESTPOSA,COM1,0,78.5,FINESTEERING,2399,345618.000,02000020,cdba,1;SOL_COMPUTED,45.1,7.2*1f2e3d4c\n",

@@ -166,12 +166,6 @@ def test_an_object_that_is_not_closed_costs_its_lines_alone(tmp_path: Path) -> N
     assert (whole - left, [finding.lost_data for finding in logs[1].findings()]) == (1, [True])
 
 
-def test_settings_in_json_are_no_log(tmp_path: Path) -> None:
-    (tmp_path / "settings.json").write_text(json.dumps({"usbl": {"x": 1}, "list": [{"a": 1}]}, indent=2), "utf-8")
-    with pytest.raises(LogError, match="is JSON, but not of one object a record"):
-        open_log(tmp_path / "settings.json")
-
-
 @pytest.mark.parametrize("cut", ['"vx"', '"type"', "}"])
 def test_a_report_that_ends_early_is_named(tmp_path: Path, cut: str) -> None:
     lines = json_lines(tmp_path)
