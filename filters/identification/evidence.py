@@ -23,7 +23,7 @@ import numpy as np
 
 from usbldr.filters.identification.blocks import blocks_of
 from usbldr.filters.identification.changes import FoundChanges, about_longest_part, changes
-from usbldr.filters.identification.changes_of_noise import change_of_noise, with_noise
+from usbldr.filters.identification.changes_of_noise import changes_of_noise, with_noise
 from usbldr.filters.identification.conclusions import (
     FAR_KEYS,
     FAR_SD,
@@ -113,7 +113,7 @@ def explained(timeline: Timeline, given: Parameters) -> Explained:
     stated = replace(stated, errors=errors)
     outliers = gross(timeline)
     unchanged = _explanation(timeline, stated, outliers, FoundChanges())
-    noise = change_of_noise(timeline.with_fixes(~outliers), stated)
+    noise = changes_of_noise(timeline.with_fixes(~outliers), stated)
     louder, false = _explanation(timeline, stated, outliers, noise) if noise.changes else unchanged, unchanged.false
     if louder.log_evidence > unchanged.log_evidence:  # the others are compared with these sigmas
         unchanged = louder._replace(changes=(), log_evidence=louder.log_evidence + noise.cost)

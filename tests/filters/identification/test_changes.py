@@ -29,7 +29,7 @@ from usbldr.filters.identification.changes import (
     about_longest_part,
     changes,
 )
-from usbldr.filters.identification.changes_of_noise import change_of_noise
+from usbldr.filters.identification.changes_of_noise import changes_of_noise
 from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.false_runs import false_runs
 from usbldr.filters.identification.linearisation import NO_ERROR, drift_variances_m2
@@ -401,12 +401,26 @@ def test_fixes_that_scatter_more_from_a_time_on_count_less_there(from_s: float, 
     np.testing.assert_array_equal(scaled.fix_cov_m2[0], line.fix_cov_m2[0])
 
 
+def test_fixes_that_scatter_more_for_a_while_are_as_before_afterwards() -> None:
+    """As the noise of a head grows with the distance to a vehicle that comes back."""
+    away = (DIVE.fix_time_s >= 130.0) & (DIVE.fix_time_s < 270.0)
+    noise_m = np.random.default_rng(10).normal(0, 0.8, DIVE.fix_m.shape)
+
+    found = identify(replace(DIVE, fix_m=DIVE.fix_m + away[:, None] * noise_m), ASSUMED).parameters
+
+    more, as_before = found.changes
+    assert (more.start_s, as_before.start_s) == (pytest.approx(130.0, abs=15.0), pytest.approx(270.0, abs=15.0))
+    assert more.fix_sd_scale == pytest.approx(np.hypot(0.2, 0.8) / 0.2, rel=0.3)
+    assert as_before.fix_sd_scale == pytest.approx(1.0, abs=0.3)
+    assert not found.false_fixes
+
+
 def test_fixes_without_noise_and_a_few_outliers_do_not_scatter_more() -> None:
     exact = replace(DIVE, fix_m=columns_at(DIVE.fix_time_s, DIVE.time_s, displacement_m(DIVE)))
     jumping = replace(DIVE, fix_m=DIVE.fix_m + 30.0 * (np.arange(len(DIVE.fix_m)) % 20 == 0)[:, None])
 
     assert [identify(line, ASSUMED).change_texts for line in (DIVE, jumping)] == [{}, {}]
-    assert change_of_noise(exact, ASSUMED) == FoundChanges()
+    assert changes_of_noise(exact, ASSUMED) == FoundChanges()
 
 
 def test_a_change_of_the_noise_is_found_beside_fixes_that_shift() -> None:
