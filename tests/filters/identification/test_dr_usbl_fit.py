@@ -146,6 +146,18 @@ def test_gross_fixes_stand_out_one_by_one() -> None:
     assert left[gross] == pytest.approx(np.hypot(9, 4), abs=1.5)
 
 
+def test_a_third_of_the_fixes_on_one_side_hardly_moves_the_others() -> None:
+    line = dive()
+    false = np.arange(len(line.fix_m)) % 3 == 0
+    others = np.median(residuals_m(line)[~false])
+    line.fix_m[false] += np.array([15.0, -8.0])
+
+    left = residuals_m(line)
+
+    assert np.median(left[~false]) == pytest.approx(others, rel=0.3)
+    assert np.all(left[false] > 12.0)
+
+
 def test_fixes_during_an_outage_have_no_residual() -> None:
     line = dive(outages=(Outage("dvl", 0.0, 900.0),))
 
