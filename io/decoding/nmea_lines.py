@@ -13,8 +13,13 @@ from usbldr.io.decoding.nmea_times import NO_TIME, date_ns, prefixed_clock_ns, p
 from usbldr.io.reader import Nanoseconds
 
 SENTENCE = re.compile(r"[$!]([A-Z][A-Z0-9]{3,}),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
-WORD_LINE = re.compile(r"(?<![\w.,:+-])([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$")
-"""A line that begins with a word in place of an address, as instruments send it: "USBLLONG,1600000000.5,2,"."""
+TIME = r"(?:\d{9,}(?:\.\d*)?|[\d/T ,.-]*\d:\d\d:\d\d(?:[.,]\d*)?Z?)"  # s, ms, us, ns since 1970, or of the day
+WORD_LINE = re.compile(
+    rf"(?:(?<![\w.,:+-])|(?<=\d:)|^\W{{0,2}}{TIME}[,;]\s*(?=[A-Z]{{4,}},))"
+    r"([A-Za-z]\w*),([^$*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?\s*$"
+)
+"""A line that begins with a word in place of an address, perhaps behind a time and a count of its bytes, as instruments
+send it: "USBLLONG,1600000000.5,2,", "+++AT:95:USBLLONG,"."""
 NUMBER = re.compile(r"(?:^|,)\s*[+-]?\d*\.?\d+(?:[eE][+-]?\d+)?\s*(?:,|$)")
 LOST = "\0" * 8  # zeros as of a lost sector of a disk; binary data between the sentences have fewer
 CHECKSUM = re.compile(r"\*.?[0-9A-Fa-f]")  # more of them than sentences: the beginning of one was lost
@@ -60,7 +65,7 @@ def scan_lines(
         for match in matches:
             name, body, checksum = match.groups()
             content = f"{name},{body}"
-            prefix = line[begin : match.start()]
+            prefix = line[begin : match.start(1)]
             logged = prefixed_ns(prefix, day_first) if received_ns is None else int(received_ns[number])
             clock = prefixed_clock_ns(prefix) if logged == NO_TIME else NO_TIME
             if name.startswith("P"):  # a vendor's name is all of it

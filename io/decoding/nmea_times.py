@@ -29,7 +29,7 @@ SLASHED = re.compile(r"(?<!\d)(\d\d?)/(\d\d?)/(\d{4})(?=[T _,;]+\d\d:)", re.ASCI
 """A date with the day or the month first, before a time of day."""
 CLOCK = re.compile(r"(?<![\d.:])(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?![\d:])", re.ASCII)
 EPOCH = re.compile(
-    r"(?:(?<![A-Za-z\d.:])|(?<=[\\,]c:))(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|(\d{18,19}))(?![\d:])", re.ASCII
+    r"(?:(?<![A-Za-z\d.:])|(?<=[\\,]c:))(?:(\d{9,10})(?:\.(\d{1,9}))?|(\d{13})|(\d{16})|(\d{18,19}))(?!:?\d)", re.ASCII
 )
 """Digits behind a letter are a serial number, those behind "c:" the time of a tag block of NMEA 4."""
 

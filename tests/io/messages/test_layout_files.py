@@ -186,6 +186,23 @@ def test_lines_of_instruments_without_a_checksum_are_read_beside_sentences(tmp_p
     assert "a.log: 18 lines hold no NMEA sentence" in [one.text for one in log.findings()]
 
 
+@pytest.mark.parametrize("count", ["", "7:", "+++AT:95:", "192.168.0.207:9200: "])
+@pytest.mark.parametrize(
+    "clock", ["", "{0:.3f} ", "{0:.3f},", "{0:.3f}: ", "2020-09-13T12:26:{1:06.3f}Z,", "[12:26:{1:06.3f}] "]
+)
+def test_a_count_of_bytes_or_a_time_before_a_word_changes_nothing(tmp_path: Path, clock: str, count: str) -> None:
+    dated = clock.startswith(("{", "2"))
+    times = [1600000001.25 + k for k in range(9)]
+    fixes = [USBLLONG if dated else USBLLONG.replace("1600000001.0", str(time)) for time in times]
+    begins = [clock.format(time, time - 1599999960) for time in times]
+    log = open_log(saved_lines(tmp_path / "a.log", map("{}{}{}".format, begins, [count] * 9, fixes)))
+
+    read = read_whole(log, {"/USBLLONG": ["2", "7"]})["/USBLLONG"]
+    assert read.columns["7"].tolist() == [30] * 9
+    assert (read.received_ns - T0 - np.arange(9) * SECOND).tolist() == [5 * SECOND // 4] * 9
+    assert counts(log) == {"/USBLLONG": 9}
+
+
 def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
     assert open_log(saved(tmp_path / "a.csv", "sensor,time_s,x\ndvl,1,2\ndvl,2,3\n")).format == "CSV file"
 
@@ -224,3 +241,5 @@ def test_the_word_that_a_line_begins_with_is_not_part_of_a_number() -> None:
     assert WORD_LINE.search("1600000000.5 wrz,1,2") is not None
     assert WORD_LINE.search("2020-09-13T12:26:40Z USBLLONG,1,2") is not None
     assert WORD_LINE.search("1.0e5,2,3") is None
+    assert WORD_LINE.search("1.5,2.5,ABC,3") is None
+    assert WORD_LINE.search("1600000000.5,usbl,1,2") is None  # a row of a table
