@@ -68,10 +68,10 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
     readers, unread = _alone(path, others, open_file)
     if readers:
         return _one_log(path, readers, [*_passed_over(copies), *unread])
-    folders = [file for file in others if file.is_dir()]
+    folders = [file for file in others if file.is_dir() and not _is_empty(file)]
     if folders and all(suggested_sensors(folder.name) for folder in folders):
         texts = [file for folder in folders for file in text_files(folder)]
-        others = [file for folder in folders for file in _inner(folder) if file not in texts]
+        others = [file for one in others for file in (_inner(one) if one in folders else [one]) if file not in texts]
         if texts:
             return _one_log(path, [CsvLog(path, files=texts)], _not_read(others, open_file))
     if folders:
@@ -111,8 +111,19 @@ def _is_hidden(file: Path) -> bool:
 
 
 def _is_other_folder(file: Path) -> bool:
-    """Return whether this is a folder without files of logs: pictures, runs."""
-    return file.is_dir() and not any(inner.suffix for inner in _inner(file))
+    """Return whether this is a folder without files of logs: pictures, runs; not an empty one named like a sensor."""
+    if not file.is_dir() or any(inner.suffix for inner in _inner(file)):
+        return False
+    return not suggested_sensors(file.name) or not (any(_inner(file)) or _is_empty(file))
+
+
+def _is_empty(folder: Path) -> bool:
+    """Return whether a folder and those within it have no files."""
+    return not any(file.is_file() for file in folder.rglob("*"))
+
+
+def _is_filled(file: Path) -> bool:
+    return file.is_file() and file.stat().st_size > 0
 
 
 def _inner(folder: Path) -> Iterator[Path]:
@@ -151,11 +162,7 @@ def _together(
     if tables:
         readers.append(TableLog(path, NAME, [parquet_table(file) for file in tables]))
     copied = {file.with_name(file.name + ending) for file in (*texts, *tables) for ending in ENDINGS}
-    damaged = [
-        file
-        for file in path.glob(f"*{ENDING}")
-        if file not in tables and file in among and file.is_file() and file.stat().st_size
-    ]
+    damaged = [file for file in sorted(among) if file.suffix == ENDING and file not in tables and _is_filled(file)]
     more, unread = _readable(damaged, open_file)
     return [*readers, *more], {*texts, *packed, *tables, *parted, *copied, *(set(damaged) - unread)}
 
@@ -187,8 +194,7 @@ def _adding(
         return {*roles.chosen, *roles.unresolved}.union(*map(suggested_sensors, names))
 
     present = set[str]().union(*map(sensors, readers))
-    filled = [file for file in files if file.is_file() and file.stat().st_size and _may_hold_records(file)]
-    found, _ = _readable(filled, open_file)
+    found, _ = _readable([file for file in files if _is_filled(file) and _may_hold_records(file)], open_file)
     taken = {topic.name for reader in readers for topic in reader.topics()}
     found = [one for one in found if taken.isdisjoint(topic.name for topic in one.topics())]
     return [one for one in found if not one.format.startswith((*RECORDINGS, "CSV", NAME)) and sensors(one) - present]
@@ -198,8 +204,7 @@ def _alone(
     path: Path, files: Sequence[Path], open_file: Callable[[Path], Reader]
 ) -> tuple[list[Reader], list[Finding]]:
     """Return the files of a folder that are read one by one, and findings on the others."""
-    filled = [file for file in files if file.is_file() and file.stat().st_size]
-    readers, _ = _readable([file for file in filled if _may_hold_records(file)], open_file)
+    readers, _ = _readable([file for file in files if _is_filled(file) and _may_hold_records(file)], open_file)
     recordings = [reader.path.name for reader in readers if reader.format.startswith(RECORDINGS)]
     if len(recordings) > 1:
         names = ", ".join(recordings[:SHOWN])
@@ -246,12 +251,12 @@ def _named_like_a_sensor(file: Path) -> bool:
 def _why(file: Path, open_file: Callable[[Path], Reader]) -> str:
     if file.is_symlink() and not file.exists():
         return "it is a link to a file that is not there"
-    if file.is_dir():
+    if file.is_dir() and not _is_empty(file):
         inner = sorted(_inner(file), key=_named_like_a_sensor)[-1]
         place = inner.parent.relative_to(file.parent)
         return f"it is a folder of files like those of a log; --with {place} adds them"
-    if file.is_file() and not file.stat().st_size:
-        return "the file is empty"
+    if file.is_dir() or (file.is_file() and not _is_filled(file)):
+        return f"the {'folder' if file.is_dir() else 'file'} is empty"
     try:
         return f"it is a log of its own ({open_file(file).format}); --with {file.name} adds it"
     except (LogError, UsageError) as fault:

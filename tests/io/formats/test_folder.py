@@ -107,6 +107,9 @@ def test_a_table_without_rows_is_not_asked_for_its_unit(tmp_path: Path, writer: 
         (lambda file: file.symlink_to(file.name), "a link to a file that is not there"),
         (os.mkfifo, "neither a file nor a folder"),
         (lambda file: file.write_bytes(bytes(9000)), "nothing but zeros"),
+        (Path.touch, "the file is empty"),
+        (Path.mkdir, "the folder is empty"),
+        (lambda file: (file / "2026").mkdir(parents=True), "the folder is empty"),
         (lambda file: write_csv(file, gps=GPS),
          "it is a folder of files like those of a log; --with gps.csv adds them"),
     ],
@@ -367,6 +370,14 @@ def test_a_folder_for_each_sensor_is_one_log(tmp_path: Path) -> None:
     (unread,) = found.findings()
     assert unread.lost_data
     assert "dvl.bin is not read" in unread.text
+    (tmp_path / "a" / "dvl" / "dvl.bin").unlink()
+    (tmp_path / "a" / "usbl").mkdir()
+    assert [(one.text, one.lost_data) for one in open_log(tmp_path / "a").findings()] == [
+        ("usbl is not read: the folder is empty", True)
+    ]
+    (tmp_path / "b" / "usbl").mkdir(parents=True)
+    with pytest.raises(LogError, match="holds nothing that can be read: usbl is not read: the folder is empty"):
+        open_log(tmp_path / "b")
 
 
 def test_the_current_folder_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
