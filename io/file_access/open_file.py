@@ -11,7 +11,6 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 from usbldr.filters.errors import LogError
-from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.file_view import FileView
 from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
@@ -129,12 +128,10 @@ def text_lines(path: Path, errors: str = "replace") -> Iterator[str]:
     """Yield the lines of a text file with their line ends, as far as they have any; raise LogError (see `opened`).
 
     A line may hold zeros in place of what was lost; those at the end of the file are left out. Raises LogError for a
-    line beyond the limit and for a compressed file, too. ``errors``: what bytes of no letter become, or WESTERN.
+    line beyond the limit, too. ``errors``: what bytes of no letter become, or WESTERN.
     """
     most, most_zeros = limit(LINE_CHARACTERS), limit(ZEROS)
     head, place = begin_of(path, HEAD_BYTES)
-    if compression := compression_of(head):
-        raise LogError(f"is compressed with {compression}; decompress it first", path=path)
     with opened(path) as file:
         file.seek(place)
         lines = TextIOWrapper(file, encoding_of(head), errors=errors)

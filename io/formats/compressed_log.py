@@ -4,19 +4,19 @@ The copies last as long as the reader. Errors and findings name the files that t
 """
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from io import BufferedWriter
 from itertools import chain
 from pathlib import Path
 from shutil import rmtree
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any, TypeAlias
 from weakref import finalize
 
 from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.file_access.decompression import DamagedFileError, compression_of, unpacked_file
-from usbldr.io.file_access.open_file import opened
+from usbldr.io.file_access.open_file import begin_of, opened
 from usbldr.io.findings import Finding
 from usbldr.io.limits import UnpackingBudget, note_copy
 from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
@@ -44,20 +44,8 @@ class CopiedLog:
         with self._naming():
             self._contents = reader_of(list(self._originals))
 
-    @contextmanager
-    def _naming(self) -> Generator[None]:
-        """Name the user's files in errors about their copies, and their damage."""
-        try:
-            yield
-        except UsbldrError as fault:
-            path = fault.path and self._originals.get(Path(fault.path), fault.path)
-            damage = "".join(f" ({finding.text})" for finding in self._damage)
-            raise type(fault)(self._named(fault.text) + damage, path=path, topic=fault.topic) from fault
-
-    def _named(self, text: str) -> str:
-        for copy, original in self._originals.items():
-            text = text.replace(str(copy), str(original))
-        return text
+    def _naming(self) -> AbstractContextManager[None]:
+        return _naming(self._originals, self._damage)
 
     @property
     def format(self) -> str:
@@ -67,7 +55,8 @@ class CopiedLog:
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
         with self._naming():
-            return tuple(replace(topic, problem=self._named(topic.problem)) for topic in self._contents.topics())
+            topics = self._contents.topics()
+        return tuple(replace(topic, problem=_named(topic.problem, self._originals)) for topic in topics)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the fields of the topics, block by block."""
@@ -86,19 +75,53 @@ class CopiedLog:
         return self
 
 
+@contextmanager
+def _naming(originals: Mapping[Path, Path], damage: Sequence[Finding]) -> Generator[None]:
+    """Name the user's files in errors about their copies, and their damage."""
+    try:
+        yield
+    except UsbldrError as fault:
+        path = fault.path and originals.get(Path(fault.path), fault.path)
+        lost = "".join(f" ({finding.text})" for finding in damage)
+        raise type(fault)(_named(fault.text, originals) + lost, path=path, topic=fault.topic) from fault
+
+
+def _named(text: str, originals: Mapping[Path, Path]) -> str:
+    for copy, original in originals.items():
+        text = text.replace(str(copy), str(original))
+    return text
+
+
 def compressed_log(path: Path, files: Mapping[Path, str], reader_of: Callable[[Sequence[Path]], Reader]) -> CopiedLog:
     """Return a compressed log, or a folder with compressed files (path -> compression).
 
     Raises LogError if a file is too large, or if nothing of it can be decompressed.
     """
 
-    def copy(folder: Path) -> Copies:
-        copies = [folder / (file.stem if file.suffix.lower() in ENDINGS else file.name) for file in files]
-        whose = {file: "" if file == path else f"{file.name}: " for file in files}
-        lost = [_decompressed(file, files[file], to, whose[file]) for to, file in zip(copies, files, strict=True)]
-        return dict(zip(copies, files, strict=True)), [finding for finding in lost if finding]
+    kinds = ", ".join(sorted(set(files.values())))
+    return CopiedLog(path, f", {kinds}", lambda folder: _copies(path, files, folder), reader_of)
 
-    return CopiedLog(path, f", {', '.join(sorted(set(files.values())))}", copy, reader_of)
+
+@contextmanager
+def plain_file(file: Path) -> Generator[tuple[Path, Sequence[Finding]]]:
+    """Yield a file, or a copy of its contents if it is compressed, and what is missing from them; name it in errors."""
+    compression = compression_of(begin_of(file, HEAD_BYTES)[0])
+    with TemporaryDirectory(prefix="usbldr-") as folder:
+        copies, lost = _copies(file, {file: compression}, Path(folder)) if compression else ({file: file}, ())
+        with _naming(copies, lost):
+            yield next(iter(copies)), lost
+
+
+def _copies(path: Path, files: Mapping[Path, str], folder: Path) -> Copies:
+    copies = [folder / plain_name(file) for file in files]
+    whose = {file: "" if file == path else f"{file.name}: " for file in files}
+    lost = [_decompressed(file, files[file], to, whose[file]) for to, file in zip(copies, files, strict=True)]
+    return dict(zip(copies, files, strict=True)), [finding for finding in lost if finding]
+
+
+def plain_name(file: Path) -> str:
+    """Return the name of a file without the ending of a compression."""
+    return file.stem if file.suffix.lower() in ENDINGS else file.name
 
 
 def _decompressed(path: Path, compression: str, copy: Path, whose: str) -> Finding | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from usbldr.filters.errors import LogError, UsageError, listed
 from usbldr.io.file_access.open_file import real_path
 from usbldr.io.findings import Finding
-from usbldr.io.formats.compressed_log import ENDINGS, compressed_log
+from usbldr.io.formats.compressed_log import ENDINGS, compressed_log, plain_name
 from usbldr.io.limits import limit
 from usbldr.io.messages.roles import choose_roles
 from usbldr.io.messages.topic_names import suggested_sensors
@@ -216,8 +216,7 @@ def _alone(
 
 
 def _may_hold_records(file: Path) -> bool:
-    ending = file.suffix.lower()
-    return (Path(file.stem).suffix.lower() if ending in ENDINGS else ending) not in NO_RECORDS
+    return Path(plain_name(file)).suffix.lower() not in NO_RECORDS
 
 
 def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> list[Finding]:

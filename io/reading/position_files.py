@@ -14,9 +14,9 @@ from usbldr.io.conventions.grids import off_grid
 from usbldr.io.conventions.positions import gps
 from usbldr.io.conventions.timestamps import sorted_by_time
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.open_file import HEAD_BYTES, begin_of, head_lines
 from usbldr.io.findings import Finding
+from usbldr.io.formats.compressed_log import plain_file, plain_name
 from usbldr.io.geodesy import Origin
 from usbldr.io.messages.configured import QUATERNION, TIME_UNITS_NS, ConfiguredColumns, plain
 from usbldr.io.messages.field_names import named_column
@@ -57,8 +57,9 @@ class Positions(NamedTuple):
 
 def is_recording(place: Path) -> bool:
     """Tell whether a place is a recording of messages: MCAP, a bag, a rosbag2 folder or file."""
-    formats = (".mcap", ".bag", ".db3")
-    return (place.suffix in formats and place.is_file()) or (place.is_dir() and (place / "metadata.yaml").is_file())
+    if place.is_dir():
+        return (place / "metadata.yaml").is_file()
+    return plain_name(place).endswith((".mcap", ".bag", ".db3")) and place.is_file()
 
 
 def find_truth_file(name: str, log: Path, from_option: bool) -> Path | None:
@@ -84,13 +85,17 @@ def read_positions(
         read = positions_of(reader, choice, section, origin)
         how = replace(read.provenance, topic=file.name)
         return read._replace(table=read.table.iloc[section.skip_rows :], provenance=how)
-    return _of_table(file, chosen_by, section, start_ns, origin)
+    with plain_file(file) as (text, lost):
+        read = _of_table(text, file.name, chosen_by, section, start_ns, origin)
+        return read._replace(findings=[*lost, *read.findings])
 
 
-def _of_table(file: Path, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None) -> Positions:
-    """Return the positions of a text file, as those of a log of one table."""
+def _of_table(
+    file: Path, name: str, chosen_by: str, section: TruthSection, start_ns: int, origin: Origin | None
+) -> Positions:
+    """Return the positions of a text file, as those of a log of one table; ``name``: what the user calls it."""
     head, _ = begin_of(file, HEAD_BYTES)
-    if not head_lines(head) and not compression_of(head):
+    if not head_lines(head):
         what = "is neither text nor a recording" if head else "the file is empty"
         raise LogError(what, path=file)
     cells = read_texts(file, units_are_row=section.skip_rows > 0)  # the user counts a line of units
@@ -107,7 +112,7 @@ def _of_table(file: Path, chosen_by: str, section: TruthSection, start_ns: int, 
     fixed = {**choice.layout.fixed, "frame": frame} if frame else choice.layout.fixed
     choice = replace(choice, layout=replace(choice.layout, fixed=fixed))
     of_log = "time_s" in columns
-    read = positions_of(log, choice, section, origin, file.name, start_ns if of_log else 0)
+    read = positions_of(log, choice, section, origin, name, start_ns if of_log else 0)
     named = Convention("columns", ", ".join(f"{key} = {name}" for key, name in columns.items()), columns_by)
     skipped = [Convention("skip_rows", section.skip_rows, "configuration")] if section.skip_rows else []
     chosen = (*read.provenance.conventions, named, *skipped)

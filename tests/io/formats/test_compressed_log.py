@@ -18,7 +18,7 @@ from damaged_formats import COUNT, FORMATS, dive
 from logs import refusal
 from recordings import SECOND, T0, saved, saved_lines, sentence, short_dive, write_bag, write_csv, write_mcap
 from speed.bombs import in_mcap_in_file
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 from usbldr.io.limits import VARIABLE
@@ -134,12 +134,48 @@ def test_a_disk_that_is_full_is_one_sentence(tmp_path: Path, monkeypatch: pytest
         open_log(file)
 
 
-def test_a_compressed_truth_is_named(tmp_path: Path) -> None:
-    log = write_mcap(tmp_path / "a.mcap", short_dive())
-    (tmp_path / "truth.csv").write_bytes(gzip.compress(b"timestamp,x,y\n1,2,3\n"))
+TRUTH = "timestamp,x,y\n" + "".join(f"{T0 / 1e9 + k},{2 * k},{3 * k}\n" for k in range(20))
+TUM = "".join(f"{T0 / 1e9 + k} {2 * k} {3 * k} 0 0 0 0 1\n" for k in range(20))
 
-    with pytest.raises(LogError, match=r"truth.csv: is compressed with gzip; decompress it first"):
-        read_log(log, Request(truth="truth.csv"))
+
+@pytest.mark.parametrize("ending", PACK)
+@pytest.mark.parametrize(("name", "text"), [("a.csv", TRUTH), ("a.tum", TUM)])
+def test_a_compressed_truth_is_read(tmp_path: Path, name: str, text: str, ending: str) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", short_dive())
+    saved(tmp_path / name, text)
+    saved(tmp_path / f"{name}.{ending}", PACK[ending](text.encode()))
+
+    plain, packed = (read_log(log, Request(truth=file)) for file in (name, f"{name}.{ending}"))
+
+    assert plain.truth is not None
+    assert packed.truth is not None
+    assert packed.truth.position_m.tolist() == plain.truth.position_m.tolist()
+    assert packed.truth.source == f"{name}.{ending}"
+
+
+def test_a_compressed_truth_that_is_cut_is_read_up_to_the_cut(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", short_dive())
+    saved(tmp_path / "a.csv.gz", gzip.compress(TRUTH.encode())[:-20])
+    lost = [one.text for one in read_log(log, Request(truth="a.csv.gz")).findings if one.lost_data]
+    assert any(text.startswith("the gzip data end early") for text in lost)
+
+    saved(tmp_path / "a.csv.gz", gzip.compress(b"a,b\n1,2\n"))
+    with pytest.raises(UsageError, match=r"/a.csv.gz: which columns hold time and position \(it has a, b\)"):
+        read_log(log, Request(truth="a.csv.gz"))
+    saved(tmp_path / "a.csv.gz", gzip.compress(gzip.compress(TRUTH.encode())))
+    with pytest.raises(LogError, match=r"/a.csv.gz: is compressed twice; decompress it once"):
+        read_log(log, Request(truth="a.csv.gz"))
+
+
+def test_a_compressed_recording_is_a_truth(tmp_path: Path) -> None:
+    log = write_mcap(tmp_path / "dive.mcap", short_dive())
+    saved(tmp_path / "gps.mcap.gz", gzip.compress(log.read_bytes()))
+
+    plain, packed = (read_log(log, Request(truth=name)) for name in ("dive.mcap", "gps.mcap.gz"))
+
+    assert plain.truth is not None
+    assert packed.truth is not None
+    assert packed.truth.position_m.tolist() == plain.truth.position_m.tolist()
 
 
 def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(tmp_path, monkeypatch):
