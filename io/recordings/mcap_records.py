@@ -1,5 +1,6 @@
 """The records of an MCAP file (https://mcap.dev/spec), read front to back; the file may be truncated or damaged."""
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -17,14 +18,21 @@ from zlib_ng import zlib_ng
 from usbldr.io.file_access import decompression
 from usbldr.io.file_access.container_ends import MCAP, MCAP_HEAD
 from usbldr.io.file_access.decompression import CutError, Decompressor
+from usbldr.io.file_access.file_view import FileView
 from usbldr.io.limits import TooLargeError, UnpackingBudget
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
 INSIDE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records of a chunk
 LATEST = (1 << 63) - 1  # [ns] in the year 2262; a later log time is a flipped bit
-STEP = 1 << 20  # [bytes] read at once for a checksum
+STEP = 1 << 20  # [bytes] read at once for a checksum, or in search of a record
+LIKE_A_RECORD = re.compile(rb"(?=[\x02-\x0f].{4}\0{4})", re.DOTALL)  # an opcode, and a length below 4 GB
+LEAST = {2: 20, 3: 14, 4: 16, 5: 22, 6: 40, 7: 6, 8: 64, 9: 36, 10: 48, 11: 46, 12: 8, 13: 20, 14: 17, 15: 4}
+"""[bytes] of a record without its texts, by opcode: fixed by the format."""
+FOLLOWING = 3  # [records] by judgement: three heads by chance are no more likely than 1 in 1e15
+EXAMINED = 1 << 10  # [bytes] of a search that a look at another place of the file costs
 CHUNK = struct.Struct("<QQQII")  # first and last log time, decompressed size, checksum, length of compression's name
+INNER_LENGTH_BYTES = 8  # fixed by the format: of the records of a chunk, behind its compression's name
 COMPRESSIONS = ("", "zstd", "lz4")
 DAMAGE = (McapError, struct.error, *decompression.DAMAGE)
 """Errors for damaged bytes, here and in the libraries."""
@@ -72,8 +80,8 @@ class ChunkReader:
         raw = raw[: self._file.readinto(raw)]
         whole = len(raw) == length
         first_ns, last_ns, size, checksum, named = CHUNK.unpack_from(raw)
-        packed_at = CHUNK.size + named + 8
-        compression = bytes(raw[CHUNK.size : packed_at - 8]).decode(errors="replace")
+        packed_at = CHUNK.size + named + INNER_LENGTH_BYTES
+        compression = bytes(raw[CHUNK.size : CHUNK.size + named]).decode(errors="replace")
         nothing = Chunk(first_ns, last_ns, memoryview(b""), whole, sound=False, altered=False, compression=compression)
         if compression not in COMPRESSIONS:
             return nothing
@@ -103,6 +111,7 @@ class McapScan:
     stated: Mapping[int, int] = field(default_factory=dict[int, int])  # the same according to the file's statistics
     expected_messages: int | None = None  # number of messages according to the file's statistics
     good_until: int = len(MCAP)  # byte after the last complete record
+    doubtful: int = len(MCAP)  # the last message, whose length may be wrong if no record follows, else good_until
     broken_at: int | None = None  # first byte of the first damaged record
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     oversized: bool = False  # lost chunks are beyond the limit of a chunk
@@ -113,32 +122,49 @@ class McapScan:
     def __iter__(self) -> Iterator[Record]:
         """Yield schemas, channels and messages in the order of the file.
 
-        After damage it continues at the next chunk in the index.
+        After damage it continues at the next chunk in the index, else where records follow each other again.
         """
+        chunks = ChunkReader(self.file)
         while not self.finished:
             self.file.seek(self.good_until)
             try:
-                yield from self._records()
+                yield from self._records(chunks)
             except DAMAGE:
                 if self.complete:
                     return
                 start = self.good_until
                 self.broken_at = start if self.broken_at is None else self.broken_at
-                next_chunk = min((place for place in self.chunks if place > start), default=None)
-                if next_chunk is None:
+                behind = min((place for place in self.chunks if place > start), default=None)
+                behind = behind or self._next_record(self.doubtful + 1, chunks.budget)
+                if behind is None:
                     return
                 inside = [chunk for place, chunk in self.chunks.items() if place <= start < place + chunk.chunk_length]
                 self.lost_chunks += [(chunk.message_start_time, chunk.message_end_time) for chunk in inside]
-                self.good_until = next_chunk
+                self.good_until = behind
 
-    def _records(self) -> Iterator[Record]:
-        chunks = ChunkReader(self.file)
+    def _next_record(self, start: int, budget: UnpackingBudget) -> int | None:
+        """Return where records follow each other again, None if they do nowhere."""
+        data = FileView(self.file.fileno())
+        while (start := data.after_zeros(start)) < self.size:
+            for found in LIKE_A_RECORD.finditer(data[start : start + STEP + MCAP_HEAD.size - 1]):
+                if _follow(data, place := start + found.start(), budget):
+                    return place
+            start += STEP
+        return None
+
+    def _records(self, chunks: ChunkReader) -> Iterator[Record]:
         while not self.finished:
             op, length = MCAP_HEAD.unpack(self._exactly(MCAP_HEAD.size))
             left = self.size - self.good_until - MCAP_HEAD.size
             if op == Opcode.CHUNK:
-                yield from self._chunk(chunks, length, left)
-            elif length > left:
+                chunk = chunks.read(length, left)
+                if chunk.whole or chunk.compression:
+                    yield from self._chunk(chunk, chunks.budget)
+                else:  # its records follow as if they were in none
+                    self.broken_at = self.good_until if self.broken_at is None else self.broken_at
+                    length = CHUNK.size + INNER_LENGTH_BYTES
+                    self.file.seek(self.good_until + MCAP_HEAD.size + length)
+            elif length > left or op == 0:
                 raise CutError
             elif op in READ and not (self.complete and op == Opcode.MESSAGE):
                 record = self._record(op, memoryview(self._exactly(length)))
@@ -151,6 +177,7 @@ class McapScan:
             else:
                 self.file.seek(length, 1)
                 self.finished = op == Opcode.FOOTER and self._exactly(len(MCAP)) == MCAP
+            self.doubtful = self.good_until if op == Opcode.MESSAGE else self.good_until + MCAP_HEAD.size + length
             self.good_until += MCAP_HEAD.size + length
 
     def _compare(self, checksum: int) -> None:
@@ -171,20 +198,19 @@ class McapScan:
             raise CutError
         return data
 
-    def _chunk(self, chunks: ChunkReader, length: int, left: int) -> Iterator[Record]:
+    def _chunk(self, chunk: Chunk, budget: UnpackingBudget) -> Iterator[Record]:
         """Yield the records of a chunk; of a truncated one, the complete records.
 
         If its checksum is wrong, its records are read only if they fill it exactly, at times within its own.
         """
-        chunk = chunks.read(length, left)
         sound = chunk.sound
         times = chunk.first_ns, min(chunk.last_ns, LATEST)
         try:
             if not chunk.altered:
-                yield from self._inside(chunk.data, chunks.budget)
+                yield from self._inside(chunk.data, budget)
             elif sound := _filled(chunk.data):
                 self.altered_chunks.append(times)
-                yield from self._inside(chunk.data, chunks.budget, times)
+                yield from self._inside(chunk.data, budget, times)
         except DAMAGE:
             sound = False
         if not chunk.whole:
@@ -224,6 +250,19 @@ class McapScan:
             statistics = Statistics.read(ReadDataStream(BytesIO(body)))
             self.stated, self.expected_messages = statistics.channel_message_counts, statistics.message_count
         return None
+
+
+def _follow(data: FileView, at: int, budget: UnpackingBudget) -> bool:
+    """Return whether so many records follow each other from a byte on as are no chance, or all up to the end."""
+    for _ in range(FOLLOWING):
+        op, length = MCAP_HEAD.unpack(data[at : at + MCAP_HEAD.size])
+        at += MCAP_HEAD.size + length
+        if length < LEAST.get(op, len(data)) or at > len(data):
+            return False
+        budget.take_search(EXAMINED)
+        if op == Opcode.FOOTER or at > len(data) - MCAP_HEAD.size:
+            return data[at : at + len(MCAP) + 1] in (MCAP, b"")
+    return True
 
 
 def _filled(data: memoryview) -> bool:

@@ -2,6 +2,7 @@
 
 import functools
 import os
+import random
 import struct
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import zstandard
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
@@ -121,6 +124,57 @@ def test_an_uncompressed_file_loses_only_the_message_it_is_cut_in(tmp_path: Path
     (finding,) = log.findings()
     assert finding.text.endswith(f"of {size}: 1000 messages could be read, the last 49.9 s after the first")
     assert finding.lost_data
+
+
+def message_places(data: bytes) -> list[tuple[int, int]]:
+    """Return where the messages of a file without chunks begin and end."""
+    at, places = 8, list[tuple[int, int]]()
+    while at < len(data) - 8:
+        op, length = struct.unpack_from("<BQ", data, at)
+        places += [(at, at + 9 + length)] * (op == 5)
+        at += 9 + length
+    return places
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    place=st.integers(2000, 200_000),
+    size=st.sampled_from([1, 8, 512, 4096]),
+    kind=st.sampled_from(["zeros", "flipped", "noise"]),
+    summary=st.booleans(),
+)
+@example(place=6678, size=1, kind="flipped", summary=False)  # of a length, which then reaches into the next message
+def test_behind_damage_a_file_without_chunks_is_read_on(place: int, size: int, kind: str, summary: bool) -> None:
+    whole = made(CompressionType.NONE, False)
+    messages = message_places(whole)
+    place = min(place, messages[-20][0] - size)
+    was = whole[place : place + size]
+    now = {"zeros": bytes(size), "flipped": bytes(255 - k for k in was), "noise": random.Random(place).randbytes(size)}
+    end = whole[place + size :] if summary else whole[place + size : messages[-1][1]]
+    with TemporaryDirectory() as folder:
+        log = McapLog(saved(Path(folder) / "a.mcap", whole[:place], now[kind], end))
+        read = set(x_of(log))
+
+    intact = {
+        k / 2 for k, (start, stop) in enumerate(messages) if k % 2 == 0 and (stop <= place or start >= place + size)
+    }
+    assert intact <= read
+    assert any(one.lost_data for one in log.findings()) or sum(counts(log).values()) == len(messages)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_behind_damage_a_file_of_chunks_without_its_index_is_read_on(tmp_path: Path, compression) -> None:
+    """The length of a chunk is wrong; its own messages can be read if they are not compressed."""
+    file = written(tmp_path / "a.mcap", compression, True, 4000)
+    (_, second, *_), end = chunks_of(file), file.read_bytes().rindex(b"\x0f\x04")
+    os.truncate(file, end)
+    log = overwrite(file, second.chunk_start_offset + 1, struct.pack("<Q", 1 << 39))
+
+    read = x_of(log)
+    lost = set(range(1000)) - {*read}
+    assert len(read) == len({*read})
+    assert len(lost) == (0 if compression == CompressionType.NONE else 9)  # of 18 messages in 4000 bytes
+    assert any(one.lost_data for one in log.findings())
 
 
 def test_a_file_without_its_index_has_lost_nothing(tmp_path: Path) -> None:
