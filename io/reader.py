@@ -6,8 +6,9 @@ A field path is the name that `rostopic echo -p` gives, with dots throughout: "h
 
 import re
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -44,10 +45,12 @@ class TopicInfo:
     table: str = ""  # that holds the topic, if it is read by the names of its columns
     unused: tuple[str, ...] = ()  # columns of that table which no sensor uses
     file: str = ""  # the name of the file that holds it, if a log has several
+    key: str = ""  # by which it is read: its name, of one of several types also that (see `with_keys`)
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""
         object.__setattr__(self, "problem", sentence(self.problem))
+        object.__setattr__(self, "key", self.key or self.name)
 
     @property
     def is_table(self) -> bool:
@@ -72,6 +75,13 @@ class TopicInfo:
     def has(self, path: str) -> bool:
         """Return whether messages of this topic have the field."""
         return path in self.fields or listed_field(path, self.fields, self.arrays) is not None
+
+
+def with_keys(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
+    """Return the topics of a log, in which a topic may have several types, each with a key of its own."""
+    topics = tuple(topics)
+    counts = Counter(topic.name for topic in topics)
+    return tuple(replace(one, key=f"{one.name} ({one.type})" if counts[one.name] > 1 else one.name) for one in topics)
 
 
 def listed_field(path: str, fields: Collection[str], arrays: Collection[str]) -> str | None:
@@ -127,9 +137,9 @@ class Reader(Protocol):
         ...
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Read the fields of the topics, both as `topics` lists them, in one pass over the log.
+        """Read the fields of the topics by their keys, both as `topics` lists them, in one pass over the log.
 
-        Yields topics and blocks of their records in the order of the log, so that only what is made of them needs
+        Yields keys and blocks of their records in the order of the log, so that only what is made of them needs
         memory; may raise BeginAgainError.
         """
         ...

@@ -77,7 +77,7 @@ class CollectedRecords:
 
 def read_whole(reader: Reader, wanted: Mapping[str, Sequence[str]]) -> dict[str, Records]:
     """Read the fields of the topics; return the records of each topic."""
-    counts = dict(sorted((topic.name, topic.count) for topic in reader.topics()))  # of several types the largest
+    counts = {topic.key: topic.count for topic in reader.topics()}
     while True:
         found = {topic: CollectedRecords(counts.get(topic, 0), paths) for topic, paths in wanted.items()}
         try:

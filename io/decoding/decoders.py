@@ -14,7 +14,7 @@ from usbldr.io.decoding.definitions import Definitions
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
-from usbldr.io.reader import Records, TopicInfo, utc
+from usbldr.io.reader import Records, TopicInfo, utc, with_keys
 
 TopicType: TypeAlias = tuple[str, str]  # topic and type
 BATCH_MESSAGES = 1 << 14  # [messages] decoded at once: enough for the speed of NumPy
@@ -131,14 +131,15 @@ def json_decoder(type_name: str, samples: Sequence[bytes]) -> Decoder | str:
     return decoder if decoder.fields else "its messages (json) have no known fields: no schema, and none in the first"
 
 
-def chosen_streams(streams: Mapping[TopicType, Stream], wanted: Mapping[str, Sequence[str]]) -> set[TopicType]:
-    """Return the streams to read: if a topic has several types, the one with the fields, and of these with most."""
+def stream_infos(streams: Mapping[TopicType, Stream]) -> tuple[TopicInfo, ...]:
+    """Return the topics of a log for the user."""
+    return with_keys(stream.info() for stream in streams.values())
 
-    def rank(key: TopicType) -> tuple[int, int]:
-        info = streams[key].info()
-        return sum(info.has(path) for path in wanted[key[0]]), info.count
 
-    return set({key[0]: key for key in sorted((key for key in streams if key[0] in wanted), key=rank)}.values())
+def wanted_streams(streams: Mapping[TopicType, Stream], wanted: Mapping[str, Sequence[str]]) -> dict[TopicType, str]:
+    """Return the streams to read, with the keys of their topics."""
+    keys = {key: topic.key for key, topic in zip(streams, stream_infos(streams), strict=True)}
+    return {key: name for key, name in keys.items() if name in wanted}
 
 
 def decode_blocks(
@@ -148,20 +149,27 @@ def decode_blocks(
     messages: Iterable[StreamMessage],
     unfit: dict[str, Finding],
 ) -> Iterator[tuple[str, Records]]:
-    """Yield topics and blocks of their records with the wanted fields, in the order of the messages.
+    """Yield keys of topics and blocks of their records with the wanted fields, in the order of the messages.
 
-    ``messages`` may hold more than is wanted. Findings for topics with messages that do not match their definition are
-    added to ``unfit`` in the end.
+    Those of several types of a topic follow each other, too. ``messages`` may hold more than is wanted. Findings for
+    topics with messages that do not match their definition are added to ``unfit`` in the end.
     """
-    chosen = {key: _Batch(_decoder(log, streams[key]), wanted[key[0]]) for key in chosen_streams(streams, wanted)}
+    names = wanted_streams(streams, wanted)
+    chosen = {key: _Batch(_decoder(log, streams[key]), wanted[name]) for key, name in names.items()}
+    last: dict[str, TopicType] = {}  # topic -> its type
     for key, time_ns, data in messages:
         batch = chosen.get(key)
-        if batch is not None and batch.add(time_ns, data):
-            yield key[0], batch.decoded()
+        if batch is None:
+            continue
+        if last.setdefault(key[0], key) != key:
+            yield names[last[key[0]]], chosen[last[key[0]]].decoded()
+            last[key[0]] = key
+        if batch.add(time_ns, data):
+            yield names[key], batch.decoded()
     for key, batch in chosen.items():
-        yield key[0], batch.decoded()
+        yield names[key], batch.decoded()
         if batch.unfit:
-            unfit[key[0]] = _unfit(streams[key], batch)
+            unfit[names[key]] = _unfit(streams[key], batch)
 
 
 class _Batch:

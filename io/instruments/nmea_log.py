@@ -75,7 +75,7 @@ def carried_sentences(log: Reader) -> RecordsLog | None:
         field = CARRIERS.get(last)
         suggested = last == "sentence" or SENTENCE_TOPIC_WORDS.search(topic.name.lower())
         if field and suggested and topic.count and not topic.problem and topic.has(field):
-            carriers[topic.name] = field
+            carriers[topic.key] = field
 
     def find(_: Path, findings: list[Finding]) -> Iterator[Topic]:
         for topic, sentences in _carried(log, carriers).items():
@@ -86,7 +86,7 @@ def carried_sentences(log: Reader) -> RecordsLog | None:
 
 def _carried(log: Reader, carriers: Mapping[str, str]) -> dict[str, SentenceSet]:
     """Return the sentences of some topics, ``carriers`` with their fields."""
-    stamped = {topic.name for topic in log.topics() if topic.has("header.stamp")}
+    stamped = {topic.key for topic in log.topics() if topic.has("header.stamp")}
     wanted = {topic: [field, *(["header.stamp"] * (topic in stamped))] for topic, field in carriers.items()}
     return {
         topic: find_sentences(topic, map(str, r.columns[carriers[topic]]), r.received_ns, r.columns.get("header.stamp"))

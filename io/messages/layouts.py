@@ -31,6 +31,9 @@ BAD = (
     *("reject", "rejected", *NO_FIX),
 )
 FLAG_WORDS: Mapping[str, float] = {**dict.fromkeys(GOOD, 1), **dict.fromkeys(BAD, 0)}
+SIGMAS = ("covariance", "own_covariance", "sd", "sd_m", "cov_xx", "cov_xy", "cov_yy")
+MAY_LACK = {*SIGMAS, "altitude", "qx", "qy", "qz", "qw"}
+"""Quantities that some messages of a sensor may lack: NaN says that they are not known."""
 SAME_SECOND_NS = 1_000_000_000  # [ns] by judgement: lines without times are logged as near those with a time
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
@@ -65,7 +68,18 @@ class MessageLayout:
 
     def fits(self, topic: TopicInfo) -> bool:
         """Return whether a topic has this type and these fields."""
-        return self.named_by(topic) and all(topic.has(path) for path in self.required.values())
+        return self.named_by(topic) and self.fits_fields(topic)
+
+    def fits_fields(self, topic: TopicInfo) -> bool:
+        """Return whether a topic has the fields that are required."""
+        return all(topic.has(path) for path in self.required.values())
+
+    def means(self, topic: TopicInfo, other: "MessageLayout", other_topic: TopicInfo) -> bool:
+        """Return whether a topic of this layout holds the same as another one of another layout, in the same way."""
+        names = ("type", "required", "optional", "recognised", "topic", "packages", "stamp", "frame", "preference")
+        same = replace(self, **{name: getattr(other, name) for name in names}) == other and self.fits_fields(topic)
+        own = wanted_paths(topic, self).keys() - {self.stamp, self.frame}
+        return same and own ^ (wanted_paths(other_topic, other).keys() - {other.stamp, other.frame}) <= MAY_LACK
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Which topic is which sensor: by option, by configuration, else recognised by message type and topic name."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +25,12 @@ class TopicChoice:
     layout: MessageLayout
     chosen_by: str  # "option", "configuration", "type and name"
     lower_ranked: tuple[TopicInfo, ...] = ()  # other possible topics, whose types rank lower
+    continued: tuple["TopicChoice", ...] = ()  # the same topic in other types, whose messages are read with these
+
+    @property
+    def count(self) -> int:
+        """Return the number of messages, of all types that are read."""
+        return self.topic.count + sum(one.topic.count for one in self.continued)
 
 
 class Candidates(NamedTuple):
@@ -85,7 +91,8 @@ def choose_roles(
             elif found:
                 layout = message_layout_of(role, found[0])
                 assert layout is not None, "a candidate has a layout"
-                chosen[role] = TopicChoice(found[0], layout, "type and name", tuple(lower_ranked))
+                choice = TopicChoice(found[0], layout, "type and name", tuple(lower_ranked))
+                chosen[role] = _with_other_types(role, choice, topics)
             elif unreadable := [topic for topic in topics if topic.type == f"usbldr/{role}" and topic.problem]:
                 advice = "" if role in SENSORS else f"; --{role} none leaves it out"
                 errors[role] = _unreadable(log, role, unreadable[0], advice)
@@ -93,8 +100,8 @@ def choose_roles(
                 errors[role] = _refused(log, role, unusable[0])
             elif missed := [one for one in topics if (one.problem or not one.count) and _named_for(role, one)]:
                 unread[role] = _unread(role, missed[0])
-    changed = [_changed(one.topic, others) for one in chosen.values() if (others := _of_other_type(one.topic, topics))]
     filled = {role: chosen[role] for role in ROLES if role in chosen}
+    changed = [found for choice in filled.values() for found in _changed(choice, topics)]
     preferred = [_preferred(role, choice) for role, choice in filled.items() if choice.lower_ranked]
     left = {role for role in ROLES if "none" in (options.get(role), configured.get(role))}
     unnamed = [role for role, choice in filled.items() if choice.chosen_by == "type and name"]
@@ -132,7 +139,7 @@ def topic_named(
         )
     if layout.unsupported:
         raise _refused(log, role, topic)
-    return TopicChoice(topic, layout, chosen_by)
+    return _with_other_types(role, TopicChoice(topic, layout, chosen_by), topics)
 
 
 def existing_topic(log: Path, topics: Sequence[TopicInfo], name: str, purpose: str = "") -> TopicInfo:
@@ -220,10 +227,32 @@ def _preferred(role: str, choice: TopicChoice) -> Finding:
     return Finding("ROLE-PREFERRED", f"{text} --{role} TOPIC or with topic under [{role}]", choice.topic.name)
 
 
-def _changed(topic: TopicInfo, others: Sequence[TopicInfo]) -> Finding:
-    left = " and ".join(f"{other.count} messages of type {other.type}" for other in others)
-    text = f"{topic.name}: its type changes within the log: {topic.count} messages of type {topic.type} are read"
-    return Finding("TOPIC-TYPES", f"{text}, {left} are not", topic.name, lost_data=True)
+def _with_other_types(role: str, choice: TopicChoice, topics: Sequence[TopicInfo]) -> TopicChoice:
+    """Return a choice with the topic's messages of other types that go on or before its own and mean the same."""
+    continued = list[TopicChoice]()
+    for topic in _of_other_type(choice.topic, topics):
+        layout = choice.layout if choice.layout.by_columns else message_layout_of(role, topic)
+        apart = not any(_at_once(topic, one) for one in (choice.topic, *(other.topic for other in continued)))
+        if layout is not None and not topic.problem and apart and layout.means(topic, choice.layout, choice.topic):
+            continued.append(TopicChoice(topic, layout, choice.chosen_by))
+    return replace(choice, continued=tuple(continued))
+
+
+def _at_once(a: TopicInfo, b: TopicInfo) -> bool:
+    """Return whether messages of two types came at the same time, as of two senders."""
+    return max(a.first_ns or 0, b.first_ns or 0) < min(a.last_ns or 0, b.last_ns or 0)
+
+
+def _changed(choice: TopicChoice, topics: Sequence[TopicInfo]) -> Iterator[Finding]:
+    read = [choice.topic, *(one.topic for one in choice.continued)]
+    left = [other for other in _of_other_type(choice.topic, topics) if other not in read]
+    of_read, of_left = (
+        " and ".join(f"{one.count} messages of type {one.type}" for one in some) for some in (read, left)
+    )
+    text = f"{choice.topic.name}: its type changes within the log: {of_read} are read"
+    if left or choice.continued:
+        text += f", {of_left} are not" if left else ""
+        yield Finding("TOPIC-TYPES" if left else "TOPIC-PARTS", text, choice.topic.name, lost_data=bool(left))
 
 
 def _left_to_ship(role: str, topics: Sequence[TopicInfo]) -> Finding:

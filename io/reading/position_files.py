@@ -163,7 +163,7 @@ def positions_of(
     """Return the positions of a topic, under another name if it has one; its times count from ``start_ns``."""
     topic, layout = choice.topic, choice.layout
     paths = wanted_paths(topic, layout)
-    records = read_whole(reader, {topic.name: list(paths.values())})[topic.name]
+    records = read_whole(reader, {topic.key: list(paths.values())})[topic.key]
     raw = raw_records(reader.path, replace(topic, name=name or topic.name), layout, records, paths)
     raw, of_clock = on_one_clock(raw.later_by(start_ns))
     grid = [Convention("grid", section.grid, "configuration")] if section.grid else []

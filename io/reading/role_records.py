@@ -34,13 +34,13 @@ def read_roles(
         }
         wanted: dict[str, list[str]] = {}
         for one in kept.values():
-            of_topic = wanted.setdefault(one.topic.name, [])
-            of_topic += [path for path in one.fields if path not in of_topic]
+            for key, paths in one.fields.items():
+                wanted[key] = list(dict.fromkeys([*wanted.get(key, ()), *paths]))
         try:
             for topic, block in reader.blocks(wanted):
                 for one in kept.values():
-                    if one.topic.name == topic and len(block.received_ns):
-                        one.add(block)
+                    if topic in one.fields and len(block.received_ns):
+                        one.add(topic, block)
         except BeginAgainError:
             continue
         break
@@ -72,36 +72,52 @@ class _Collected:
         is_shared: bool,
     ) -> None:
         self.topic, self._layout, self._is_shared = choice.topic, choice.layout, is_shared
-        self._log, self._role, self._tilted = log, role, tilted
+        self._log, self._role, self._tilted, self._expected = log, role, tilted, choice.count
+        self._types = {one.topic.key: one for one in (choice, *choice.continued)}
         self._paths = wanted_paths(choice.topic, choice.layout)
         self._evidence_fields = [f for f in more_fields or () if choice.topic.has(f)]
         self._evidence_fields += [f for f in (choice.layout.stamp, choice.layout.frame) if choice.topic.has(f)]
         self._records: CollectedRecords | None = None
         self._evidence = CollectedRecords(0, self._evidence_fields)
-        self._every = _every(choice.topic.count, EVIDENCE_RECORDS) if more_fields is not None else None
+        self._every = _every(choice.count, EVIDENCE_RECORDS) if more_fields is not None else None
         self._attitudes: CollectedRecords | None = None
         self.count = 0
 
     @property
-    def fields(self) -> Sequence[str]:
-        """The fields to read."""
-        return [*self._paths.values(), *(self._evidence_fields if self._every else ())]
+    def fields(self) -> Mapping[str, Sequence[str]]:
+        """The fields to read, by the keys of the topic's types."""
+        found = {key: [*wanted_paths(one.topic, one.layout).values()] for key, one in self._types.items()}
+        found[self.topic.key] += self._evidence_fields if self._every else ()
+        return found
 
-    def add(self, block: Records) -> None:
-        """Add a block of records."""
+    def add(self, key: str, block: Records) -> None:
+        """Add a block of records of one of the topic's types."""
         block = self._filled(block) if self._is_shared else block
-        raw = self._raw(block, self._paths)
+        raw = self._raw(block, self._paths) if key == self.topic.key else self._of_other_type(self._types[key], block)
         if self._role in ("compass", SHIP_HEADING):
             self._add_attitudes(raw)
             raw = with_yaw(raw)
         if self._records is None:
-            self._records = CollectedRecords(self.topic.count, list(raw.values))
+            self._records = CollectedRecords(self._expected, list(raw.values))
         self._records.add(Records(block.received_ns, raw.values))
-        if self._every:
+        if self._every and key == self.topic.key:
             rows = slice(-self.count % self._every, None, self._every)
             some = {field: block.columns[field][rows] for field in self._evidence_fields}
             self._evidence.add(Records(block.received_ns[rows], some))
         self.count += len(block.received_ns)
+
+    def _of_other_type(self, choice: TopicChoice, block: Records) -> RawRecords:
+        """Return records by the quantities, and the names of stamp and frame, of the first type."""
+        layout, count = choice.layout, len(block.received_ns)
+        paths = wanted_paths(choice.topic, layout)
+        names = {self._layout.stamp: layout.stamp, self._layout.frame: layout.frame}
+        absent = {self._layout.stamp: np.zeros(count, np.int64), self._layout.frame: np.full(count, "")}  # 0: unset
+        columns = {
+            path: block.columns[paths[own]] if (own := names.get(quantity, quantity)) in paths
+            else absent.get(path, np.full(count, np.nan))
+            for quantity, path in self._paths.items()
+        }  # fmt: skip
+        return self._raw(Records(block.received_ns, columns), self._paths)
 
     def _filled(self, block: Records) -> Records:
         """Return the records of several sensors that have a value of this one; all if none has."""
@@ -114,11 +130,11 @@ class _Collected:
 
     def _add_attitudes(self, raw: RawRecords) -> None:
         """Keep the attitudes of some records, evenly spread over the log."""
-        every = _every(self.topic.count, MAX_ATTITUDES if self._tilted else REPORTED_ATTITUDES)
+        every = _every(self._expected, MAX_ATTITUDES if self._tilted else REPORTED_ATTITUDES)
         some = attitudes(raw.part(slice(-self.count % every, None, every)))
         if some is not None and len(some.received_ns):
             names = list(some.values)
-            self._attitudes = self._attitudes or CollectedRecords(-(-self.topic.count // every), names)
+            self._attitudes = self._attitudes or CollectedRecords(-(-self._expected // every), names)
             self._attitudes.add(Records(some.received_ns, some.values))
 
     def raws(self) -> RawRecords:

@@ -85,7 +85,7 @@ def _topic(name: str, log: Path) -> SampleTimes:
         listed = ", ".join(one.name for one in reader.topics()[:20])
         raise UsageError(f"{name} is no file, no folder and no topic of {log} (its topics: {listed})")
     stamp = "header.stamp"
-    records = read_whole(reader, {topic.name: [stamp] if topic.has(stamp) else []})[topic.name]
+    records = read_whole(reader, {topic.key: [stamp] if topic.has(stamp) else []})[topic.key]
     time_ns = records.columns.get(stamp, records.received_ns).astype(np.int64)
     return SampleTimes(time_ns, [str(row + 1) for row in range(len(time_ns))], pd.DataFrame(index=range(len(time_ns))))
 

@@ -123,7 +123,7 @@ def sensor_tables(
         topic, by, records = choices[role].topic, choices[role].chosen_by, tables[role]
         how = (*devices.get(role, ()), *sensor.conventions, *([grids[role]] if role in grids else ()))
         used = int(records["valid"].sum()) if "valid" in records else len(records)
-        provenance[role] = Provenance(topic.name, topic.type, by, how, topic.count, used, sensor.geodetic)
+        provenance[role] = Provenance(topic.name, topic.type, by, how, choices[role].count, used, sensor.geodetic)
     return SensorTables(tables, provenance, origin, [*findings, *invalid], asked, attitude)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.io.decoding.decoders import DecoderSet, Stream, StreamMessage, TopicType, decode_blocks
+from usbldr.io.decoding.decoders import DecoderSet, Stream, StreamMessage, TopicType, decode_blocks, stream_infos
 from usbldr.io.file_access.decompression import unread_text
 from usbldr.io.file_access.open_file import opened
 from usbldr.io.findings import Finding
@@ -28,7 +28,7 @@ class BagLog:
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics from one pass over the bag."""
-        return tuple(stream.info() for stream in self._scan[0].values())
+        return stream_infos(self._scan[0])
 
     @cached_property
     def _scan(self) -> tuple[dict[TopicType, Stream], dict[int, Stream], BagScan]:

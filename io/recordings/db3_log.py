@@ -23,6 +23,8 @@ from usbldr.io.decoding.decoders import (
     TopicType,
     decode_blocks,
     decoder_without_definition,
+    stream_infos,
+    wanted_streams,
 )
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.file_access.decompression import MessageUnpacker
@@ -51,7 +53,7 @@ class Db3Log:
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
-        return tuple(stream.info() for stream in self._streams.values())
+        return stream_infos(self._streams)
 
     @contextmanager
     def _open(self) -> Generator[sqlite3.Connection]:
@@ -153,7 +155,8 @@ class Db3Log:
 
     def _messages(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[StreamMessage]:
         """Yield the messages of the wanted topics; the payloads of others are not read."""
-        numbers = [number for number, (key, _) in self._listed.items() if key[0] in wanted]
+        streams = wanted_streams(self._streams, wanted)
+        numbers = [number for number, (key, _) in self._listed.items() if key in streams]
         marks = ", ".join("?" * len(numbers))
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"
         self._unpacker = unpacker = MessageUnpacker(self.path)

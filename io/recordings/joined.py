@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import ros2_name
 from usbldr.io.findings import Finding
 from usbldr.io.messages.registry import STAMPS
-from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo
+from usbldr.io.reader import NamedColumns, Reader, Records, TopicInfo, with_keys
 from usbldr.io.recordings.counts import count_findings
 
 UNDATED = ("NMEA-DATE", "NO-DATE")
@@ -57,7 +57,7 @@ class JoinedLog:
                 topic, key = moved_topic(stated, part.offset_of(stated.name)), _key(stated)
                 topic = topic if part.reader.path == self.path else replace(topic, file=part.reader.path.name)
                 found[key] = _together(found[key], topic) if key in found else topic
-        return tuple(found.values())
+        return with_keys(found.values())
 
     def with_columns(self, configured: Sequence[Any]) -> "JoinedLog":
         """Return this log with the columns of its tables that the configuration states."""
@@ -84,16 +84,13 @@ class JoinedLog:
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read one part after the other block by block, and shift its times."""
-
-        def rank(topic: TopicInfo) -> tuple[int, int]:
-            return sum(topic.has(path) for path in wanted.get(topic.name, ())), topic.count
-
-        largest = {topic.name: _key(topic) for topic in sorted(self.topics(), key=rank)}
+        keys = {_key(topic): topic.key for topic in self.topics()}
         for part in self.parts:
-            present = {_key(topic) for topic in part.reader.topics() if topic.count}
-            own = {topic: paths for topic, paths in wanted.items() if largest[topic] in present}
-            for topic, records in part.reader.blocks(own) if own else ():
-                yield topic, moved_records(records, part.offset_of(topic), self.time_units_ns)
+            own = {topic.key: topic for topic in part.reader.topics() if topic.count and keys[_key(topic)] in wanted}
+            paths = {key: wanted[keys[_key(topic)]] for key, topic in own.items()}
+            for key, records in part.reader.blocks(paths) if own else ():
+                offset_ns = part.offset_of(own[key].name)
+                yield keys[_key(own[key])], moved_records(records, offset_ns, self.time_units_ns)
 
     def findings(self) -> tuple[Finding, ...]:
         """Report what was lost or unusual in each part."""

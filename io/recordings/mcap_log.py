@@ -4,7 +4,7 @@ A file that agrees with its index is read by it. Any other is scanned front to b
 what is lost is reported.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path
@@ -16,10 +16,11 @@ from usbldr.io.decoding.decoders import (
     DecoderSet,
     Stream,
     TopicType,
-    chosen_streams,
     decode_blocks,
     decoder_without_definition,
     json_decoder,
+    stream_infos,
+    wanted_streams,
 )
 from usbldr.io.decoding.decoders import StreamMessage as Payload
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
@@ -59,7 +60,7 @@ class McapLog:
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """List the topics."""
-        return tuple(stream.info() for stream in self._streams.values())
+        return stream_infos(self._streams)
 
     @cached_property
     def _streams(self) -> dict[TopicType, Stream]:
@@ -78,7 +79,7 @@ class McapLog:
         """Decode the wanted topics block by block; raise BeginAgainError if the file disagrees with its index."""
         self._unfit = {}
         by_index = self._index.channel_summaries is not None and not self._index_is_wrong
-        messages = self._by_index(chosen_streams(self._streams, wanted)) if by_index else self._by_walk()
+        messages = self._by_index(wanted_streams(self._streams, wanted).keys()) if by_index else self._by_walk()
         try:
             yield from decode_blocks(self.path, self._streams, wanted, self._decompressed(messages), self._unfit)
         except IndexMismatchError as err:
@@ -93,7 +94,7 @@ class McapLog:
         self._unpacker = unpacker = MessageUnpacker(self.path)
         return ((key, time_ns, unpacker.unpacked(bytes(data))) for key, time_ns, data in chain([first], messages))
 
-    def _by_index(self, wanted: set[TopicType]) -> Iterator[Payload]:
+    def _by_index(self, wanted: Collection[TopicType]) -> Iterator[Payload]:
         """Yield the wanted messages of a file that agrees with its index."""
         keys = {number: key for number, key in self._keys.items() if key in wanted}
         with opened(self.path) as file:

@@ -152,10 +152,10 @@ def write_bag(file: Path, rows: Iterable[Row], compression: str = "none", chunk_
     with writer:
         connections = {}
         for log_ns, topic, type_name, values in rows:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, type_name, typestore=ROS1)
+            if (topic, type_name) not in connections:
+                connections[topic, type_name] = writer.add_connection(topic, type_name, typestore=ROS1)
             data = ROS1.serialize_ros1(message(type_name, values, ROS1), type_name)
-            writer.write(connections[topic], log_ns, data)
+            writer.write(connections[topic, type_name], log_ns, data)
     return file
 
 
@@ -173,10 +173,10 @@ def write_rosbag2(
     with writer:
         connections = {}
         for log_ns, topic, type_name, values in rows:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, type_name, typestore=store)
+            if (topic, type_name) not in connections:
+                connections[topic, type_name] = writer.add_connection(topic, type_name, typestore=store)
             data = store.serialize_cdr(message(type_name, values, store), type_name)
-            writer.write(connections[topic], log_ns, data)
+            writer.write(connections[topic, type_name], log_ns, data)
     return folder
 
 

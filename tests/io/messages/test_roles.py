@@ -1,12 +1,15 @@
 """Which topic is used for which sensor, and the errors if that is ambiguous."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from recordings import SECOND, T0, TWIST_COVARIANCE, Row, twist, write_mcap, yaw
+from recordings import SECOND, T0, TWIST_COVARIANCE, Row, execute, twist, write_bag, write_mcap, write_rosbag2, yaw
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.messages.roles import Roles, choose_roles, find_topic
 from usbldr.io.reader import TopicInfo
@@ -223,22 +226,52 @@ def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
     )
 
 
-@given(first=st.integers(1, 9), second=st.integers(1, 9), other=st.sampled_from(["TwistStamped", "String"]))
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_of_two_types_of_a_topic_one_is_read_one_counted(tmp_path: Path, first: int, second: int, other: str) -> None:
+STRING, ODOMETRY = "std_msgs/msg/String", "nav_msgs/msg/Odometry"
+TWIST_X, TWIST_Y = "twist.twist.linear.x", "twist.twist.linear.y"
+OF_OTHER_TYPE: Mapping[str, Callable[[int, float], Row]] = {
+    "TwistStamped": lambda t, x: twist(t, x, 0.5),
+    "Odometry": lambda t, x: (t, "/dvl", ODOMETRY, {"header.stamp": t, TWIST_X: x, TWIST_Y: 0.5}),
+    "String": lambda t, x: (t, "/dvl", STRING, {"data": str(x)}),
+}
+
+
+@given(
+    first=st.integers(1, 25), second=st.integers(1, 25), other=st.sampled_from([*OF_OTHER_TYPE]),
+    at_once=st.booleans(), write=st.sampled_from([write_mcap, write_bag, write_rosbag2, "joined"]),
+)  # fmt: skip
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_topic_that_changes_its_type_is_read_whole_if_both_types_are_known_and_else_counted(
+    first: int, second: int, other: str, at_once: bool, write: Any
+) -> None:
     times = [T0 + k * SECOND for k in range(first + second)]
-    covariance = {"twist.twist.linear.x": 1.0, "twist.twist.linear.y": 0.5}
-    changed: list[Row] = [(t, "/dvl", TWIST_COVARIANCE, {"header.stamp": t, **covariance}) for t in times[first:]]
-    before: list[Row] = [(t, "/dvl", "std_msgs/msg/String", {"data": "x"}) for t in times[:first]]
-    before = before if other == "String" else [twist(t, 1.0, 0.5) for t in times[:first]]
-    file = write_mcap(tmp_path / "a.mcap", [*before, *changed, *(yaw(t, 0.0) for t in times)])
+    late = [t + SECOND // 2 for t in times[:first]] if at_once else times[first:]
+    before = [OF_OTHER_TYPE[other](t, k / 10) for k, t in enumerate(times[:first])]
+    after = [
+        (t, "/dvl", TWIST_COVARIANCE, {"header.stamp": t, TWIST_X: -k / 10, TWIST_Y: 0.5}) for k, t in enumerate(late)
+    ]
+    headings, more = [yaw(t, 0.0) for t in times], ()
+    with TemporaryDirectory() as folder:
+        if write == "joined":
+            more = (str(write_mcap(Path(folder) / "b.mcap", after)),)
+            file = write_mcap(Path(folder) / "a.mcap", [*before, *headings])
+        else:
+            rows = sorted([*before, *after, *headings], key=lambda row: row[0])
+            file = write(Path(folder) / "a", rows)
+        if write == write_rosbag2:  # the types are listed in another order than their messages
+            (part,) = file.glob("*.db3")
+            execute(part, "UPDATE topics SET id = -id", "UPDATE messages SET topic_id = -topic_id")
+        logs = [read_log(file, Request(joined=more, topics=topics)) for topics in ({}, {"dvl": "/dvl"})]
+    for log in logs:
+        (said,) = [finding for finding in log.findings if finding.code in ("TOPIC-TYPES", "TOPIC-PARTS")]
+        overlap = at_once and first > 1
+        whole = other != "String" and not overlap
+        read = first + len(late) if whole else len(late) if other == "String" else max(first, len(late))
 
-    for request in (Request(), Request(topics={"dvl": "/dvl"})):
-        log = read_log(file, request)
-        (said,) = [finding for finding in log.findings if finding.code == "TOPIC-TYPES"]
-
-        read = second if other == "String" else max(first, second)
-        assert log.provenance["dvl"].used == read
-        assert said.lost_data
-        assert f" {read} messages of type " in said.text
-        assert f", {first + second - read} messages of type " in said.text
+        assert log.provenance["dvl"].used == log.provenance["dvl"].messages == read
+        assert said.lost_data == (not whole)
+        assert f"{first} messages of type " in said.text
+        assert f"{len(late)} messages of type " in said.text
+        assert (" are not" in said.text) == (not whole)
+        if whole:
+            expected = [*(k / 10 for k in range(first)), *(-k / 10 for k in range(len(late)))]
+            assert sorted(log.tables["dvl"]["forward_mps"]) == sorted(expected)
