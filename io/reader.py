@@ -45,7 +45,7 @@ class TopicInfo:
     table: str = ""  # that holds the topic, if it is read by the names of its columns
     unused: tuple[str, ...] = ()  # columns of that table which no sensor uses
     file: str = ""  # the name of the file that holds it, if a log has several
-    key: str = ""  # by which it is read: its name, of one of several types also that (see `with_keys`)
+    key: str = ""  # by which it is read: its name, of further types of a topic also a number (see `with_keys`)
 
     def __post_init__(self) -> None:
         """Keep the problem to one sentence."""
@@ -79,9 +79,11 @@ class TopicInfo:
 
 def with_keys(topics: Iterable[TopicInfo]) -> tuple[TopicInfo, ...]:
     """Return the topics of a log, in which a topic may have several types, each with a key of its own."""
-    topics = tuple(topics)
-    counts = Counter(topic.name for topic in topics)
-    return tuple(replace(one, key=f"{one.name} ({one.type})" if counts[one.name] > 1 else one.name) for one in topics)
+    seen, keyed = Counter[str](), list[TopicInfo]()
+    for topic in topics:
+        seen[topic.name] += 1
+        keyed.append(replace(topic, key=f"{topic.name} ({seen[topic.name]})" if seen[topic.name] > 1 else topic.name))
+    return tuple(keyed)
 
 
 def listed_field(path: str, fields: Collection[str], arrays: Collection[str]) -> str | None:

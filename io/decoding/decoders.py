@@ -1,5 +1,6 @@
 """What the binary formats share: decoders, and the messages of a topic and type, counted and laid out in columns."""
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import Records, TopicInfo, utc, with_keys
 
-TopicType: TypeAlias = tuple[str, str]  # topic and type
+TopicType: TypeAlias = tuple[str, str, int]  # topic, type and definition (see `definition_hash`)
 BATCH_MESSAGES = 1 << 14  # [messages] decoded at once: enough for the speed of NumPy
 BATCH_BYTES = 1 << 24  # [bytes] the same, of large messages
 StreamMessage: TypeAlias = tuple[
@@ -269,6 +270,18 @@ class DecoderSet:
             self._fields += len(decoder.fields)
             return f"the types in the log have more than {limit(LOG_FIELDS)} fields; {RAISE}"
         return decoder
+
+
+def definition_hash(definition: bytes, definition_encoding: str) -> int:
+    """Return what is the same for equal definitions in ROS's language, whatever their spaces, comments and order.
+
+    Of others 0: their messages hold the numbers or names of the fields.
+    """
+    if definition_encoding not in ("ros1msg", "ros2msg"):
+        return 0
+    plain = b" ".join(re.sub(rb"#[^\n]*", b"", definition).split())
+    first, *used = re.split(rb" ?={20,} ?", plain)
+    return hash((first, frozenset(used)))
 
 
 def without_comments(definition: bytes) -> bytes:

@@ -31,6 +31,7 @@ CONTROL_BYTES = bytes(k for k in range(0x1C) if CONTROL.match(chr(k)))  # in UTF
 CONTROLS = 0.02  # [share] of control characters of a text, at most: of random bytes they are a tenth
 ZEROS = 1 << 24  # [characters] of zeros in a row that are skipped
 TAR, TAR_AT = b"ustar", 257  # fixed by the format
+END_OF_FILE = "\x1a"  # fixed: behind the text of programs for DOS
 LINE_CHARACTERS = 1 << 20  # [characters] of a line of text; lines of logs have some hundreds
 
 
@@ -137,6 +138,7 @@ def text_lines(path: Path, errors: str = "replace") -> Iterator[str]:
         lines = TextIOWrapper(file, encoding_of(head), errors=errors)
         number, zeros = 1, 0
         while (line := lines.readline(most + 1)) and zeros < most_zeros:
+            line = line.strip(END_OF_FILE)
             if not line.strip("\0"):
                 zeros += len(line)
                 continue

@@ -183,8 +183,8 @@ def candidates(role: str, topics: Sequence[TopicInfo], taken: Collection[str] = 
 
 
 def _of_other_type(topic: TopicInfo, topics: Iterable[TopicInfo]) -> list[TopicInfo]:
-    """Return the messages of other types that a topic has besides."""
-    return [one for one in topics if one.name == topic.name and one.type != topic.type and one.count]
+    """Return the messages of other types, or definitions of the type, that a topic has besides."""
+    return [one for one in topics if one.name == topic.name and one.key != topic.key and one.count]
 
 
 def _have_dvl(topics: Iterable[TopicInfo]) -> bool:

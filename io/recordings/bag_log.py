@@ -8,7 +8,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from usbldr.io.decoding.decoders import DecoderSet, Stream, StreamMessage, TopicType, decode_blocks, stream_infos
+from usbldr.io.decoding.decoders import (
+    DecoderSet,
+    Stream,
+    StreamMessage,
+    TopicType,
+    decode_blocks,
+    definition_hash,
+    stream_infos,
+)
 from usbldr.io.file_access.decompression import unread_text
 from usbldr.io.file_access.open_file import opened
 from usbldr.io.findings import Finding
@@ -40,11 +48,10 @@ class BagLog:
             scan = BagScan(file, self.path.stat().st_size)
             for record in scan:
                 if isinstance(record, Connection):
-                    key = (name_of(record.topic), name_of(record.type))
-                    if key not in streams:
+                    if (key := _key(record)) not in streams:
                         decoders.add_topic()
                         decoder = decoders.of(record.type, record.definition, "ros1", "ros1msg")
-                        streams[key] = Stream(*key, "ros1", decoder)
+                        streams[key] = Stream(*key[:2], "ros1", decoder)
                     connections[record.number] = streams[key]
                 elif record.connection in connections:
                     connections[record.connection].add_messages(1, record.time_ns, record.time_ns)
@@ -60,7 +67,7 @@ class BagLog:
         with opened(self.path) as file:
             for record in BagScan(file, self.path.stat().st_size):
                 if isinstance(record, Connection):
-                    connections[record.number] = (name_of(record.topic), name_of(record.type))
+                    connections[record.number] = _key(record)
                 elif record.connection in connections:
                     yield connections[record.connection], record.time_ns, record.data
 
@@ -97,3 +104,8 @@ class BagLog:
             text = f"{nowhere} messages belong to a connection that the bag does not define; left out"
             findings.append(Finding("DAMAGED", text, lost_data=True))
         return (*findings, *self._unfit.values())
+
+
+def _key(connection: Connection) -> TopicType:
+    definition = definition_hash(connection.definition, "ros1msg")
+    return name_of(connection.topic), name_of(connection.type), definition

@@ -114,7 +114,7 @@ class Db3Log:
             encoding = "serialization_format" if "serialization_format" in have else "'cdr'"  # the first rosbag2
             rows = database.execute(f"SELECT id, name, type, {encoding} FROM topics ORDER BY id").fetchall()
             return {
-                int(number): ((name_of(str(name)), name_of(str(kind))), str(how or "cdr"))
+                int(number): ((name_of(str(name)), name_of(str(kind)), 0), str(how or "cdr"))
                 for number, name, kind, how in rows
             }
 
@@ -129,7 +129,7 @@ class Db3Log:
             self._decoders.add_topic()
             count, first, last = counts.get(number, (0, None, None))
             decoder = self._decoder(number, key[1], encoding, definitions)
-            streams[key] = Stream(*key, encoding, decoder, count, first, last)
+            streams[key] = Stream(*key[:2], encoding, decoder, count, first, last)
         return streams
 
     def _decoder(

@@ -18,6 +18,7 @@ from usbldr.io.decoding.decoders import (
     TopicType,
     decode_blocks,
     decoder_without_definition,
+    definition_hash,
     json_decoder,
     stream_infos,
     wanted_streams,
@@ -131,10 +132,11 @@ class McapLog:
         kind = schema.name if schema else ""
         if kind == "mavlink":  # BlueOS: one name for the schemas of all messages, which the topics name
             kind = record.topic.replace("/", ".")
-        key = (name_of(record.topic), name_of(kind))
+        definition = definition_hash(schema.data, schema.encoding) if schema else 0
+        key = (name_of(record.topic), name_of(kind), definition)
         if key not in self._known:
             self._decoders.add_topic()
-            self._known[key] = Stream(*key, record.message_encoding, self._decoder(record, schema))
+            self._known[key] = Stream(*key[:2], record.message_encoding, self._decoder(record, schema))
         self._keys[record.id] = key
 
     def _decoder(self, channel: Channel, schema: Schema | None) -> Decoder | str:

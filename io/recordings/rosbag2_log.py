@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from usbldr.filters.errors import LogError
+from usbldr.filters.errors import LogError, listed
 from usbldr.io.file_access.open_file import opened
 from usbldr.io.findings import Finding
 from usbldr.io.limits import RAISE, limit
@@ -39,6 +39,9 @@ def open_rosbag2(path: Path, open_part: Callable[[Path], Reader]) -> Reader:
         files, findings = _found(path, [path / name for name in named], parts)
         if len(named) < len(metadata.parts):
             findings.append(Finding("PART-TWICE", "metadata.yaml names a part more than once; it is read once"))
+        if unnamed := [part.name for part in parts if part not in files]:
+            text = f"{listed(unnamed, 5)}: not read, because metadata.yaml does not name it; --with FILE adds it"
+            findings.append(Finding("NOT-READ", text, lost_data=True))
     else:
         files, findings = _numbered(path, parts), _gaps(parts)
     opened_parts, unread = readable_parts(files, open_part)

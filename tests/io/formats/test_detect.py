@@ -11,7 +11,7 @@ import scipy.io
 from damage import recorded
 from damaged_formats import FORMATS as RECORDINGS
 from logs import refusal
-from recordings import saved, write_csv
+from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED
 from usbldr.io.formats.detect import BEGIN_BYTES, open_log
@@ -130,3 +130,12 @@ def test_a_folder_without_text_is_an_error_that_lists_its_content(tmp_path: Path
         f"{tmp_path}: this folder holds no recording and no CSV file with a header (it holds dive.pdf); "
         f"usbldr reads {FORMATS}"
     )
+
+
+def test_the_end_mark_of_dos_is_no_line(tmp_path: Path) -> None:
+    """Also where texts were joined by `copy a.csv + b.csv`."""
+    header, rows = "time_ns,forward_mps,starboard_mps\n", [f"{T0 + k * SECOND},1.0,0.5\n" for k in range(40)]
+    log = open_log(saved(tmp_path / "dvl.csv", header, *rows[:20], "\x1a", header, *rows[20:], "\x1a"))
+
+    assert [topic.count for topic in log.topics()] == [40]
+    assert not any(finding.lost_data for finding in log.findings())

@@ -16,12 +16,14 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as BagWriter
 
 from logs import TWIST_X, counts, losses, refusal, x_of
 from recordings import FLOAT64, ROS2, SECOND, T0, TWIST, Row, message, saved, twist, write_mcap, write_payloads, yaw
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.limits import VARIABLE
+from usbldr.io.reading.read import read_log
 from usbldr.io.recordings.mcap_log import McapLog
 
 CONTAINERS = [*((True, compression) for compression in CompressionType), (False, CompressionType.NONE)]
@@ -339,3 +341,61 @@ def test_an_encoding_we_cannot_read_is_named_only_when_its_topic_is_wanted(tmp_p
     assert refusal(LogError, read_whole, log, {"/fix": ["latitude"]}).startswith(
         f"{file}: /fix cannot be read: encoding flatbuffer with flatbuffer definitions is not supported, only cdr with "
     )
+
+
+LINE = "=" * 80
+DEFINITION = f"""std_msgs/Header header
+geometry_msgs/Vector3 velocity  # [m/s]
+bool velocity_valid
+float64 altitude
+{LINE}
+MSG: std_msgs/Header
+{{}}
+string frame_id
+{LINE}
+MSG: geometry_msgs/Vector3
+"""
+TIME = f"\n{LINE}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+
+
+def defined(order: str, ros_1: bool) -> str:
+    vector = "".join(f"float64 {axis}\n" for axis in order)
+    stamp = "uint32 seq\ntime stamp" if ros_1 else "builtin_interfaces/Time stamp"
+    return DEFINITION.format(stamp) + vector + TIME * (not ros_1)
+
+
+def payload(time_ns: int, order: str, ros_1: bool) -> bytes:
+    head = struct.pack("<I" * ros_1 + "iII", *[0] * ros_1, time_ns // SECOND, 0, int(not ros_1)) + bytes(not ros_1)
+    head += b"" if ros_1 else bytes(-len(head) % 8)
+    vector = struct.pack("<ddd?", *(dict(zip("xyz", (1.0, 0.25, 0.0), strict=True))[axis] for axis in order), True)
+    return b"\0\1\0\0" * (not ros_1) + head + vector + bytes(7 * (not ros_1)) + struct.pack("<d", 5.0)
+
+
+@pytest.mark.parametrize("ros_1", [True, False])
+@pytest.mark.parametrize("second", ["yxz", "xyz"])
+def test_messages_are_read_by_the_definition_of_their_own_channel(tmp_path: Path, ros_1: bool, second: str) -> None:
+    """A type that was changed between two stretches of a log; comments are no change."""
+    definitions = [defined("xyz", ros_1), defined(second, ros_1).replace("# [m/s]", "")]
+    times = [T0 + k * SECOND for k in range(40)]
+    if ros_1:
+        with BagWriter(tmp_path / "a.bag") as bag:
+            for order, definition, some in zip(("xyz", second), definitions, (times[:20], times[20:]), strict=True):
+                to = bag.add_connection("/dvl", "my_msgs/msg/DVL", msgdef=definition, md5sum=order)
+                for time_ns in some:
+                    bag.write(to, time_ns, payload(time_ns, order, ros_1))
+    else:
+        with (tmp_path / "a.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start(profile="ros2", library="by hand")
+            for order, definition, some in zip(("xyz", second), definitions, (times[:20], times[20:]), strict=True):
+                schema = writer.register_schema("my_msgs/msg/DVL", "ros2msg", definition.encode())
+                channel = writer.register_channel("/dvl", "cdr", schema, {"order": definition})
+                for time_ns in some:
+                    writer.add_message(channel, time_ns, payload(time_ns, order, ros_1), time_ns)
+            writer.finish()
+
+    log = read_log(tmp_path / ("a.bag" if ros_1 else "a.mcap"))
+
+    assert log.tables["dvl"]["forward_mps"].tolist() == [1.0] * 40
+    assert log.tables["dvl"]["starboard_mps"].tolist() == [0.25] * 40
+    assert (second == "yxz") == any(finding.code == "TOPIC-PARTS" for finding in log.findings)

@@ -132,6 +132,16 @@ def test_a_missing_part_is_lost_data_and_a_renamed_one_is_not(tmp_path, numbers,
     assert (finding.code, finding.text, finding.lost_data) == (code, text, code == "MISSING-PART")
 
 
+@pytest.mark.parametrize("name", ["a_1.db3", "other.mcap"])
+def test_a_part_that_the_metadata_do_not_name_is_lost_data(tmp_path: Path, name: str) -> None:
+    folder = write_rosbag2(tmp_path / "a", short_dive())
+    (folder / name).touch()
+
+    (lost,) = open_log(folder).findings()
+    assert lost.text == f"{name}: not read, because metadata.yaml does not name it; --with FILE adds it"
+    assert lost.lost_data
+
+
 @pytest.mark.parametrize(
     ("files", "sentence"),
     [
