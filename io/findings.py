@@ -11,45 +11,15 @@ from usbldr.filters.errors import sentence
 
 Level: TypeAlias = Literal["error", "warning", "info"]
 
-FINDING_LEVELS: Mapping[str, Level] = {
-    "ROLE-UNDECIDED": "error",
-    "UNUSABLE": "error",
-    "SENSOR-MISSING": "error",
-    "HEADING-CONVENTION": "error",
-    "MAP-FRAME": "error",
-    "DVL-AXES": "error",
-    "DVL-EARTH": "error",
-    "HEADING-RADIANS": "error",
-    "DVL-UNIT": "error",
-    "PLACES-APART": "error",
-    "USBL-MOTION": "error",
-    "ROLE-PREFERRED": "info",
-    "ROLE-SHIP": "info",
-    "COLUMNS-BY-NAME": "info",
-    "DATE-ORDER": "info",
-    "DATE-OF-OTHERS": "info",
-    "CONCATENATED": "info",
-    "TOPIC-PARTS": "info",
-    "LAYOUT-FILE": "info",
-    "TRUTH-FRAME": "info",
-    "ESTIMATE-FRAME": "info",
-    "CONVENTION-CHECKED": "info",
-    "CONVENTION-UNOBSERVABLE": "info",
-    "HEADING-CHECKED": "info",
-    "USBL-DELAYED": "info",
-    "USBL-VERTICAL": "info",
-    "USBL-NOISE": "info",
-    "REPEATED": "info",
-    "USBL-REPEATED": "info",
-    "USBL-INTERPOLATED": "warning",
-    "GPS-HELD": "info",
-    "DVL-HELD": "info",
-    "OUT-OF-ORDER": "info",
-    "NO-HEADER": "info",
-    "SAME-STAMP": "info",
-    "EXCLUDED": "info",
-    "SET": "info",
+_CODES: Mapping[Level, str] = {
+    "error": "ROLE-UNDECIDED UNUSABLE SENSOR-MISSING HEADING-CONVENTION MAP-FRAME DVL-AXES DVL-EARTH HEADING-RADIANS "
+    "DVL-UNIT PLACES-APART USBL-MOTION",
+    "info": "ROLE-PREFERRED ROLE-SHIP COLUMNS-BY-NAME DATE-ORDER DATE-OF-OTHERS CONCATENATED TOPIC-PARTS LAYOUT-FILE "
+    "TRUTH-FRAME ESTIMATE-FRAME CONVENTION-CHECKED CONVENTION-UNOBSERVABLE HEADING-CHECKED USBL-DELAYED "
+    "USBL-VERTICAL USBL-NOISE REPEATED USBL-REPEATED GPS-HELD DVL-HELD OUT-OF-ORDER NO-HEADER SAME-STAMP "
+    "EXCLUDED SET",
 }
+FINDING_LEVELS: Mapping[str, Level] = {code: level for level, codes in _CODES.items() for code in codes.split()}
 """Codes whose level is not a warning."""
 
 

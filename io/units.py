@@ -1,8 +1,10 @@
 """Units that the name of a column or field states: "DVL X [m/s]", "Heading (deg)", "stamp_ns"."""
 
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from importlib.resources import files
 from typing import Literal, NamedTuple, TypeAlias
 
 Dimension: TypeAlias = Literal["velocity", "angle", "length", "pressure", "time"]
@@ -27,36 +29,8 @@ _UNITS: Mapping[Dimension, Mapping[str, float]] = {
 }
 """Factors to m/s, degrees, metres, pascals and nanoseconds."""
 
-_SPELLINGS: Mapping[str, str] = {
-    "m/s": "mps m_s m.s",  # the last one of R, which writes "Forward (m/s)" as Forward..m.s.
-    "cm/s": "cmps cm_s",
-    "mm/s": "mmps mm_s",
-    "km/h": "kmh kph km_h",
-    "ft/s": "ft_s",
-    "knots": "knot kn kt kts knop knoten nudos nœuds noeuds nodi nos knopen",
-    "deg": "degs degree degrees grad grader grados degrés degres gradi graus graden "
-    "° degt °t degtrue deg_true deg_north deg_east deg_n deg_e degreestrue degreet "
-    "\ufffd "  # ° in Latin-1, which is no letter in UTF-8; alone, no other unit is one
-    "degrees_north degree_north degrees_n degree_n degreesn degreen "  # these and the next are of the CF conventions
-    "degrees_east degree_east degrees_e degree_e degreese degreee degreesnorth degreeseast",
-    "rad": "rads radian radians",
-    "gon": "gons grads gradian gradians",
-    "1e-7deg": "dege7 dege-7 deg1e7 deg1e-7",
-    "hPa": "mbar millibar millibars",
-    "dbar": "decibar decibars",
-    "m": "meter meters metre metres msw",
-    "cm": "centimeter centimeters centimetre centimetres",
-    "mm": "millimeter millimeters millimetre millimetres",
-    "km": "kilometer kilometers kilometre kilometres",
-    "ft": "foot feet fsw",
-    "s": "sec secs second seconds",
-    "min": "minute minutes",
-    "h": "hr hrs hour hours",
-    "ms": "msec millis milliseconds",
-    "us": "µs μs usec micros microseconds",
-    "ns": "nsec nanos nanoseconds",
-}
-"""Other spellings, in lower case, without blanks."""
+_SPELLINGS: Mapping[str, str] = tomllib.loads((files("usbldr.io") / "units.toml").read_text(encoding="utf-8"))
+"""Other spellings."""
 
 _UNIT_OF: Mapping[str, str] = {
     spelling.lower(): unit

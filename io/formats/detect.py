@@ -12,37 +12,8 @@ from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLIT
 from usbldr.io.file_access.decompression import compression_of
 from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of, is_tar, opened
 from usbldr.io.reader import Reader
-from usbldr.io.tables.foreign_texts import foreign_text
+from usbldr.io.tables.foreign_texts import foreign_file
 
-CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
-UNSUPPORTED_FORMATS: Mapping[bytes, str] = {
-    b"#ROSBAG V1": "a ROS 1 bag of an old version; convert it to version 2.0 first (rosbag fix IN.bag OUT.bag)",
-    b"\x89MCAP0\n": f"an MCAP file whose {CONVERTED}",
-    b"\x89MCAP0\r\r\n": f"an MCAP file whose {CONVERTED}",
-    b"#ROSBAG V2.0\r\n": f"a ROS 1 bag whose {CONVERTED}",
-    b"\x89MCAP": "an MCAP file of an unsupported version; convert it to version 0",
-    b"ULog\x01": "a PX4 log; write its topics as CSV (ulog2csv)",
-    b"\xed\xa1\xda\x01": "an LCM log; write its channels as CSV or MCAP",
-    b"FTP NEW": "a Hypack raw file; export the positions and headings of the vehicle as CSV",
-    b"dbd_label:": "a Slocum glider's log; write its sensors as CSV, with positions in degrees",
-    b"TDSm": "a LabVIEW measurement file (TDMS); export its groups as CSV",
-    b"\xb5b": "a u-blox receiver's log; convert its fixes to NMEA sentences or CSV",
-    b"\xd0\xcf\x11\xe0": "a spreadsheet of an old version; export the sheet as CSV",
-    b"FEA1": "an Arrow file of the first version (Feather 1); store the table as Parquet or CSV",
-    b"\x93NUMPY": "an array of NumPy, without names of columns; store it as CSV with a line of names",
-    **dict.fromkeys(
-        (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
-        "a network capture; write what the instruments sent to files (tshark -z follow), or record it anew",
-    ),
-    b"FMT, 128": "a DataFlash log as text, as Mission Planner writes it; read the .BIN file that it was made from",
-    b"%%": "a table of all variables at equal times that MOOS writes (.aslog); read the .alog file beside it",
-    **dict.fromkeys(
-        (b"CDF\x01", b"CDF\x02", b"CDF\x05"),
-        "a netCDF-3 file; convert it to netCDF-4 first (nccopy -k nc4 IN.nc OUT.nc)",
-    ),
-    b"PK\x03\x04": "a zip archive, or a spreadsheet, cut or of another kind; unpack it, or export the sheet as CSV",
-}
-"""Other formats by their first bytes, with what to do about them."""
 MATLAB_4, MATLAB_4_NAME = struct.Struct("<5I"), 64  # fixed: the numbers before the name of a matrix; its bytes at most
 
 
@@ -192,9 +163,7 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
         )
     if not head:
         raise LogError("the file holds nothing but zeros" if path.stat().st_size else "the file is empty", path=path)
-    foreign = next((what for magic, what in UNSUPPORTED_FORMATS.items() if head.startswith(magic)), None)
-    foreign = foreign or foreign_text(head)
-    if foreign:
+    if foreign := foreign_file(head):
         raise LogError(f"is {foreign}", path=path)
     if is_tar(head):
         raise LogError("is a tar archive; unpack it first (tar -xf)", path=path)

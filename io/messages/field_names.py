@@ -4,8 +4,10 @@ Only words whose meaning and sign are the same everywhere count: no yaw, sway or
 """
 
 import re
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from importlib.resources import files
+from typing import Any, NamedTuple
 from unicodedata import normalize
 
 from usbldr.io.messages.topic_names import GPS_ITSELF, NO_SENSOR, SHIP, suggested_sensors
@@ -13,69 +15,20 @@ from usbldr.io.units import Dimension, NamedUnit, named_unit
 
 
 class Rule(NamedTuple):
-    """A quantity and the names of its columns."""
+    """A quantity and the names of its columns; types/columns.toml explains the keys."""
 
-    sensor: str  # "" : a time, or a position, whose sensor the rest of the name says
-    key: str  # usbldr's own column
-    dimension: Dimension | None  # None: a flag
-    words: str  # a pattern of the end of the name, in lower case, its words parted by "_"
+    sensor: str
+    key: str
+    dimension: Dimension | None
+    words: str
     sign: float = 1.0
-    alone: bool = True  # whether the words mean this quantity without a unit, too
+    alone: bool = True
 
 
-TIME_OF_WEEK = (
-    "i?tow|sow|(gps_?)?(time|seconds?|secs?)_(of|in)_(the_)?(gps_)?week|(week|gps)_?(time|seconds?|secs?)"  # GPS time
-)
-FROM_SHIP = "(d|delta|rel(ative)?)_"  # before an easting or northing that counts from the ship
-RULES: Sequence[Rule] = (
-    Rule(
-        "",
-        "time",
-        "time",
-        "(?<!receive_)time|timestamp|time_?stamp|stamp|epoch|(?<!received_)unix|utc|(?<!hdg_)(?<!heading_)ts?|"
-        "gpst|sod|(seconds?|time)_of_(the_)?day|elapsed|(timestamp|time)_posix|time_of_validity|datenum|[mu]time|"
-        "(milli)?(seconds?|time)_since_midnight|ms_since_midnight|time_(excel|julian|mjd|labview)|"
-        "ntp(_time)?|x_value|(time_)?(filetime|ticks)",  # LabVIEW's, Windows's, and .NET's
-    ),
-    Rule("", "time", "time", TIME_OF_WEEK),
-    Rule("", "received", "time", "(receive_time|(received|arrival)(_time|_unix)?)"),
-    Rule("dvl", "forward_mps", "velocity", "v?(forward|fwd|ahead|surge)"),
-    Rule("dvl", "forward_mps", "velocity", "(?<!fore_)(?<!forward_)(?<!fwd_)(aft|astern)", -1.0),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!port_)(?<!left_)v?(starboard|stbd|stb|right)"),
-    Rule("dvl", "starboard_mps", "velocity", "(?<!starboard_)(?<!stbd_)(?<!right_)v?(port|left)", -1.0),
-    Rule("dvl", "up_mps", "velocity", "(?<!down_)v?(up|upward)"),
-    Rule("dvl", "up_mps", "velocity", "(?<!up_)v?(down|downward)", -1.0),
-    *(Rule("dvl", f"{axis}_mps", "velocity", f"(v|vel|velocity)?_?{axis}", alone=False) for axis in "xyz"),
-    Rule("dvl", "sd_mps", "velocity", "sd|sigma|std"),
-    Rule("dvl", "valid", None, "(dvl|vel|velocity|bottom_track|bt)_valid|(bottom|bt)_lock|^(dvl_)?bottom_track"),
-    Rule("", "valid", None, "(fix|position|gps|gnss)_valid|^((gps|gnss|usbl)_)?fix"),
-    Rule("", "fix_status", None, "(fix|gps|gnss|usbl)_status|^status"),
-    Rule("", "fix_type", None, "(gps_|gnss_)?fix_type"),
-    Rule("", "quality", None, "(fix|gga|gps|gnss)_qual(ity)?"),
-    Rule("compass", "heading_deg", "angle", "(heading|hdg|hea|compass)(_t(rue)?)?|hdt|platform_(orientation|yaw)"),
-    Rule("compass", "heading_deg", "angle", r"gyro(_\d)?", alone=False),  # a gyrocompass; else a rate
-    *(Rule("compass", f"{angle}_deg", "angle", angle, alone=False) for angle in ("roll", "pitch")),  # beside a heading
-    Rule("depth", "depth_m", "length", "depth"),
-    Rule("depth", "pressure_pa", "pressure", "pressure"),
-    Rule("", "lat_deg", "angle", "lat|latitude"),
-    Rule("", "lon_deg", "angle", "lon|long|lng|longitude"),
-    Rule("", "starboard_m", "length", "(starboard|stbd|stb|right)(_offset)?", alone=False),  # from a ship's head
-    Rule("", "forward_m", "length", "(forward|fwd|ahead)(_offset)?", alone=False),
-    Rule("", "east_offset_m", "length", f"{FROM_SHIP}e(ast(ing)?)?|e(ast(ing)?)?_offset", alone=False),
-    Rule("", "north_offset_m", "length", f"{FROM_SHIP}n(orth(ing)?)?|n(orth(ing)?)?_offset", alone=False),
-    Rule("", "east_m", "length", "east(ing)?"),
-    Rule("", "north_m", "length", "north(ing)?"),
-    Rule("usbl", "horizontal_range_m", "length", "(horizontal|horiz|hor|h)_(range|distance)"),
-    Rule("usbl", "slant_range_m", "length", "(slant_)?range"),
-    Rule("usbl", "relative_bearing_deg", "angle", "rel(ative)?_(bearing|brg)|(bearing|brg)_rel(ative)?"),
-    Rule("usbl", "bearing_deg", "angle", "(bearing|brg)(_t(rue)?)?"),
-    Rule("usbl", "elevation_deg", "angle", "elevation"),
-    Rule("usbl", "elevation_deg", "angle", "depression", -1.0),
-    Rule(
-        "usbl", "target", None, "(target|beacon|transponder|^vehicle)(_?(id|name|no|number|address))?|tp_?(id|name|no)"
-    ),
-    Rule("", "sd_m", "length", "sd|sigma|std|accuracy"),
-)
+_NAMES = tomllib.loads((files("usbldr.io.messages") / "types" / "columns.toml").read_text(encoding="utf-8"))
+_UNSTATED: Mapping[str, Any] = {"sensor": "", "dimension": None}
+RULES: Sequence[Rule] = tuple(Rule(**{**_UNSTATED, **rule}) for rule in _NAMES["rule"])
+TIME_OF_WEEK = RULES[1].words  # GPS time
 DIRECTION = Rule("compass", "heading_deg", "angle", "azimuth|bearing|course|kurs")
 """A heading in a table of the vehicle's attitude; the direction of a transponder or of a motion in others."""
 FIX_TYPE = Rule("", "fix_type", None, "^status")
@@ -88,19 +41,7 @@ NEUTRAL: Mapping[Dimension | None, str] = {
 }
 """Words behind a quantity that add nothing: its dimension, its system, and that a velocity is over the bottom."""
 NEEDED: Mapping[str, Sequence[frozenset[str]]] = {
-    "dvl": (frozenset({"forward_mps", "starboard_mps"}), frozenset({"x_mps", "y_mps"})),
-    "compass": (frozenset({"heading_deg"}),),
-    "usbl": tuple(
-        frozenset(pair.split())
-        for pair in (
-            *("lat_deg lon_deg", "east_m north_m", "slant_range_m bearing_deg", "slant_range_m relative_bearing_deg"),
-            *("horizontal_range_m bearing_deg", "starboard_m forward_m", "east_offset_m north_offset_m"),
-        )
-    ),
-    "gps": (frozenset({"lat_deg", "lon_deg"}), frozenset({"east_m", "north_m"})),
-    "depth": (frozenset({"depth_m"}), frozenset({"pressure_pa"})),
-    "ship/gps": (frozenset({"lat_deg", "lon_deg"}),),
-    "ship/compass": (frozenset({"heading_deg"}),),
+    sensor: tuple(frozenset(columns.split()) for columns in rows) for sensor, rows in _NAMES["needed"].items()
 }
 """A sensor is there if all columns of one of these are."""
 
@@ -108,21 +49,7 @@ OF_SHIP: Mapping[str, str] = {"lat_deg": "ship/gps", "lon_deg": "ship/gps", "hea
 """The sensors that columns named for a ship belong to."""
 OF_FIXES = "usbl/depth"
 """The depth that a USBL gives with its fixes, which is no depth sensor's."""
-KEYS = {
-    "x_mps": "x",
-    "y_mps": "y",
-    "z_mps": "z",
-    "forward_mps": "x",
-    "starboard_mps": "y",
-    "up_mps": "z",
-    "heading_deg": "heading",
-    "pressure_pa": "pressure",
-    "east_m": "x",
-    "north_m": "y",
-    "relative_bearing_deg": "bearing_deg",
-    **dict.fromkeys(("starboard_m", "east_offset_m"), "x"),
-    **dict.fromkeys(("forward_m", "north_offset_m"), "y"),
-}
+KEYS: Mapping[str, str] = _NAMES["columns_key"]
 """usbldr's own columns and the keys of ``columns`` for them, if these are others."""
 OTHER = re.compile(
     r"(^|_)(set|target_(heading|hdg|depth|course|bearing|azimuth)|earth|gyro(?!_heading|_hdg|(_\d)?(_deg|_rad)?$)|local_position|ned|des|rate|acc|"
@@ -172,32 +99,8 @@ class NamedColumn(NamedTuple):
         return self.unit.dimension == self.rule.dimension
 
 
-ENGLISH: Mapping[str, str] = {
-    word: english
-    for english, words in {
-        "time": "zeit uhrzeit zeitpunkt zeitstempel tid tidspunkt klokkeslett horodatage heure temps fecha hora "
-        "tempo tijd ora",
-        "heading": "steuerkurs cap rumbo rumo prua koers kompass_kurs kompasskurs kompassretning",
-        "heading_true": "kurs_rw kurs_rettvisende kurs_rattvisande kurs_rechtweisend rechtweisender_kurs",
-        "true": "rw rechtweisend rettvisende rattvisande vrai verdadero verdadeiro vera vero waar ware",
-        "forward": "voraus vorwarts vorwaerts forover fremover framover framat avant avante adelante avance avanti "
-        "vooruit",
-        "aft": "achteraus ruckwarts rueckwaerts arriere atras akterut",
-        "starboard": "steuerbord rechts styrbord tribord estribor boreste dritta stuurboord",
-        "port": "backbord links babord babor bombordo sinistra bakboord",
-        "up": "aufwarts oben oppover haut arriba",
-        "down": "abwarts unten nedover bas abajo",
-        "velocity": "geschwindigkeit fart hastighet vitesse velocidad velocidade velocita snelheid",
-        "depth": "tiefe tauchtiefe dybde djup dyp profondeur profundidad profundidade profondita diepte immersion",
-        "latitude": "breite breitengrad bredde breddegrad latitud latitudine breedtegraad",
-        "longitude": "lange laenge langengrad laengengrad lengde lengdegrad longitud longitudine lengtegraad",
-        "pressure": "druck trykk tryck pression presion pressao pressione",
-        "east": "ost rechtswert",
-        "north": "nord norte hochwert",
-    }.items()
-    for word in words.split()
-}
-"""Words of other languages: German, Norwegian, Swedish, French, Spanish, Portuguese, Italian, Dutch."""
+ENGLISH: Mapping[str, str] = {word: name for name, words in _NAMES["english"].items() for word in words.split()}
+"""Words of other languages."""
 FOREIGN = re.compile(rf"(?<![a-z0-9])({'|'.join(sorted(ENGLISH, key=len, reverse=True))})(?![a-z0-9])")
 
 

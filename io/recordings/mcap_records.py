@@ -29,7 +29,7 @@ STEP = 1 << 20  # [bytes] read at once for a checksum, or in search of a record
 LIKE_A_RECORD = re.compile(rb"(?=[\x02-\x0f].{4}\0{4})", re.DOTALL)  # an opcode, and a length below 4 GB
 LEAST = {2: 20, 3: 14, 4: 16, 5: 22, 6: 40, 7: 6, 8: 64, 9: 36, 10: 48, 11: 46, 12: 8, 13: 20, 14: 17, 15: 4}
 """[bytes] of a record without its texts, by opcode: fixed by the format."""
-FOLLOWING = 3  # [records] by judgement: three heads by chance are no more likely than 1 in 1e15
+FOLLOWING = 3  # [records] by judgement: where many bytes are zero, a single head may be chance
 EXAMINED = 1 << 10  # [bytes] of a search that a look at another place of the file costs
 CHUNK = struct.Struct("<QQQII")  # first and last log time, decompressed size, checksum, length of compression's name
 INNER_LENGTH_BYTES = 8  # fixed by the format: of the records of a chunk, behind its compression's name

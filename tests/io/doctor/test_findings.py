@@ -15,7 +15,7 @@ def codes_in_the_sources() -> set[str]:
     sources = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "io").rglob("*.py"))
     literal = re.findall(r'[Ff]inding\(\s*"([A-Z]+(?:-[A-Z]+)*)"', sources)
     tabled = re.findall(r'^\s+\(?"([A-Z]+-[A-Z-]+)"[:,]', sources, re.MULTILINE)
-    return {*literal, *tabled}
+    return {*literal, *tabled, *FINDING_LEVELS}
 
 
 def test_every_code_that_the_sources_use_is_documented() -> None:
