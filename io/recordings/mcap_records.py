@@ -4,6 +4,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BufferedReader, BytesIO
 from pathlib import Path
@@ -19,7 +20,7 @@ from usbldr.io.file_access import decompression
 from usbldr.io.file_access.container_ends import MCAP, MCAP_HEAD
 from usbldr.io.file_access.decompression import CutError, Decompressor
 from usbldr.io.file_access.file_view import FileView
-from usbldr.io.limits import TooLargeError, UnpackingBudget
+from usbldr.io.limits import BeyondLimitError, TooLargeError, UnpackingBudget
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 READ = (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS)
@@ -111,7 +112,7 @@ class McapScan:
     stated: Mapping[int, int] = field(default_factory=dict[int, int])  # the same according to the file's statistics
     expected_messages: int | None = None  # number of messages according to the file's statistics
     good_until: int = len(MCAP)  # byte after the last complete record
-    doubtful: int = len(MCAP)  # the last message, whose length may be wrong if no record follows, else good_until
+    doubtful: int = len(MCAP)  # the last record, whose length may be wrong; good_until behind one that may hold records
     broken_at: int | None = None  # first byte of the first damaged record
     unknown: set[str] = field(default_factory=set[str])  # compressions of lost chunks
     oversized: bool = False  # lost chunks are beyond the limit of a chunk
@@ -145,11 +146,12 @@ class McapScan:
     def _next_record(self, start: int, budget: UnpackingBudget) -> int | None:
         """Return where records follow each other again, None if they do nowhere."""
         data = FileView(self.file.fileno())
-        while (start := data.after_zeros(start)) < self.size:
-            for found in LIKE_A_RECORD.finditer(data[start : start + STEP + MCAP_HEAD.size - 1]):
-                if _follow(data, place := start + found.start(), budget):
-                    return place
-            start += STEP
+        with suppress(BeyondLimitError):  # too many places look like a record: what precedes is read
+            while (start := data.after_zeros(start)) < self.size:
+                for found in LIKE_A_RECORD.finditer(data[start : start + STEP + MCAP_HEAD.size - 1]):
+                    if _follow(data, place := start + found.start(), budget):
+                        return place
+                start += STEP
         return None
 
     def _records(self, chunks: ChunkReader) -> Iterator[Record]:
@@ -177,8 +179,8 @@ class McapScan:
             else:
                 self.file.seek(length, 1)
                 self.finished = op == Opcode.FOOTER and self._exactly(len(MCAP)) == MCAP
-            self.doubtful = self.good_until if op == Opcode.MESSAGE else self.good_until + MCAP_HEAD.size + length
-            self.good_until += MCAP_HEAD.size + length
+            begin, self.good_until = self.good_until, self.good_until + MCAP_HEAD.size + length
+            self.doubtful = self.good_until if op in (Opcode.CHUNK, Opcode.ATTACHMENT) else begin
 
     def _compare(self, checksum: int) -> None:
         """Compare the checksum of all bytes before this record with the stated one; 0 states none."""

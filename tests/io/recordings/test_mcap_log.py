@@ -145,6 +145,7 @@ def message_places(data: bytes) -> list[tuple[int, int]]:
     kind=st.sampled_from(["zeros", "flipped", "noise"]),
     summary=st.booleans(),
 )
+@example(place=6671, size=8, kind="flipped", summary=False)  # of opcode and length
 @example(place=6678, size=1, kind="flipped", summary=False)  # of a length, which then reaches into the next message
 def test_behind_damage_a_file_without_chunks_is_read_on(place: int, size: int, kind: str, summary: bool) -> None:
     whole = made(CompressionType.NONE, False)
@@ -162,6 +163,16 @@ def test_behind_damage_a_file_without_chunks_is_read_on(place: int, size: int, k
     }
     assert intact <= read
     assert any(one.lost_data for one in log.findings()) or sum(counts(log).values()) == len(messages)
+
+
+def test_what_looks_like_records_and_is_none_costs_nothing_that_precedes(tmp_path: Path) -> None:
+    whole = made(CompressionType.NONE, False)
+    cut = message_places(whole)[-500][0]
+    like = (b"\x05" + struct.pack("<Q", 30) + bytes(30)) * 2 + b"\x05" + struct.pack("<Q", 1 << 31)
+    log = McapLog(saved(tmp_path / "a.mcap", whole[:cut], b"\x05" + struct.pack("<Q", 1 << 40), like * 100_000))
+
+    assert len(x_of(log)) == 750
+    assert any(one.lost_data for one in log.findings())
 
 
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
