@@ -222,7 +222,7 @@ def _run(
         varied = [text for k, text in enumerate(stated) if len({other[k] for other in settings}) > 1]
         label = " ".join([label, *(text.replace('"', "") for text in varied)])
         draws = method != BOUND and METHODS[method].draws
-        rows.append(ComparisonRow(name, label, method, tuple(jobs), found, draws, dives))
+        rows.append(ComparisonRow(name, label, method, tuple(jobs), found, draws, dives, tuple(varied)))
     return rows
 
 

@@ -69,6 +69,26 @@ def test_a_sweep_has_the_numbers_of_configurations_that_state_its_values(dive: P
     assert "2 of 2 runs were finished" in run("compare", dive, "-f", "ckf", *sweep, "-o", tmp_path / "swept").stderr
 
 
+@pytest.mark.parametrize(
+    ("key", "options", "said"),
+    [
+        ("usbl.sd_m", ["-f", "ckf,usbl"], True),
+        ("usbl.sd_m", ["-f", "ckf,usbl", "--calibrate", "none"], False),
+        ("usbl.lever_arm_m", ["-f", "usbl"], True),
+    ],
+)
+def test_a_key_whose_values_change_no_number_is_named(tmp_path: Path, key: str, options: list[str], said: bool) -> None:
+    dive = tmp_path / "fixes_without_sd"
+    shutil.copytree(SAMPLES / "lawnmower_csv", dive)
+    fixes = (dive / "usbl.csv").read_text().splitlines()
+    (dive / "usbl.csv").write_text("".join(",".join(line.split(",")[:4]) + "\n" for line in fixes))
+    values = "[0,0,0],[0,0,1]" if key.endswith("arm_m") else "1,4"
+
+    printed = " ".join(output_of("compare", dive, "--config", "none", *options, "--set", f"{key}={values}").split())
+
+    assert (f"all values of --set {key} give the same errors" in printed) == said
+
+
 def test_a_run_with_a_stated_key_and_without_some_fixes_is_verified_and_checked_so(dive: Path, tmp_path: Path) -> None:
     options = ["--set", "usbl.sd_scale=4", "--exclude", "usbl@30:60"]
     output_of("replay", dive, "-f", "ckf", *options, "--plots", "none", "-o", tmp_path / "run")

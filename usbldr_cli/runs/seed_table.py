@@ -36,6 +36,7 @@ DIVERGED_LIMIT = 0.5  # fixed: share of diverged runs from which the mean is not
 EQUAL_M = 1e-6  # a mean over the common epochs that differs from that of the metrics is of other epochs
 MOST_NAMED = 20  # fixed: logs that the last line lists by name
 MOST_SHOWN = 8  # [logs] whose tables and figures a person reads one by one
+ALIKE = 5e-4  # fixed: half of the last digit that the table shows of an error; of a NEES, less than that
 COMPARED = ("mean_abs_east_m", "mean_abs_north_m", "mean_horizontal_m")
 """The metrics whose difference to the first row is reported."""
 
@@ -51,6 +52,7 @@ class ComparisonRow:
     outcomes: tuple[JobResult, ...]
     sampled: bool = False  # the method draws random numbers
     dives: bool = False  # each seed is a dive of its own
+    varied: tuple[str, ...] = ()  # KEY=VALUE of --set for each key with several values
 
     @property
     def good(self) -> dict[int, JobResult]:
@@ -222,6 +224,20 @@ def grouped(rows: Sequence[ComparisonRow]) -> dict[str, list[ComparisonRow]]:
     for row in rows:
         groups.setdefault(row.log, []).append(row)
     return groups
+
+
+def keys_without_effect(rows: Sequence[ComparisonRow]) -> list[str]:
+    """Return the keys of --set whose values give every method of a log the same errors and the same NEES."""
+    good = [row for row in rows if row.good]
+    found: list[str] = []
+    for k, text in enumerate(good[0].varied if good else ()):
+        alike: dict[tuple[str, ...], list[list[float]]] = {}
+        for row in good:
+            others = (row.method, *row.varied[:k], *row.varied[k + 1 :])
+            alike.setdefault(others, []).append([row.mean(name) or 0.0 for name in (*COMPARED, "nees_mean")])
+        if all(len(means) > 1 and np.max(np.ptp(means, axis=0)) < ALIKE for means in alike.values()):
+            found.append(text.partition("=")[0])
+    return found
 
 
 def many_logs(rows: Sequence[ComparisonRow]) -> bool:

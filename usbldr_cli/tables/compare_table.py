@@ -16,6 +16,7 @@ from usbldr_cli.runs.seed_table import (
     best_method_sentence,
     difference,
     grouped,
+    keys_without_effect,
     many_logs,
     overall,
     row_consistency,
@@ -30,6 +31,10 @@ LEGEND = (
     "(Student's t, 95 %, at least 3 seeds); of single runs in --output they are over the epochs (moving-block "
     "bootstrap, Holm's correction for several filters); diverged: share of seeds with a mean horizontal "
     "error above 5 m."
+)
+NO_EFFECT = (
+    "all values of --set {} give the same errors: estimates from the log replace it (--calibrate none uses the stated "
+    "values), or nothing here depends on it"
 )
 SPECIAL = str.maketrans(
     {
@@ -135,6 +140,7 @@ def notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
             count = f" ({1 + len(others)} of {len(row.seeds)} runs{more})" if len(row.seeds) > 1 else ""
             of_row = text if row.label in text else f"{row.label}: {text.removeprefix(f'{row.method}: ')}"
             lines.append(("warning", of_row + count))
+    lines += [("warning", NO_EFFECT.format(key)) for key in keys_without_effect(rows)]
     return list(dict.fromkeys(lines))
 
 
