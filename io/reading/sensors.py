@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
@@ -46,7 +47,9 @@ def roles_of(topics: Sequence[TopicInfo], request: Request, opened: OpenedLog) -
     more, found = columns_of_layouts(opened.layouts, others, {**stated, **request.topics}, taken)
     roles = choose_roles(path, others, request.topics, stated, (*columns, *more))
     left = {role for role, name in {**stated, **request.topics}.items() if name == "none"}
-    unread = unread_positions(others, {"usbl", "gps"} - roles.chosen.keys() - roles.unresolved.keys() - left)
+    truth = f"/{Path(request.truth or configuration.truth.file or '').stem}"
+    free = [topic for topic in others if (topic.table or topic.name) != truth]
+    unread = unread_positions(free, {"usbl", "gps"} - roles.chosen.keys() - roles.unresolved.keys() - left)
     return replace(roles, findings=(*found, *roles.findings, *unread))
 
 

@@ -1,5 +1,6 @@
 """CSV as programs export it, with invented headers and real conventions: a run after ``init`` and ``replay``."""
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -228,3 +229,31 @@ def test_init_says_why_the_columns_that_it_would_propose_cannot_be_used(dive, tm
     why = "the columns that the names suggest cannot be used: all 600 records of /dvl (dvl) are invalid: 600 faster"
     assert caught.value.text.startswith(why)
     assert f"CHECK: {why}" in (tmp_path / "found.toml").read_text(encoding="utf-8")
+
+
+def test_a_folder_whose_own_configuration_names_the_columns_of_the_truth_is_used_by_every_command(dive, tmp_path):
+    """The truth is that of the GPS in the log: the errors are the same."""
+    folder, run_of = tmp_path / "log", ["-f", "adf", "--plots", "none", "-q", "-o"]
+    write(folder, EXPORTS["unix_seconds"], dive)
+    by_gps = output_of("replay", folder, *run_of, tmp_path / "by_gps")
+    reference = pd.read_csv(folder / "gps.csv").set_axis(["stamp", "Breite", "phi"], axis=1)
+    reference.to_csv(folder / "reference.csv", index=False)
+    (folder / "gps.csv").unlink()
+    names = 'columns = { time_unix_s = "stamp", lat_deg = "Breite", lon_deg = "phi" }\n'
+    (folder / "usbldr.toml").write_text(f'schema = 1\n[truth]\nfile = "reference.csv"\n{names}', encoding="utf-8")
+
+    output_of("init", folder, "-o", tmp_path / "found.toml")
+    info = output_of("info", folder)
+    by_file = output_of("replay", folder, *run_of, tmp_path / "by_file")
+    track = tmp_path / "by_file" / "track_5hz.csv"
+    judged = output_of("evaluate", folder, "--estimate", track, "--plots", "none", "-q", "-o", tmp_path / "judged")
+
+    found = tomllib.loads((tmp_path / "found.toml").read_text(encoding="utf-8"))["truth"]
+    assert found == {"file": "log/reference.csv", **tomllib.loads(names)}
+    assert "columns time_unix_s = stamp, lat_deg = Breite, lon_deg = phi (configuration)" in info
+    assert "no sensor uses" not in info
+    assert "mean horizontal error" in by_gps
+    assert by_file == by_gps
+    assert judged.partition(":")[2] == by_gps.partition(":")[2]
+    (folder / "usbldr.toml").write_text(f"schema = 1\n[truth]\n{names}", encoding="utf-8")
+    assert "which file under [truth] or --truth names" in findings(folder)["KEY-UNUSED"]["text"]
