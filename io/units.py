@@ -57,7 +57,7 @@ _NOTATION = re.compile(r"d{2,3}[ °:-]*m{1,2}.*|hhmm.*", re.IGNORECASE)
 _NUMBER = r"(\d+(?:\.\d*)?)"
 _ANGLE = re.compile(
     rf"([NSEW]?) *([+-]?){_NUMBER}(?: *([°º])T? *| +|[-:](?=\d)|(?=[NSW]|$))"
-    rf"(?:{_NUMBER} *['′:]? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
+    rf"(?:{_NUMBER} *(?:['′:]|-(?=\d))? *)?(?:{_NUMBER} *(?:\"|″|'')? *)?([NSEW]?)",
     re.IGNORECASE,
 )
 """Sides, degrees, minutes and seconds; "5E" is no angle, but half a number."""

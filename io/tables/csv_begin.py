@@ -14,7 +14,7 @@ from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
 from usbldr.io.messages.topic_names import without_numbers
 from usbldr.io.tables.cells import THOUSANDS
-from usbldr.io.tables.date_times import DATE, foreign_time, named_zone
+from usbldr.io.tables.date_times import DATE, DATE_TIME, foreign_time, named_zone
 from usbldr.io.tables.foreign_texts import foreign_text
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
@@ -28,7 +28,11 @@ DATED = " "  # the separator of columns between blanks whose first one is a date
 BY_BLANKS = (None, DATED)
 COMMENTS = ("#", "%", "//")  # with which a line begins that is no row
 REMARKS = (*COMMENTS, ";")  # with which a line before the column names begins that is none
+DECIMAL_COMMA = re.compile(r"[+-]?(\d*,(\d{1,2}|\d{4,})|(0|\d{4,}),\d+)")
+"""A number in quotes whose comma parts no thousands."""
 DATE_WORD = re.compile(rf"(?<![\w./-])({DATE})(?![\w/-])")
+START = re.compile(rf"\b(start|begin|began|d[eé]but|in[ií]cio|inizio).*?(?P<moment>{DATE_TIME.pattern})", re.IGNORECASE)
+"""A line that states when a recording began."""
 BLANKS = " \t\v\f\xa0"  # that may surround a cell
 
 
@@ -169,18 +173,31 @@ def with_point(cell: str) -> str:
     return cell.replace(",", ".") if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
 
 
+def _decimal_commas(rows: Sequence[str], separator: str | None) -> bool:
+    """Return whether commas of numbers are decimal ones: other marks part the columns, or quoted cells show it."""
+    if separator != ",":
+        return separator not in BY_BLANKS
+    return any(DECIMAL_COMMA.fullmatch(cell) for row in rows if '"' in row for cell in cells_of(row, separator))
+
+
 def header_and_row(file: Path, beside: Sequence[Path] = ()) -> tuple[list[str], list[str]]:
     """Return a file's column names as written, and the cells of its first row; ``beside``: files that may name them."""
-    names, separator, lines, *_ = begin_of_table(file, beside=beside)
-    cells = cells_of(next((line for line in lines if line.strip()), ""), separator)
-    cells += [""] * (len(names) - len(cells) if any(cells) else 0)
-    return names, cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells]
+    begin = begin_of_table(file, beside=beside)
+    cells = cells_of(next((line for line in begin.lines if line.strip()), ""), begin.separator)
+    cells += [""] * (len(begin.names) - len(cells) if any(cells) else 0)
+    return begin.names, [with_point(cell) for cell in cells] if begin.decimal_commas else cells
 
 
 def stated_date(remarks: Sequence[str]) -> str:
     """Return the one date that the lines before the names state, empty if they state none or several."""
     dates = {found[0] for line in remarks for found in DATE_WORD.finditer(line)}
     return dates.pop() if len(dates) == 1 else ""
+
+
+def stated_start(remarks: Sequence[str]) -> str:
+    """Return the one date and time at which the lines before the names state that it began, empty if there is none."""
+    starts = {found["moment"] for line in remarks if (found := START.search(line))}
+    return starts.pop() if len(starts) == 1 else ""
 
 
 class TableBegin(NamedTuple):
@@ -192,6 +209,7 @@ class TableBegin(NamedTuple):
     number: int  # of the last line before these
     spoilt: Mapping[int, str]  # line before them -> why it is none
     remarks: Sequence[str]  # the lines before the names
+    decimal_commas: bool
 
 
 def _names_of_part(file: Path, row: Sequence[str], beside: Sequence[Path]) -> list[str] | None:
@@ -250,7 +268,8 @@ def begin_of_table(file: Path, units_are_row: bool = False, beside: Sequence[Pat
         names.pop()  # of separators at the end of the line
     if names.count("") > 1:
         names = [name or f"column {k}" for k, name in enumerate(names, 1)]
-    return TableBegin(names, separator, chain(begun[rows:], lines), comments + rows + breaks, spoilt, clean[:place])
+    number, commas = comments + rows + breaks, _decimal_commas(clean[rows:], separator)
+    return TableBegin(names, separator, chain(begun[rows:], lines), number, spoilt, clean[:place], commas)
 
 
 def _joined(names: Sequence[str], cells: Sequence[str]) -> list[str] | None:

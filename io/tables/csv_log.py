@@ -24,7 +24,7 @@ from usbldr.io.messages.registry import FRAMES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.cells import ParsedColumn, numbers, times, with_whole_angles
-from usbldr.io.tables.csv_begin import begin_of_table, header_and_row, stated_date
+from usbldr.io.tables.csv_begin import begin_of_table, header_and_row, stated_date, stated_start
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
 from usbldr.io.tables.date_times import (
@@ -36,7 +36,7 @@ from usbldr.io.tables.date_times import (
 )
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, line_findings, row_findings
-from usbldr.io.tables.time_columns import TimeColumn
+from usbldr.io.tables.time_columns import SECOND_NS, SINCE_NS, TimeColumn
 from usbldr.io.tables.time_parts import parted_time, week_and_time
 from usbldr.io.tables.topic_sheets import (
     OF_WORDS,
@@ -91,6 +91,7 @@ class CsvLog:
         self._row = cache(self._first_cells)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line -> why
         self._summaries: dict[str, Collection[int]] = {}  # topic -> lines behind its last row
+        self._starts: dict[Path, str] = {}  # file -> the stated start from which its times count
 
     @property
     def format(self) -> str:
@@ -238,7 +239,14 @@ class CsvLog:
         return [value for value, sensor in zip(values, sensors, strict=True) if sensor == source.sensor]
 
     def _times(self, source: CsvSource, clock: TimeColumn) -> ParsedColumn:
-        return times(self._cells(source, clock.column), *clock)
+        """Return times; those before 2000 count from the start that a line before the names states."""
+        found = times(self._cells(source, clock.column), *clock)
+        start = stated_start(begin_of_table(source.file).remarks)
+        if not start or np.any(found.values >= SINCE_NS):
+            return found
+        (start_ns,) = times(with_iso_times({"": [start]}, {}, self._orders)[""], "", SECOND_NS).values
+        self._starts[source.file] = start
+        return found._replace(values=found.values + start_ns)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
         """Read the wanted columns; rows with an invalid cell in one of them are left out."""
@@ -276,13 +284,16 @@ class CsvLog:
         parsed = numbers(cells, name, self._table(source.file).by_commas)
         return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
-    def _grid(self, topic: str, one: TopicSheet) -> list[Finding]:
-        """Report the grid that a line before the names of a file's columns states, if it holds eastings."""
-        remarks = begin_of_table(self._files[one.table].file).remarks
+    def _stated_before(self, topic: str, one: TopicSheet) -> list[Finding]:
+        """Report what lines before the names of a file's columns state: a start, and of eastings their grid."""
+        file = self._files[one.table].file
+        remarks = begin_of_table(file).remarks
         code = next((code for line in remarks if (code := utm_code(line))), "")
         eastings = one.sheet and any(EASTING.search(words_of(name)) for name in one.sheet.columns.values())
-        text = f"{topic}: a line before its columns states their grid, {code}"
-        return [Finding("COLUMNS-BY-NAME", text, topic)] if code and eastings else []
+        found = [f"grid, {code}"] if code and eastings else []
+        found += [f"start, {start}, from which its times count"] if (start := self._starts.get(file)) else []
+        begun = f"{topic}: a line before its columns states their "
+        return [Finding("COLUMNS-BY-NAME", begun + text, topic) for text in found]
 
     def findings(self) -> tuple[Finding, ...]:
         """Report the rows that are left out, and dates that have two readings."""
@@ -293,7 +304,7 @@ class CsvLog:
                 first[source.file.name] = dict(self._first_row(source)).get(clock.column, "")
         found = time_findings(self.path.name, self._orders, first)
         for topic, one in self._topics.items():
-            found += [*one.findings(topic), *self._grid(topic, one)] if topic in self._left_out else []
+            found += [*one.findings(topic), *self._stated_before(topic, one)] if topic in self._left_out else []
             if self._left_out.get(topic):
                 file = self._files[one.table].file
                 lost = bool(self._left_out[topic].keys() - self._summaries.get(topic, ()))

@@ -117,14 +117,14 @@ def read_texts(file: Path, units_are_row: bool = False, beside: Sequence[Path] =
     file, such a line is left out, and so is a row with too few or too many cells. Comments are no rows, nor are words
     behind the last row, nor a line of units behind the names, unless ``units_are_row``.
     """
-    names, separator, lines, begin, spoilt, _ = begin_of_table(file, units_are_row, beside)
+    names, separator, lines, begin, spoilt, _, commas = begin_of_table(file, units_are_row, beside)
     header = plain_names(names)
     known = unnamed_columns(file, header if separator in BY_BLANKS else ())
     if known is None and separator in BY_BLANKS and len(header) != len(TUM):  # of a comment, or the rest of a row
         begun = (line.split() for line in text_lines(file, WESTERN) if line.strip() and not line.startswith(COMMENTS))
         known = next(filter(None, (unnamed_columns(file, row) for row in islice(begun, 2))), None)
     if known is not None:
-        lines, separator, header, begin = text_lines(file, WESTERN), None, list(known), 0
+        lines, separator, header, begin, commas = text_lines(file, WESTERN), None, list(known), 0, False
     twice = [name for name in dict.fromkeys(header) if header.count(name) > 1]
     if twice:
         raise LogError(f"has two columns {twice[0]} (its columns: {listed(header)}); rename one", path=file)
@@ -156,10 +156,10 @@ def read_texts(file: Path, units_are_row: bool = False, beside: Sequence[Path] =
         rows.append(cells)
         numbered.append(number)
         if len(rows) == PIECE:
-            _add(texts, rows, separator)
+            _add(texts, rows, commas)
             rows = []
-    _add(texts, rows, separator)
-    return TextTable(texts, numbered, left_out, cut, separator in (",", *BY_BLANKS))
+    _add(texts, rows, commas)
+    return TextTable(texts, numbered, left_out, cut, not commas)
 
 
 def _closes(line: str, separator: str | None) -> bool:
@@ -190,6 +190,6 @@ def _whole_rows(lines: Iterator[tuple[int, str]], width: int, separator: str | N
         yield number, line
 
 
-def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], separator: str | None) -> None:
+def _add(texts: Mapping[str, TextColumn], rows: Sequence[Sequence[str]], decimal_commas: bool) -> None:
     for column, cells in zip(texts.values(), zip(*rows, strict=True), strict=bool(rows)):
-        column.add(cells if separator in (",", *BY_BLANKS) else [with_point(cell) for cell in cells])
+        column.add([with_point(cell) for cell in cells] if decimal_commas else cells)

@@ -175,8 +175,10 @@ def with_iso_times(
             dates, columns = [name], {**columns, name: [text[:10] for text in whole]}
         if "hour" in parts and "year" not in parts:
             found[name] = on_days([ISO.sub(r"\2.\3", text) for text in whole], whole)
+    clocks = [name for name, cells in columns.items() if _are(cells, CLOCK_ONLY)]
+    rounded = {name for name in clocks if _are(columns[name], WHOLE_MINUTES)}
     for name, cells in columns.items():
-        if name in OWN_TIMES:
+        if name in OWN_TIMES or (name in rounded and len(rounded) < len(clocks)):  # HH:MM beside HH:MM:SS
             continue
         if name in stated:
             moments = pd.to_datetime(

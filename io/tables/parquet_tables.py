@@ -4,6 +4,7 @@ Members of structures are named with dots. Arrow files, also called Feather, hol
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from io import SEEK_END
 from pathlib import Path
 from typing import Any, cast
@@ -52,11 +53,24 @@ def arrow_log(file: Path) -> TableLog:
     budget, copy = UnpackingBudget(file, file.stat().st_size), arrow.BufferOutputStream()
     with reading(file, ARROW), arrow.OSFile(str(file)) as source:
         read = ipc.open_file(source)
-        with parquet.ParquetWriter(copy, read.schema) as written:
+        kept = [field for field in read.schema if _in_parquet(arrow, parquet, field)]
+        with parquet.ParquetWriter(copy, arrow.schema(kept)) as written:
             for place in range(read.num_record_batches):
                 budget.take_bytes((batch := read.get_batch(place)).nbytes)
-                written.write_batch(batch)
-    return TableLog(file, ARROW, [parquet_table(file, content=arrow.BufferReader(copy.getvalue()))])
+                written.write_batch(batch.select([field.name for field in kept]))
+    why = "its type is {}; write it as numbers or texts"
+    others = {field.name: why.format(field.type) for field in read.schema if field not in kept}
+    table = parquet_table(file, content=arrow.BufferReader(copy.getvalue()))
+    return TableLog(file, ARROW, [replace(table, left_out={**table.left_out, **others})])
+
+
+def _in_parquet(arrow: Any, parquet: Any, field: Any) -> bool:
+    """Return whether Parquet has the type of a column: it has no unions."""
+    try:
+        parquet.ParquetWriter(arrow.BufferOutputStream(), arrow.schema([field])).close()
+    except arrow.ArrowNotImplementedError:
+        return False
+    return True
 
 
 def parquet_table(file: Path, name: str = "", content: Any = None) -> Table:

@@ -626,3 +626,117 @@ def test_columns_without_names_are_named_by_number(tmp_path, begin, row, columns
     assert f'columns = {{ time_unix_s = "{time}", lat_deg = "?", lon_deg = "?" }}' in draft
     assert (log.start_ns, len(log.tables["usbl"])) == (T0, 5)
     assert (log.origin.lat_deg, log.origin.lon_deg) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("names", ["Date,Time,Time (full)", "Date,HH:MM:SS,HH:MM"])
+def test_of_two_columns_of_one_time_the_finer_one_counts(tmp_path: Path, names: str) -> None:
+    last = 1 if names.endswith("full)") else 0  # place of the one with seconds
+    pairs = [(f"12:26:{40 + k}", "12:26")[:: (1, -1)[last]] for k in range(4)]
+    rows = "".join(f"13.09.2020,{a},{b},{10.5 + k}\n" for k, (a, b) in enumerate(pairs))
+
+    log = read_log(saved(tmp_path / "compass.csv", f"{names},Heading (deg)\n{rows}"))
+
+    assert (log.start_ns, log.tables["compass"]["time_s"].tolist()) == (T0, [0.0, 1.0, 2.0, 3.0])
+
+
+def test_quoted_numbers_between_commas_may_have_decimal_commas(tmp_path: Path) -> None:
+    rows = "".join(f'"{T0_S + k},000","10,{k}","1,250"\n' for k in range(4))
+    log = read_log(saved(tmp_path / "compass.csv", f"Time [s],Heading (deg),Depth (m)\n{rows}"))
+
+    assert log.start_ns == T0
+    assert log.tables["compass"]["heading_deg"].tolist() == [10.0, 10.1, 10.2, 10.3]
+    assert log.tables["depth"]["depth_m"].tolist() == [1.25] * 4
+
+
+def test_quoted_numbers_whose_commas_may_part_thousands_are_refused(tmp_path: Path) -> None:
+    rows = "".join(f'{T0_S + k},"1,25{k}"\n' for k in range(4))
+
+    said = refusal(LogError, read_log, saved(tmp_path / "depth.csv", f"Time [s],Depth (m)\n{rows}"))
+
+    assert 'Depth (m) is "1,250", not a number' in said
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Start: 2020-09-13 12:26:40 UTC",
+        "# Start time: 13/09/2020 14:26:40+02:00",
+        "Logger 2\nBegin;2020-09-13T12:26:40Z;",
+    ],
+)
+@pytest.mark.parametrize(("name", "unit"), [("Time [s]", 1.0), ("time_ms", 1e3), ("Elapsed [min]", 1 / 60)])
+def test_times_count_from_the_start_that_a_line_before_the_names_states(tmp_path, line, name, unit):
+    rows = "".join(f"{(k + 0.5) * unit:.12f};{10.5 + k}\n" for k in range(4))
+
+    log = read_log(saved(tmp_path / "compass.csv", f"{line}\n{name};Heading (deg)\n{rows}"))
+
+    assert log.start_ns == T0 + SECOND // 2
+    assert log.tables["compass"]["time_s"].tolist() == pytest.approx([0.0, 1.0, 2.0, 3.0], abs=1e-6)
+    assert [one.text for one in log.findings if "from which its times count" in one.text]
+
+
+@pytest.mark.parametrize("line", ["Start: 2020-09-13 12:26:40", "Exported: 2021-01-01 00:00:00"])
+def test_times_since_1970_and_other_moments_are_no_start(tmp_path: Path, line: str) -> None:
+    first = T0_S if line.startswith("Start") else 5
+    rows = "".join(f"{first + k},{10.5 + k}\n" for k in range(4))
+
+    log = read_log(saved(tmp_path / "compass.csv", f"{line}\nTime [s],Heading (deg)\n{rows}"))
+
+    assert log.start_ns == first * SECOND
+
+
+def test_a_union_in_an_arrow_file_is_left_out_and_dictionaries_are_read(tmp_path: Path) -> None:
+    arrow, ipc = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.ipc")
+    heading_deg = [10.5 * (k % 3) for k in range(6)]
+    union = arrow.UnionArray.from_dense(
+        arrow.array([0, 1] * 3, arrow.int8()), arrow.array([0, 0, 1, 1, 2, 2], arrow.int32()),
+        [arrow.array([1, 2, 3]), arrow.array(["a", "b", "c"])],
+    )  # fmt: skip
+    times = arrow.array([f"2020-09-13 12:26:4{k}" for k in range(6)]).dictionary_encode()
+    table = arrow.table({"time": times, "status": union, "Heading (deg)": arrow.array(heading_deg).dictionary_encode()})
+    with ipc.new_file(str(tmp_path / "compass.arrow"), table.schema) as written:
+        written.write_table(table)
+
+    log = read_log(tmp_path / "compass.arrow")
+
+    assert log.tables["compass"]["heading_deg"].tolist() == heading_deg
+    (left_out,) = [one.text for one in log.findings if one.code == "NOT-READ"]
+    assert "status is not read: its type is dense_union<" in left_out
+
+
+@pytest.mark.parametrize("further", ["usbl{}_{}", "Beacon {} {}"])
+def test_of_devices_that_differ_in_a_number_the_first_is_proposed_and_the_others_are_named(tmp_path, further):
+    names = [further.format(number, axis) for number in (1, 2) for axis in "xy"]
+    write_csv(tmp_path, dvl=DVL, compass=HEADINGS)
+    fixes = "".join(f"{T0_S + k},{k}.5,0.5,{50 + k},70\n" for k in range(30))
+    (tmp_path / "usbl.csv").write_text(f"Time [s],{','.join(names)}\n{fixes}", encoding="utf-8")
+
+    draft = drafted(tmp_path)
+
+    stated = tomllib.loads(draft)["usbl"]["columns"]
+    assert stated == {"time_unix_s": "Time [s]", "x": names[0], "y": names[1]}
+    assert f"of several devices, the first ({names[2]}, {names[3]})" in draft
+
+
+@pytest.mark.parametrize(
+    ("name", "names", "cells", "wanted"),
+    [
+        ("pinpoint", "Beacon Id,Range (m),Easting (m),Northing (m)", "5,30,{k},2", {"x": "Easting (m)"}),
+        ("position_acoustic_filtered", "x,y,z", "{k},2,5", {"x": "x"}),
+    ],
+)
+def test_positions_of_acoustic_tables_are_proposed_as_fixes(tmp_path, name, names, cells, wanted):
+    fixes = "".join(f"{T0_S + k},{cells.format(k=k)}\n" for k in range(30))
+    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, **{name: f"Time [s],{names}\n{fixes}"})
+
+    stated = tomllib.loads(drafted(tmp_path))["usbl"]
+
+    assert stated["topic"] == f"/{name}"
+    assert wanted.items() <= stated["columns"].items()
+
+
+def test_of_the_raw_and_the_filtered_positions_of_a_system_the_raw_ones_are_proposed(tmp_path: Path) -> None:
+    fixes = "Time [s],x,y\n" + "".join(f"{T0_S + k},{k},2\n" for k in range(30))
+    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, position_acoustic_filtered=fixes, position_acoustic_raw=fixes)
+
+    assert tomllib.loads(drafted(tmp_path))["usbl"]["topic"] == "/position_acoustic_raw"

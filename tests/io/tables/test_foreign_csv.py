@@ -830,7 +830,14 @@ def test_a_column_of_parts_of_seconds_adds_to_the_whole_ones_before_it(second: i
 @given(
     st.floats(-180.0, 180.0),
     st.sampled_from(
-        ["{d:.0f} {m:.9f} {s}", "{s}{d:.0f}°{m:.9f}'", "{d:.0f}°{w:.0f}'{r:.7f}\"{s}", "{s} {a:.11f}", "{a:.11f}{s}"]
+        [
+            "{d:.0f} {m:.9f} {s}",
+            "{d:.0f}-{w:.0f}-{r:.7f}{s}",
+            "{s}{d:.0f}°{m:.9f}'",
+            "{d:.0f}°{w:.0f}'{r:.7f}\"{s}",
+            "{s} {a:.11f}",
+            "{a:.11f}{s}",
+        ]
     ),
 )
 def test_angles_with_a_side_are_those_of_their_sign(angle_deg: float, form: str) -> None:
