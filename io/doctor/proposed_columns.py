@@ -23,12 +23,13 @@ from usbldr.io.messages.field_names import (
 )
 from usbldr.io.messages.registry import LAYOUTS, message_layout_of
 from usbldr.io.messages.roles import ROLES, Roles
-from usbldr.io.messages.topic_names import GPS_ITSELF, NO_SENSOR, names_ship, suggested_sensors
+from usbldr.io.messages.topic_names import GPS_ITSELF, NO_SENSOR, SECOND_CHOICE, names_ship, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import Request
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.settings.toml_text import quoted
 from usbldr.io.tables.csv_sheets import CANONICAL, side_columns
+from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import dated_columns, keys_since_1970, time_key
 from usbldr.io.tables.unnamed_columns import is_number
 
@@ -70,6 +71,7 @@ OF_VEHICLE = re.compile(r"(^|_)(target|rov|towfish|crawler)(_|$)")
 """Words of positions, in one table of all sensors, that a USBL may have measured."""
 OF_ROV = re.compile(r"(^|_)rov(_|$)")  # in the name of a table whose positions are acoustic: it has no GPS under water
 FIX_FLAGS = {"fix_type", "fix_status", "quality"}  # whose numbers say whether there is a fix; words say something else
+DIGITS = re.compile(r"\d+")
 WHY = "CHECK: proposed from the names of its fields; confirm quantities, units and axes"
 
 
@@ -81,6 +83,7 @@ class Proposal:
     columns: Mapping[str, str]
     others: tuple[str, ...] = ()  # topics that look like the sensor, too
     words: Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])  # key -> value, and why
+    further: tuple[str, ...] = ()  # columns of further devices
 
     @property
     def keys(self) -> dict[str, object]:
@@ -93,8 +96,9 @@ class Proposal:
         """Return the keys and their reasons for a configuration."""
         text = ", ".join(f"{key} = {quoted(path)}" for key, path in self.columns.items())
         which = f"; it could be {' or '.join(self.others)}" if self.others else ""
+        why = f"{WHY}; of several devices, the first ({listed(self.further)})" if self.further else WHY
         what = f"{self.topic.type}, {self.topic.count} messages" if self.topic.count else BY_NAMES
-        return [(f"topic = {quoted(self.topic.name)}", f"{what}{which}"), (f"columns = {{ {text} }}", WHY)]
+        return [(f"topic = {quoted(self.topic.name)}", f"{what}{which}"), (f"columns = {{ {text} }}", why)]
 
 
 def proposed_columns(
@@ -135,7 +139,13 @@ def _proposed(
                 for topic in unknown
                 if (columns := _columns(role, topic, own_clocks, topic.name in stated))
             ]
-            fitting.sort(key=lambda one: (role not in suggested_sensors(one[0].name), -one[0].count))
+            fitting.sort(
+                key=lambda one: (
+                    role not in suggested_sensors(one[0].name),
+                    bool(SECOND_CHOICE.search(one[0].name)),
+                    -one[0].count,
+                )
+            )
             if fitting:
                 (topic, columns), *others = fitting
                 clock = stated.get(topic.name, {})
@@ -170,6 +180,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         return {}  # the depth of a transponder is a fix's
     rules = (*QUATERNIONS, *VECTORS, *rules_for(paths, topic.name), YAW, FLAG, *PLACES, *AXES_OF_PLACES)
     columns = [column for path in paths if (column := named_column(path, rules))]
+    columns = _of_one_device(columns)
     headings = [column for column in columns if column.rule.key == "heading_deg"]
     columns = [column for column in columns if column not in headings or column in true_ones(headings)]
     if topic.unused:  # the others are a sensor's already
@@ -186,6 +197,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     acoustic = any(OF_USBL.search(words_of(path)) for path in paths)
     named = {one.rule.key for one in columns if role in suggested_sensors(words_of(one.name))}
     of_rov = of_all and bool(OF_ROV.search(words_of(topic.name)))
+    of_fixes = acoustic and not any(one.rule.dimension == "velocity" or one in headings for one in columns)
     from_gps = of_all and role == "gps" and not (acoustic or of_rov)
     plain = {"lat_deg", "lon_deg"} - named if from_gps or (role == "usbl" and of_rov) else set[str]()  # lat, lon
     if role not in ("usbl", "gps"):
@@ -200,7 +212,7 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
         certain = certain or column.rule in QUATERNIONS
         hinted = certain or role in suggested_sensors(f"{topic.name} {topic.type} {words_of(column.name)}")
         of_vehicle = of_all and role == "usbl" and column.rule.key not in named
-        hinted = hinted or (of_vehicle and bool(OF_VEHICLE.search(words_of(column.name))))
+        hinted = hinted or (of_vehicle and (of_fixes or bool(OF_VEHICLE.search(words_of(column.name)))))
         hinted |= column.rule.key in plain and bool(re.fullmatch(column.rule.words, words_of(column.unit.label)))
         if of_any or (hinted and column.rule.sensor in (role, "")):
             if topic.first_row and column.rule.key in found and column.rule.dimension:
@@ -214,6 +226,21 @@ def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bo
     cells = dict(topic.first_row)
     others |= {key for key in FIX_FLAGS & found.keys() if not is_number(cells.get(found[key].name, "0"))}
     return {key: column for key, column in found.items() if key not in others} if complete else {}
+
+
+def _of_one_device(columns: Sequence[NamedColumn]) -> list[NamedColumn]:
+    """Return the columns without those of further devices: usbl2_lat, usbl2_lon beside usbl1_lat, usbl1_lon."""
+    alike: dict[tuple[str, str], list[str]] = {}
+    for column in columns:
+        alike.setdefault((column.rule.key, DIGITS.sub("#", column.name)), []).append(_device(column.name))
+    further = {one for devices in alike.values() for one in devices if one != devices[0]}
+    return [column for column in columns if _device(column.name) not in further]
+
+
+def _device(name: str) -> str:
+    """Return the name of a column up to the end of its first number."""
+    number = DIGITS.search(name)
+    return name[: number.end()] if number else name
 
 
 def _of_flag(name: str) -> set[str]:
@@ -254,4 +281,6 @@ def _proposal(
         words["convention"] = ("ENU", BY_NAMES)
     for key in FROM_SHIP.keys() & found.keys():
         words |= {name: (value, BY_NAMES) for name, value in FROM_SHIP[key].items()}
-    return Proposal(topic, columns, others, words)
+    chosen = {DIGITS.sub("#", name) for name in columns.values()}
+    further = [one for one, _ in topic.first_row if DIGITS.sub("#", one) in chosen and one not in columns.values()]
+    return Proposal(topic, columns, others, words, tuple(further))

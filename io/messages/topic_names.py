@@ -16,7 +16,7 @@ HINTS: Mapping[str, str] = {  # PX4 and ArduSub take a DVL for visual odometry
 """Words of topic names that suggest a role."""
 
 NO_SENSOR = re.compile(
-    r"(^|[/_])(usbldr|filtered|(?<!vehicle_visual_)odometry|odom|ekf|ukf|estimate|estimated|"
+    r"(^|[/_])(usbldr|(?<!acoustic[/_])filtered|(?<!vehicle_visual_)odometry|odom|ekf|ukf|estimate|estimated|"
     r"ground_?truth|truth|gt|sim|setpoint|cmd|cmd_vel)($|[/_])"
 )
 """Words of topic names that suggest computed values, or simulated ones beside the sensors."""
@@ -24,8 +24,8 @@ NO_SENSOR = re.compile(
 SHIP = re.compile(r"(^|[/_])(ship|vessel|mothership|boat|topside|tender)($|[/_])")
 """Words of topic names that suggest a sensor of the ship, which says nothing about the vehicle."""
 
-SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$")
-"""Ends of topic names that rank last: an Imu without orientation; what mavros computed from GPS and others."""
+SECOND_CHOICE = re.compile(r"data_raw$|global_position/global$|acoustic[/_]filtered$")
+"""Ends of topic names that rank last: an Imu without orientation; what mavros and Water Linked's UGPS computed."""
 
 PART = re.compile(r"[-_. ]+\d[\dTZ:_-]*(?=/|$)")
 """The number or date of a part in the name of a topic: "/dvl_001", "/dive_2/usbl"."""
