@@ -4,13 +4,13 @@ Source: CF conventions, time coordinate (cfconventions.org).
 """
 
 import re
-from collections.abc import Mapping
 from datetime import datetime, timedelta, timezone
 from typing import NamedTuple
 
 import numpy as np
 
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds
+from usbldr.io.units import named_unit
 
 SINCE = re.compile(
     r"\s*([a-z]+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})"
@@ -18,17 +18,9 @@ SINCE = re.compile(
     r"\s*(?:z|utc|gmt)?\s*(?:([+-])(\d{1,2}):?(\d{2})?|0{1,2}:?(?:00)?)?\s*",
     re.IGNORECASE | re.ASCII,
 )
-UNITS_NS: Mapping[str, int] = {
-    **dict.fromkeys(("nanosecond", "nsec", "ns"), 1),
-    **dict.fromkeys(("microsecond", "usec", "us"), 1000),
-    **dict.fromkeys(("millisecond", "msec", "ms"), 1_000_000),
-    **dict.fromkeys(("second", "sec", "s"), 1_000_000_000),
-    **dict.fromkeys(("minute", "min"), 60_000_000_000),
-    **dict.fromkeys(("hour", "hr", "h"), 3_600_000_000_000),
-    **dict.fromkeys(("day", "d"), 86_400_000_000_000),
-}
-"""Units of time; all but the shortest names may end in the "s" of the plural."""
+DAYS = ("d", "day", "days")
 CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
+DAY_NS = 86_400 * 10**9  # fixed
 NO_DATE = np.iinfo(np.int64).min  # fixed: NumPy's "not a time"
 
 
@@ -61,7 +53,8 @@ def clock_of(units: object, calendar: object = "standard") -> Clock | None:
         return None
     name, *date, fraction, sign, hours, minutes = found.groups()
     zone = timedelta(hours=int(hours or 0), minutes=int(minutes or 0)) * (-1 if sign == "-" else 1)
-    unit_ns = UNITS_NS.get(name.lower(), UNITS_NS.get(name.lower().removesuffix("s"), 0))
+    named = (named_unit(f"time [{one}]") for one in (name, name[:-1]))  # "msecs", as UDUNITS allows it
+    unit_ns = DAY_NS if name.lower() in DAYS else next((round(u.factor) for u in named if u.dimension == "time"), 0)
     try:
         moment = datetime(*(int(part or 0) for part in date), tzinfo=timezone(zone))
     except ValueError:

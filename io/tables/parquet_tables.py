@@ -4,6 +4,7 @@ Members of structures are named with dots. Arrow files, also called Feather, hol
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from io import SEEK_END
 from pathlib import Path
@@ -66,11 +67,10 @@ def arrow_log(file: Path) -> TableLog:
 
 def _in_parquet(arrow: Any, parquet: Any, field: Any) -> bool:
     """Return whether Parquet has the type of a column: it has no unions."""
-    try:
+    with suppress(arrow.ArrowNotImplementedError):
         parquet.ParquetWriter(arrow.BufferOutputStream(), arrow.schema([field])).close()
-    except arrow.ArrowNotImplementedError:
-        return False
-    return True
+        return True
+    return False
 
 
 def parquet_table(file: Path, name: str = "", content: Any = None) -> Table:
