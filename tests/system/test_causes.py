@@ -11,6 +11,7 @@ import pandas as pd
 import pymap3d
 import pytest
 
+from checkout import SAMPLES
 from commands import findings, output_of, run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.doctor import fix_noise
@@ -324,3 +325,18 @@ def test_a_truth_is_not_judged_by_fixes_that_mostly_contradict_dead_reckoning(ed
 def circling(table: pd.DataFrame) -> pd.DataFrame:
     angle = seconds(table) / 90
     return in_degrees(table.assign(east_m=150 * np.sin(angle), north_m=150 * np.cos(angle)))
+
+
+@pytest.mark.parametrize(("starboard", "late_s", "said"), [(-1, 0.0, True), (1, 6.0, False)])
+def test_a_latency_that_wrong_axes_would_explain_is_said_with_them(edited, starboard: int, late_s: float, said: bool):
+    """A vehicle that turns to either side and keeps its speed, as a lawnmower does."""
+    tables = {
+        name: pd.read_csv(SAMPLES / "lawnmower_csv" / f"{name}.csv") for name in ("dvl", "compass", "usbl", "gps")
+    }
+    tables["dvl"]["starboard_mps"] *= starboard
+    tables["usbl"] = later(tables["usbl"], late_s)
+
+    text = findings(edited("schema = 1\n" + LIMITS, tables))["USBL-LATENCY"]["text"]
+
+    assert ("or the axes of the DVL are PFD: in turns wrong axes look like it" in text) == said
+    assert ("axes of the DVL" in text) == said
