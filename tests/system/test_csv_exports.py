@@ -17,6 +17,7 @@ from usbldr_cli.main import cli
 
 LENGTH_S = 120.0
 KNOT_MPS = 1852 / 3600
+CLOCK = "%H:%M:%S.%f"
 DAY = "2026-01-01"  # on which the dive is
 METRES_PER_DEGREE = np.array([111_131.8, 78_846.8])  # of latitude and longitude, at 45 degrees
 
@@ -41,6 +42,8 @@ class Export:
     time: Callable[[pd.Series], dict[str, object]]
     names: Mapping[str, Mapping[str, str | Callable[[pd.DataFrame], object]]]
     separator: str = ","
+    quoted: bool = False  # numbers with decimal commas, in quotes
+    before: str = ""  # the names of columns
 
 
 def one(name: str, form: str) -> Callable[[pd.Series], dict[str, object]]:
@@ -108,7 +111,53 @@ SHORT = {
     "usbl": {"Tgt_Lat": "lat_deg", "Tgt_Lon": "lon_deg"},
     "gps": {"Lat": "lat_deg", "Lon": "lon_deg"},
 }  # fmt: skip
+
+
+def dashes(column: str, sides: str) -> Callable[[pd.DataFrame], object]:
+    """Return how a column of degrees is written as degrees, minutes and seconds between dashes."""
+
+    def written(table: pd.DataFrame) -> object:
+        seconds = (table[column].abs() * 3600e7).round().astype("int64")  # 1e-7 s
+        parts = zip(seconds // (3600 * 10**7), seconds // (60 * 10**7) % 60, seconds % (60 * 10**7) / 1e7, strict=True)
+        side = np.where(table[column] < 0, sides[1], sides[0])
+        return [f"{d}-{m:02d}-{s:010.7f}{one}" for (d, m, s), one in zip(parts, side, strict=True)]
+
+    return written
+
+
+HYPACK = KNOTS | {
+    sensor: {
+        f"{name} WGS84 Latitude": dashes("lat_deg", "NS"),
+        f"{name} WGS84 Longitude": dashes("lon_deg", "EW"),
+    }
+    for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
+}
+NUMBERED = METRIC | {
+    "usbl": {
+        "usbl1_lat": "lat_deg",
+        "usbl1_lon": "lon_deg",
+        "usbl2_lat": lambda table: table["lat_deg"] + 0.001,
+        "usbl2_lon": lambda table: table["lon_deg"] + 0.001,
+    },
+}
 EXPORTS = {
+    "dashes": Export(two("DATE", "%m/%d/%Y", "TIME", "%H:%M:%S.%f"), HYPACK, "\t"),
+    "numbered": Export(one("time", "%Y-%m-%d %H:%M:%S.%f"), NUMBERED),
+    "twice": Export(
+        lambda t: {
+            "Date": t.dt.strftime("%d.%m.%Y"),
+            "HH:MM": t.dt.strftime("%H:%M"),
+            "HH:MM:SS": t.dt.strftime(CLOCK),
+        },
+        METRIC,
+        ";",
+    ),
+    "quoted": Export(one("Time", "%d.%m.%Y %H:%M:%S,%f"), METRIC, quoted=True),
+    "since_start": Export(
+        lambda t: {"Time [s]": (t - pd.Timestamp(DAY)).dt.total_seconds()},
+        METRIC,
+        before=f"Recorder 4\nStart: {DAY} 00:00:00 UTC\n",
+    ),
     "german": Export(two("Datum", "%d.%m.%Y", "Uhrzeit", "%H:%M:%S.%f"), GERMAN, ";"),
     "short": Export(two("LogDate", "%d.%m.%Y", "LogTime", "%H:%M:%S.%f"), SHORT),
     "point_dates": Export(one("Time", "%d.%m.%Y %H:%M:%S.%f"), METRIC, ";"),
@@ -143,8 +192,9 @@ def write(folder: Path, export: Export, dive: Mapping[str, pd.DataFrame]) -> Non
             for head, value in export.names[sensor].items()
         }
         written = pd.DataFrame(export.time(table["t"]) | columns)
-        written.to_csv(folder / f"{sensor}.csv", index=False, sep=export.separator,
-                       decimal="," if export.separator == ";" else ".")  # fmt: skip
+        decimal = "," if export.separator == ";" or export.quoted else "."
+        lines = written.to_csv(index=False, sep=export.separator, decimal=decimal, quoting=int(export.quoted))
+        (folder / f"{sensor}.csv").write_text(export.before + lines, encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -155,7 +205,8 @@ def test_an_export_is_read_after_init_alone(name: str, dive: dict[str, pd.DataFr
 
     said = output_of("init", tmp_path / "log")
     assert "written" in said
-    assert "that no sensor uses" not in (tmp_path / "log" / "usbldr.toml").read_text(encoding="utf-8")
+    draft = (tmp_path / "log" / "usbldr.toml").read_text(encoding="utf-8")
+    assert ("that no sensor uses" in draft) == (name in ("numbered", "twice"))  # columns beside those that are read
     log = read_log(tmp_path / "log")
 
     for sensor, table in dive.items():
