@@ -30,6 +30,7 @@ from usbldr.io.reading.sensors import of_devices, plane_origin, roles_of
 from usbldr.io.settings.sensor_sections import GpsSection, Head, UsblSection
 from usbldr.io.stages import stage
 
+UNNAMED_HEAD = Head(east_m=0.0, north_m=0.0)  # where fixes need none: no arm and no latency; its place is not used
 MAX_GAP_S = 3.0  # [s] across which the ship's position and attitude are interpolated, as max_gap_s of a head
 NEEDS = {
     "usbl": ("usbl", "fixes of the USBL (state topic under [usbl])"),
@@ -80,10 +81,10 @@ def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
     raws, found = in_time_order(in_file, frozenset(), request.part or configuration.part)
     raws, more = align_clocks(raws, frozenset())
     origin = plane_origin(configuration, raws)
-    head = configuration.usbl.head
-    receiver = configuration.gps if head is None or head.topic is None else GpsSection()
+    head = configuration.usbl.head or UNNAMED_HEAD
+    receiver = configuration.gps if head.topic is None else GpsSection()
     gyro = configuration.compass
-    if head is not None and head.heading_topic is not None:
+    if head.heading_topic is not None:
         gyro = msgspec.structs.replace(gyro_section(head), latency_s=0.0)
     try:
         position = gps(raws[SHIP], receiver, origin)
@@ -95,7 +96,7 @@ def read_usbl_survey(path: Path, request: Request) -> SurveyLog:
         path,
         digest_paths(opened.paths),
         opened.file,
-        _survey(fixes, position, attitude, head or Head()),
+        _survey(fixes, position, attitude, head),
         stated_installation(configuration.usbl),
         attitude.attitude is not None,
         configuration.usbl.level,
@@ -170,8 +171,7 @@ def _survey(fixes: _Fixes, position: ConvertedTable, attitude: ConvertedTable, h
 
 def stated_installation(section: UsblSection) -> Vector:
     """Return the installation that a configuration states, (11,) by geometry.NAMES; the transponder's place is 0."""
-    head = section.head
-    arm = head.lever_arm_m if head else (0.0, 0.0, 0.0)
-    latencies = (head.heading_latency_s, head.latency_s) if head else (0.0, 0.0)
+    head = section.head or UNNAMED_HEAD
     mount = (section.mount_roll_deg, section.mount_pitch_deg, section.mount_deg)
-    return np.array([*mount, section.sound_speed_scale, *arm[:2], *latencies, 0.0, 0.0, 0.0])
+    latencies = (head.heading_latency_s, head.latency_s)
+    return np.array([*mount, section.sound_speed_scale, *head.lever_arm_m[:2], *latencies, 0.0, 0.0, 0.0])

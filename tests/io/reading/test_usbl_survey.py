@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from logs import refusal
+from recordings import sentence
 from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.simulate import simulate_survey
 from usbldr.filters.usbl_survey.geometry import NAMES, placed
@@ -54,6 +55,25 @@ def test_fixes_along_three_axes_are_the_same_survey(folder):
     found = read_usbl_survey(folder, Request()).survey
     assert found.range_m == pytest.approx(made.range_m)
     assert found.direction == pytest.approx(made.direction)
+
+
+def test_telegrams_that_state_head_up_need_no_head(tmp_path):
+    """A ship at rest with a transponder 40 m ahead, 30 m to starboard and ever deeper."""
+    lines = [
+        f"{1_767_225_600 + second} {sentence(telegram)}\n"
+        for second in range(9)
+        for telegram in (
+            f"GPGGA,00000{second}.00,4500.0000,N,03000.0000,W,4,10,1.0,0.0,M,0.0,M,,",
+            "HEHDT,90.0,T",
+            f"PSIMSSB,00000{second}.00,M44,A,,C,H,M,30.0,40.0,{50 + second},0.1,N,,",
+        )
+    ]
+    (tmp_path / "ship.nmea").write_text("".join(lines))
+    found = read_usbl_survey(tmp_path / "ship.nmea", Request())
+    assert found.survey.range_m == pytest.approx(np.hypot(50.0, 50.0 + np.arange(9)))
+    assert found.survey.direction[0] == pytest.approx(np.array([30, 40, -50]) / np.sqrt(5000))
+    assert list(found.stated) == [0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]
+    assert (found.survey.arm_up_m, found.survey.antenna_up_m) == (0.0, 0.0)
 
 
 def test_replay_places_fixes_by_the_same_keys_as_the_calibration(folder):
