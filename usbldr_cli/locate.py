@@ -87,6 +87,7 @@ def locate(
     from usbldr.io.reading.sample_times import NAME, sample_times
     from usbldr.io.reports.geotags import Place, write_geotags
     from usbldr.io.reports.locate import OUTSIDE, located, read_smoothed_run
+    from usbldr.io.writing import writing
 
     for file in output:
         if file.suffix.lower() not in ENDINGS:
@@ -99,17 +100,21 @@ def locate(
     if geotag is not None and (smoothed.origin is None or not Path(place).is_dir()):
         why = "--at is no folder of photos" if smoothed.origin is not None else f"{run} has no latitudes"
         raise UsageError(f"--geotag: {why}")
-    times = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock_s)
-    found = located(smoothed, times.time_ns, lever_m, opening_deg)
+    time_ns, own = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock_s)
+    found = located(smoothed, time_ns, lever_m, opening_deg)
     if opening_deg is not None and not found["altitude_m"].notna().any():
         click.echo("usbldr: no footprint: the log has no altitude at these times (of its DVL)", err=True)
-    found.insert(0, NAME, list(times.names))
-    own = times.columns.rename(columns={name: f"own_{name}" for name in times.columns if name in found})
+    found.insert(0, NAME, own.index.map(str))
+    own = own.reset_index(drop=True).rename(columns={name: f"own_{name}" for name in own if name in found})
     table = found.join(own)
     if not output and geotag is None:
-        click.echo(_csv(table), nl=False)
+        click.echo(_text(".csv", table, ""), nl=False)
     for file in output:
-        _write(file, table, smoothed.folder.name)
+        if file.suffix.lower() == ".parquet":
+            with writing(file, "choose another file for --output"):
+                table.to_parquet(file, engine="pyarrow", index=False)
+        else:
+            write_file("--output", file, _text(file.suffix.lower(), table, smoothed.folder.name))
         click.echo(f"{file}: written")
     if geotag is not None:
         columns = [table[name] for name in (NAME, *Place._fields)]
@@ -124,44 +129,17 @@ def locate(
         click.echo(f"usbldr: {text}", err=True)
 
 
-def _csv(table: "pd.DataFrame") -> str:
-    from usbldr.io.reports.tracks import rounded
-
-    text: str = rounded(table).to_csv(index=False, lineterminator="\n")
-    return text
-
-
-def _write(file: Path, table: "pd.DataFrame", title: str) -> None:
-    form = file.suffix.lower()
-    if form == ".parquet":
-        from usbldr.io.writing import writing
-
-        with writing(file, "choose another file for --output"):
-            table.to_parquet(file, engine="pyarrow", index=False)
-        return
-    rows = [one for one in table.to_dict("records") if one["lat_deg"] == one["lat_deg"]]
-    text = {".csv": lambda: _csv(table), ".geojson": lambda: _geojson(rows), ".kml": lambda: _kml(rows, title)}[form]()
-    write_file("--output", file, text)
-
-
-def _geojson(rows: "list[dict[Any, Any]]") -> str:
-    """Return the located rows as points of RFC 7946; an unknown number is null."""
+def _text(form: str, table: "pd.DataFrame", title: str) -> str:
+    """Return the located rows as CSV, or those with a position as points of RFC 7946 or as placemarks of KML."""
     from usbldr.io.reports.report_json import json_values
-    from usbldr.io.reports.tracks import feature, geojson_text
+    from usbldr.io.reports.tracks import feature, geojson_text, kml_shape, kml_text, rounded
 
-    return geojson_text([feature("Point", _place(one), json_values(one)) for one in rows])
-
-
-def _place(one: "dict[Any, Any]") -> list[float]:
-    """Return longitude, latitude and, if the depth is known, the height above the sea."""
-    place = [round(one["lon_deg"], 9), round(one["lat_deg"], 9)]
-    return [*place, round(-one["depth_m"], 4)] if math.isfinite(one["depth_m"]) else place
-
-
-def _kml(rows: "list[dict[Any, Any]]", title: str) -> str:
-    """Return the located rows as placemarks."""
-    from usbldr.io.reports.tracks import kml_shape, kml_text
-
+    if form == ".csv":
+        text: str = rounded(table).to_csv(index=False, lineterminator="\n")
+        return text
+    rows = table[table["lat_deg"].notna()].to_dict("records")
+    if form == ".geojson":
+        return geojson_text([feature("Point", _place(one), json_values(one)) for one in rows])
     marks = [
         f"<Placemark><name>{escape(printable(str(one['name'])))}</name>"
         f"<description>{one['radius95_m']:.2f} m (95 %) {escape(one['note'])}</description>"
@@ -169,3 +147,9 @@ def _kml(rows: "list[dict[Any, Any]]", title: str) -> str:
         for one in rows
     ]
     return kml_text(title, "".join(marks))
+
+
+def _place(one: "dict[Any, Any]") -> list[float]:
+    """Return longitude, latitude and, if the depth is known, the height above the sea."""
+    place = [round(one["lon_deg"], 9), round(one["lat_deg"], 9)]
+    return [*place, round(-one["depth_m"], 4)] if math.isfinite(one["depth_m"]) else place

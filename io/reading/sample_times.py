@@ -1,9 +1,7 @@
 """The times at which something was taken: rows of a table, records of a topic, photos of a folder."""
 
-from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,35 +19,30 @@ TAKEN, SUBSECOND, ZONE, EXIF = 36867, 37521, 36881, 34665  # fixed: tags of EXIF
 NAME = "name"  # column of what was taken
 
 
-class SampleTimes(NamedTuple):
-    """When each of n things was taken."""
+def sample_times(place: str, log: Path, start_ns: int, clock_s: float) -> tuple[Nanoseconds, pd.DataFrame]:
+    """Return the times (n,) of a file NAME.csv, of a folder of photos, or of a topic of the run's log.
 
-    time_ns: Nanoseconds  # (n,)
-    names: Sequence[str]  # (n,) photo, or number of the row
-    columns: pd.DataFrame  # (n,) what the table holds besides
-
-
-def sample_times(place: str, log: Path, start_ns: int, clock_s: float) -> SampleTimes:
-    """Return the times of a file NAME.csv, of a folder of photos, or of a topic of the run's log.
-
+    With them comes what the file holds besides, by the name of the photo, or by the number of the row from 1.
     ``clock_s`` is how far the clock that stamped them is ahead; ``start_ns`` is where time_s of a table counts from.
     Raises LogError if there are no times, UsageError if nothing has that name.
     """
     path = Path(place)
     if path.is_dir():
-        found = _photos(path)
+        time_ns, columns = _photos(path)
     elif path.is_file():
-        found = _table(path, start_ns)
+        time_ns, columns = _table(path, start_ns)
+        columns = columns.set_axis(range(1, len(columns) + 1))
     elif log.exists():
-        found = _topic(place, log)
+        time_ns = _topic(place, log)
+        columns = pd.DataFrame(index=range(1, len(time_ns) + 1))
     else:
         raise UsageError(f"{place} is no file and no folder, and the log {log} with such a topic is gone (--log)")
-    if not len(found.time_ns):
+    if not len(time_ns):
         raise LogError(f"{place} holds nothing with a time")
-    return found._replace(time_ns=found.time_ns - round(clock_s * 1e9))
+    return time_ns - round(clock_s * 1e9), columns
 
 
-def _table(path: Path, start_ns: int) -> SampleTimes:
+def _table(path: Path, start_ns: int) -> tuple[Nanoseconds, pd.DataFrame]:
     """Read a CSV table with one column of times: time_ns and the like, time_s of a run's tables, or dates in UTC."""
     try:
         table = pd.read_csv(path)
@@ -74,11 +67,10 @@ def _table(path: Path, start_ns: int) -> SampleTimes:
     if bad.any():
         row = int(np.argmax(bad.to_numpy()))
         raise LogError(f"row {row + 2}: {column.iloc[row]!r} is no time ({lower[keys[0]]})", path=path)
-    others = table.drop(columns=[lower[keys[0]]])
-    return SampleTimes(np.asarray(time_ns, dtype=np.int64), [str(row + 1) for row in range(len(table))], others)
+    return np.asarray(time_ns, dtype=np.int64), table.drop(columns=[lower[keys[0]]])
 
 
-def _topic(name: str, log: Path) -> SampleTimes:
+def _topic(name: str, log: Path) -> Nanoseconds:
     reader = open_configured(log, Request()).reader
     topic = find_topic(reader.topics(), name)
     if topic is None:
@@ -86,11 +78,10 @@ def _topic(name: str, log: Path) -> SampleTimes:
         raise UsageError(f"{name} is no file, no folder and no topic of {log} (its topics: {listed})")
     stamp = "header.stamp"
     records = read_whole(reader, {topic.key: [stamp] if topic.has(stamp) else []})[topic.key]
-    time_ns = records.columns.get(stamp, records.received_ns).astype(np.int64)
-    return SampleTimes(time_ns, [str(row + 1) for row in range(len(time_ns))], pd.DataFrame(index=range(len(time_ns))))
+    return records.columns.get(stamp, records.received_ns).astype(np.int64)
 
 
-def _photos(folder: Path) -> SampleTimes:
+def _photos(folder: Path) -> tuple[Nanoseconds, pd.DataFrame]:
     """Return when the photos of a folder were taken, by EXIF; without a zone their times are UTC."""
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PHOTOS)
     if not files:
@@ -100,7 +91,7 @@ def _photos(folder: Path) -> SampleTimes:
     if untimed:
         raise LogError(f"no time (EXIF DateTimeOriginal) in {listed(untimed, 1)}", path=folder)
     time_ns = np.array([found for found in times.values() if found is not None], dtype=np.int64)
-    return SampleTimes(time_ns, list(times), pd.DataFrame(index=range(len(times))))
+    return time_ns, pd.DataFrame(index=list(times))
 
 
 def _taken_ns(file: Path) -> int | None:

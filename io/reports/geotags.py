@@ -38,17 +38,17 @@ def write_geotags(folder: Path, photos: Mapping[Path, Place], force: bool) -> tu
     """
     if any(photo.parent.resolve() == folder.resolve() for photo in photos):
         raise UsageError(f"--geotag {folder}: the photos are there; name another folder for their copies")
-    copies = sidecars = 0
+    copies = 0
     with writing(folder, "choose another folder for --geotag"):
         folder.mkdir(parents=True, exist_ok=True)
         for photo, place in photos.items():
             tagged = tagged_jpeg(photo.read_bytes(), place) if photo.suffix.lower() in JPEGS else None
-            name = photo.name if tagged is not None else f"{photo.name}.xmp"
-            if (folder / name).exists() and not force:
-                raise UsageError(f"{folder / name} exists already: choose another --geotag, or --force to replace it")
-            write_atomically(folder / name, tagged if tagged is not None else sidecar(place).encode())
-            copies, sidecars = copies + (tagged is not None), sidecars + (tagged is None)
-    return copies, sidecars
+            file = folder / (f"{photo.name}.xmp" if tagged is None else photo.name)
+            if file.exists() and not force:
+                raise UsageError(f"{file} exists already: choose another --geotag, or --force to replace it")
+            write_atomically(file, sidecar(place).encode() if tagged is None else tagged)
+            copies += tagged is not None
+    return copies, len(photos) - copies
 
 
 def tagged_jpeg(content: bytes, place: Place) -> bytes | None:
@@ -126,10 +126,8 @@ def sidecar(place: Place) -> str:
         "GPSLongitude": angle(place.lon_deg, "E", "W"),
     }
     if math.isfinite(place.depth_m):
-        tags |= {
-            "GPSAltitudeRef": str(int(place.depth_m > 0)),
-            "GPSAltitude": f"{round(abs(place.depth_m) * 1000)}/1000",
-        }
+        tags["GPSAltitudeRef"] = str(int(place.depth_m > 0))
+        tags["GPSAltitude"] = f"{round(abs(place.depth_m) * 1000)}/1000"
     if math.isfinite(place.radius95_m):
         tags["GPSHPositioningError"] = f"{round(place.radius95_m * 1000)}/1000"
     held = "".join(f'\n    exif:{name}="{value}"' for name, value in tags.items())

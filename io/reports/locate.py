@@ -15,7 +15,7 @@ import pandas as pd
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.parameters import LeverArm
-from usbldr.filters.types import Array, Indices, Mask, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.geometry import attitude_matrix
 from usbldr.io.geodesy import Origin, OriginKind, to_geodetic
 from usbldr.io.reader import Nanoseconds
@@ -87,20 +87,14 @@ def located(
     known_s = table["time_s"].to_numpy(dtype=float)
     time_s = (np.asarray(time_ns, dtype=np.int64) - run.start_ns) / 1e9
     inside = (time_s >= known_s[0]) & (time_s <= known_s[-1])
-    at = np.clip(np.searchsorted(known_s, time_s, side="right") - 1, 0, len(known_s) - 2)
-    step_s = np.diff(known_s)[at]
-    share = np.clip((time_s - known_s[at]) / step_s, 0.0, 1.0)
 
-    def between(column: str) -> Vector:
-        if column not in table:  # of a run of an older version
-            return np.full(len(time_s), np.nan)
-        values = table[column].to_numpy(dtype=float)
-        mixed = np.where(share > 0, share * values[at + 1], 0.0) + np.where(share < 1, (1 - share) * values[at], 0.0)
-        return np.where(inside, mixed, np.nan)
+    def between(column: str) -> Vector:  # a column that an older version did not write is unknown
+        values: Vector = table[column].to_numpy(dtype=float) if column in table else np.full(len(known_s), np.nan)
+        return np.interp(time_s, known_s, values)
 
     heading_rad = np.unwrap(np.radians(table["heading_deg"].to_numpy(dtype=float)))
-    heading_deg = np.degrees((1 - share) * heading_rad[at] + share * heading_rad[at + 1])
-    position = _cubic(table, heading_rad, at, share, step_s)
+    heading_deg = np.degrees(np.interp(time_s, known_s, heading_rad))
+    position = _cubic(table, heading_rad, np.clip(time_s, known_s[0], known_s[-1]))
     roll, pitch = between("roll_deg"), between("pitch_deg")
     tilted = attitude_matrix(heading_deg, np.nan_to_num(pitch), np.nan_to_num(roll))
     arm = np.einsum("nij,j->ni", tilted, np.array(lever_m))
@@ -151,11 +145,14 @@ def _footprints(
     return {"footprint_across_m": across, "footprint_along_m": along, "footprint": polygons}
 
 
-def _cubic(table: pd.DataFrame, heading_rad: Vector, at: Indices, share: Vector, step_s: Vector) -> Array:
+def _cubic(table: pd.DataFrame, heading_rad: Vector, time_s: Vector) -> Array:
     """Return positions (n, 2) on the cubic through the epochs around them, with their velocities (Hermite)."""
+    known_s = table["time_s"].to_numpy(dtype=float)
+    at = np.clip(np.searchsorted(known_s, time_s, side="right") - 1, 0, len(known_s) - 2)
+    h = np.diff(known_s)[at, None]
+    s = (time_s - known_s[at])[:, None] / h
     position: Array = table[["east_m", "north_m"]].to_numpy(dtype=float)
     velocity = rotated(-heading_rad, table[["starboard_mps", "forward_mps"]].to_numpy(dtype=float))
-    s, h = share[:, None], step_s[:, None]
     first = (1 + 2 * s) * (1 - s) ** 2 * position[at] + s * (1 - s) ** 2 * h * velocity[at]
     return first + s**2 * (3 - 2 * s) * position[at + 1] + s**2 * (s - 1) * h * velocity[at + 1]
 
