@@ -73,8 +73,7 @@ def fix_statistics(
     step_s = np.diff(time_s[inside])
     judged = good | ((time_s >= track.time_s[0]) & (time_s <= track.time_s[-1]))
     east, north = (_noise(time_s, position_m, moved, inside, axis) for axis in np.eye(2))
-    along = across = None
-    shares: tuple[RangeShare, ...] = ()
+    along, across, shares = None, None, ()
     if away_m is not None:
         # to the track: by its own line, no fix would have an error of bearing
         to_track = away_m - position_m + columns_at(time_s, track.time_s, track.position_m)
@@ -99,9 +98,7 @@ def fix_statistics(
     )
 
 
-def left_out_residuals(
-    time_s: Vector, position_m: Array, track: Trajectory, cov_m2: Array | None = None
-) -> Array | None:
+def left_out_residuals(time_s: Vector, position_m: Array, track: Trajectory, cov_m2: Array) -> Array | None:
     """Return fixes less a track that leaves each of them out, (n, 2); NaN where it does not reach.
 
     Of a smoothed track x with covariance P and a fix z = H x + noise of covariance R, the track without it is
@@ -110,7 +107,7 @@ def left_out_residuals(
     fixes, too. None if the track has neither.
     """
     fixes = UpdateTable.of(track.updates).of_sensor("usbl")
-    if not track.smoothed or track.cov is None or cov_m2 is None:
+    if not track.smoothed or track.cov is None:
         found = np.full((len(time_s), 2), np.nan)
         found[fixes.row] = fixes.vectors("innovation")
         return found if len(fixes) else None
@@ -168,24 +165,22 @@ def _noise(time_s: Vector, position_m: Array, moved_m: Array, used: Mask, axis: 
     error = position_m[used] - moved
     values = np.sum(error * axis, axis=1)
     turned = moved[:, ::-1] * [-1, 1]
-    ways = np.stack([np.eye(2)[0] + 0 * moved, np.eye(2)[1] + 0 * moved, moved, turned])
-    drifts = ways[:2] * t[None, :, None]
-    shapes = np.sum(np.concatenate([ways, drifts]) * axis, axis=-1).T
+    of_way = [np.sum(way * axis, axis=1) for way in (moved, turned)]
+    shapes = np.column_stack([axis, *of_way, t[:, None] * axis])  # offset, errors of speed and heading, current
     share = ((t[1:-1] - t[:-2]) / np.maximum(t[2:] - t[:-2], 1e-9))[:, None]
     bend = np.sum((error[1:-1] - (1 - share) * error[:-2] - share * error[2:]) * axis[1:-1], axis=1)
-    kept = np.append(np.append(True, np.abs(bend) <= FALSE_SIGMAS * TO_SD * np.median(np.abs(bend)) + 1e-12), True)
+    kept = np.abs(bend) <= FALSE_SIGMAS * TO_SD * np.median(np.abs(bend)) + 1e-12
+    kept = np.concatenate([[True], kept, [True]])
     enough = int(kept.sum()) >= MIN_FIXES and np.any(np.diff(t[kept][:MOST]) > 0)
     return slow_noise(t[kept], values[kept], shapes[kept]) if enough else None
 
 
 def _by_range(lengths_m: Vector, good: Mask) -> tuple[RangeShare, ...]:
     known = np.isfinite(lengths_m)
-    if int(known.sum()) < BINS:
+    lengths_m, good = lengths_m[known], good[known]
+    if len(lengths_m) < BINS:
         return ()
-    edges = np.quantile(lengths_m[known], np.linspace(0, 1, BINS + 1))
-    found: list[RangeShare] = []
-    for k, (low, high) in enumerate(pairwise(edges)):
-        here = known & (lengths_m >= low) & ((lengths_m < high) if k < BINS - 1 else (lengths_m <= high))
-        if here.any():
-            found.append(RangeShare(float(low), float(high), int(here.sum()), float(good[here].mean())))
-    return tuple(found)
+    edges = np.quantile(lengths_m, np.linspace(0, 1, BINS + 1))
+    of_span = np.minimum(np.searchsorted(edges, lengths_m, side="right") - 1, BINS - 1)
+    spans = [(low, high, good[of_span == k]) for k, (low, high) in enumerate(pairwise(edges.tolist()))]
+    return tuple(RangeShare(low, high, len(of), float(of.mean())) for low, high, of in spans if len(of))

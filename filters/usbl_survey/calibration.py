@@ -72,11 +72,9 @@ def calibrated(survey: UsblSurvey, stated: Vector, known: Known, starts: bool = 
     ``stated`` (11,) is where the search begins: the configuration's values. With ``starts`` its heading is also tried
     in steps of 45 degrees, as a head may be mounted at any angle, and the transponder begins at the median of fixes.
     """
-    usable = np.isfinite(residuals(survey, assumed(survey, stated))[:, :2]).all(axis=1)
-    if int(usable.sum()) < MIN_FIXES:
-        raise LogError(
-            f"{int(usable.sum())} fixes have the ship's position and attitude; at least {MIN_FIXES} are needed"
-        )
+    usable = np.isfinite(residuals(survey, assumed(survey, stated))[:, :2]).all(axis=1).sum()
+    if usable < MIN_FIXES:
+        raise LogError(f"{usable} fixes have the ship's position and attitude; at least {MIN_FIXES} are needed")
     begun: list[Installation] = []
     for turn_deg in STARTS_DEG if starts else ():
         turned = stated.copy()
@@ -222,9 +220,9 @@ def long_run(scores: Array) -> Array:
     return whole
 
 
-def halves(fixes: int, count: int = 10) -> tuple[Mask, Mask]:
+def halves(fixes: int) -> tuple[Mask, Mask]:
     """Return two halves of so many fixes, (n,) each: every second of twenty stretches of equal numbers."""
-    number = np.arange(fixes) * 2 * count // max(fixes, 1)
+    number = np.arange(fixes) * 20 // max(fixes, 1)
     return number % 2 == 0, number % 2 == 1
 
 

@@ -34,20 +34,18 @@ MADE_WORSE = 1.1  # by judgement: the scatter after over before
 GENERAL_LEG = "run a box around the transponder at a distance of about its depth, both ways, and pass above it"
 STATE_CLOCKS = "state --latency-sd if the clocks are synchronised"
 AT_OTHER_SPEED = f"run a leg at another speed, or stop, or {STATE_CLOCKS}"
-LEGS: Mapping[frozenset[str], str] = {
-    frozenset(pair): leg
-    for pair, leg in {
-        ("mount_heading_deg", "arm_forward_m"): "run straight legs towards the transponder and away from it",
-        ("scale", "depth_m"): "run a leg at another horizontal distance, or state --transponder-depth",
-        ("mount_roll_deg", "arm_starboard_m"): "run legs at a horizontal distance of about the depth, both ways",
-        ("mount_pitch_deg", "arm_forward_m"): "run legs at a horizontal distance of about the depth, both ways",
-        ("attitude_latency_s", "mount_heading_deg"): "turn to both sides",
-        ("position_latency_s", "arm_forward_m"): AT_OTHER_SPEED,
-        ("position_latency_s", "mount_heading_deg"): AT_OTHER_SPEED,
-        ("position_latency_s",): f"run a leg at speed, or {STATE_CLOCKS}",
-        ("attitude_latency_s",): f"turn, or wait for a sea that rolls the ship, or {STATE_CLOCKS}",
-    }.items()
+LEGS: Mapping[tuple[str, str], str] = {
+    ("mount_heading_deg", "arm_forward_m"): "run straight legs towards the transponder and away from it",
+    ("scale", "depth_m"): "run a leg at another horizontal distance, or state --transponder-depth",
+    ("mount_roll_deg", "arm_starboard_m"): "run legs at a horizontal distance of about the depth, both ways",
+    ("mount_pitch_deg", "arm_forward_m"): "run legs at a horizontal distance of about the depth, both ways",
+    ("attitude_latency_s", "mount_heading_deg"): "turn to both sides",
+    ("position_latency_s", "arm_forward_m"): AT_OTHER_SPEED,
+    ("position_latency_s", "mount_heading_deg"): AT_OTHER_SPEED,
+    ("position_latency_s", ""): f"run a leg at speed, or {STATE_CLOCKS}",
+    ("attitude_latency_s", ""): f"turn, or wait for a sea that rolls the ship, or {STATE_CLOCKS}",
 }
+"""What separates two errors, in either order, or settles one that no other is like."""
 
 
 class Scatter(NamedTuple):
@@ -156,7 +154,7 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
     for k, name in enumerate(NAMES):
         value, unsettled = float(fit.values[k]), bool(effects[k] > SETTLED_SHARE * noise_m or unchanged[k])
         rival = NAMES[int(np.argmax(correlation[k]))] if unsettled and correlation[k].max() > RELATED else ""
-        leg = LEGS.get(frozenset((name, rival)) - {""}, GENERAL_LEG) if unsettled else ""
+        leg = LEGS.get((name, rival)) or LEGS.get((rival, name), GENERAL_LEG) if unsettled else ""
         found.append(Parameter(name, value, float(sd[k]), float(effects[k]), unsettled, rival, leg))
     return found
 
