@@ -1,5 +1,6 @@
 """``usbldr calibrate-usbl``: how the USBL of a ship is installed, from a survey of a transponder or from a dive."""
 
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from usbldr_cli.figures.drawing import Picture
 
     Stated = tuple[float | None, float, float | None]  # the transponder's depth and its sigma, that of latencies
+    Found = tuple[Calibration, Callable[[], list[Picture]]]  # with its pictures, which import matplotlib
 
 AT_LEAST_0 = click.FloatRange(min=0)
 DEPTH = "Depth of the transponder below the surface."
@@ -76,7 +78,9 @@ def calibrate_usbl(
     $ usbldr calibrate-usbl survey-box --plan
     """
     from usbldr.io.reading.usbl_survey import is_dive
+    from usbldr.io.reports.usbl_calibration import calibrated_configuration, content, notes, summary, tables
     from usbldr.io.scenarios.survey_scenarios import is_survey
+    from usbldr_cli.tables.run_table import aligned
 
     stated = (depth_m, depth_sd_m, latency_sd_s)
     if plan:
@@ -97,24 +101,21 @@ def calibrate_usbl(
         for option, value in (("--transponder-depth", depth_m), ("--latency-sd", latency_sd_s)):
             if value is not None:
                 raise UsageError(f"{option} is for a survey; {log} has a DVL, so that it is read as a dive")
-        found, pictures = _by_dive(log, request, made, drawn=output is not None)
+        found, pictures = _by_dive(log, request, made)
     else:
-        found, pictures = _by_survey(log, request, made, stated, drawn=output is not None)
+        found, pictures = _by_survey(log, request, made, stated)
     if output is not None:
-        _write_folder(found, pictures, output, force)
+        _write_folder(found, pictures(), output, force)
     if write_to is not None:
-        from usbldr.io.reports.usbl_calibration import calibrated_configuration
-
         write_file("--write", write_to, calibrated_configuration(found))
-    _print(found, json_to)
+    installation, scatter = map(aligned, tables(found))
+    _print((found.measured, installation, "\n".join(notes(found)), scatter, summary(found)), content(found), json_to)
     for place in filter(None, (output, write_to)):
         click.echo(f"{place}: written", err=json_to == "-")
     return 0 if found.verdict.result == "good" else CheckError.exit_code
 
 
-def _by_survey(
-    log: str, request: "Request", made: "RunProvenance", stated: "Stated", drawn: bool
-) -> "tuple[Calibration, list[Picture]]":
+def _by_survey(log: str, request: "Request", made: "RunProvenance", stated: "Stated") -> "Found":
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import judged, levelled
     from usbldr.io.reading.usbl_survey import read_usbl_survey
@@ -122,19 +123,19 @@ def _by_survey(
 
     read = read_usbl_survey(Path(log), request)
     known = known_of(read.stated, *stated)
-    survey = read.survey
-    if read.level and not read.level_stated:
-        survey = levelled(survey, read.stated, known)
+    survey = levelled(read.survey, read.stated, known) if read.level and not read.level_stated else read.survey
     verdict, fit = judged(survey, read.stated, known)
     found = of_survey(read, survey, verdict, fit, known, made)
-    if not drawn:
-        return found, []
-    from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures  # imports matplotlib
 
-    return found, survey_pictures(FittedSurvey(survey, read.stated, fit, found))
+    def pictures() -> "list[Picture]":
+        from usbldr_cli.figures.usbl_survey import FittedSurvey, survey_pictures
+
+        return survey_pictures(FittedSurvey(survey, read.stated, fit, found))
+
+    return found, pictures
 
 
-def _by_dive(log: str, request: "Request", made: "RunProvenance", drawn: bool) -> "tuple[Calibration, list[Picture]]":
+def _by_dive(log: str, request: "Request", made: "RunProvenance") -> "Found":
     from usbldr.io.doctor.head_calibration import calibrated_by_dive
     from usbldr.io.reports.run import Run, ScoredTrack
     from usbldr.io.reports.usbl_calibration import of_dive
@@ -142,14 +143,15 @@ def _by_dive(log: str, request: "Request", made: "RunProvenance", drawn: bool) -
 
     read = open_log(log, request)
     dive = calibrated_by_dive(read)
-    found = of_dive(read, dive.verdict, dive.slant_m, len(dive.timeline.fix_time_s), dive.sentence, made)
-    if not drawn:
-        return found, []
-    from usbldr_cli.figures.drawing import Picture  # imports matplotlib
-    from usbldr_cli.figures.fixes import fix_figure
 
-    run = Run(read, dive.timeline, dive.identification, ScoredTrack(dive.track, None))
-    return found, [Picture("fixes", "What fixes differ by from the track without them", partial(fix_figure, run))]
+    def pictures() -> "list[Picture]":
+        from usbldr_cli.figures.drawing import Picture
+        from usbldr_cli.figures.fixes import fix_figure
+
+        run = Run(read, dive.timeline, dive.identification, ScoredTrack(dive.track, None))
+        return [Picture("fixes", "What fixes differ by from the track without them", partial(fix_figure, run))]
+
+    return of_dive(read, dive.verdict, dive.slant_m, len(dive.timeline.fix_time_s), dive.sentence, made), pictures
 
 
 def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path, force: bool) -> None:
@@ -165,17 +167,12 @@ def _write_folder(found: "Calibration", pictures: "list[Picture]", output: Path,
         write_atomically(folder / REPORT, json_text(content(found, files)).encode())
 
 
-def _print(found: "Calibration", json_to: str | None) -> None:
-    from usbldr.io.reports.usbl_calibration import content, notes, summary, tables
-    from usbldr_cli.tables.run_table import aligned
-
+def _print(parts: Iterable[str], content: object, json_to: str | None) -> None:
+    """Print the parts that are not empty; or the content as JSON, or both if that is a file."""
     if json_to is not None:
-        write_json(json_to, content(found))
-    if json_to == "-":
-        return
-    installation, scatter = tables(found)
-    parts = [found.measured, aligned(installation), "\n".join(notes(found)), aligned(scatter), summary(found)]
-    click.echo("\n\n".join(part for part in parts if part))
+        write_json(json_to, content)
+    if json_to != "-":
+        click.echo("\n\n".join(filter(None, parts)))
 
 
 def _print_plan(scenario: str, stated: "Stated", json_to: str | None) -> None:
@@ -194,10 +191,6 @@ def _print_plan(scenario: str, stated: "Stated", json_to: str | None) -> None:
     survey = simulate_survey(chosen, 0)
     noise = (chosen.range_sd_m, float(np.radians(chosen.angle_sd_deg)))
     rows = planned(survey, chosen.true_values, known_of(chosen.true_values, *stated), noise)
-    if json_to is not None:
-        write_json(json_to, plan_content(chosen.name, len(survey), rows))
-    if json_to == "-":
-        return
-    minutes = chosen.duration_s / 60
-    click.echo(f"{chosen.name}: {len(survey)} fixes in {minutes:.0f} min, {chosen.about}\n")
-    click.echo("\n\n".join(part for part in (aligned(plan_table(rows)), "\n".join(states(rows))) if part))
+    title = f"{chosen.name}: {len(survey)} fixes in {chosen.duration_s / 60:.0f} min, {chosen.about}"
+    parts = (title, aligned(plan_table(rows)), "\n".join(states(rows)))
+    _print(parts, plan_content(chosen.name, len(survey), rows), json_to)

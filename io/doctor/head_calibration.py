@@ -169,25 +169,21 @@ def _measured(log: Log, raw: RawRecords) -> tuple[Array, Vector]:
     return along_sight(slant, bearing, drop)[:, :2], drop
 
 
-def vertical_text(found: VerticalFit) -> str:
-    """Return what was settled, in one line."""
-    roll, pitch, _, offset = (f"{v:+.2f} ± {s:.2f}" for v, s in zip(found.value, found.sd, strict=True))
-    sound = SOUND_MPS * found.value[2], SOUND_MPS * found.sd[2]
-    texts = (
-        f"roll {roll} deg",
-        f"pitch {pitch} deg",
-        f"scale {found.value[2]:.4f} ± {found.sd[2]:.4f} ({sound[0]:.0f} ± {sound[1]:.0f} m/s if 1500 m/s was set)",
-        f"offset {offset} m",
-    )
-    settled = [text for text, known in zip(texts, found.settled, strict=True) if known]
-    left = [name for name, known in zip(("roll", "pitch", "scale", "offset"), found.settled, strict=True) if not known]
-    return (", ".join(settled) or "nothing is settled") + (f"; open: {', '.join(left)}" if left and settled else "")
-
-
 def vertical_findings(log: Log) -> list[Finding]:
     """Report tilt of the head and scale of its ranges by the vertical of the fixes, in one line."""
     found = vertical_of(log)
     if found is None:
         return []
-    text = f"z of {found.fixes} fixes against the depth: the head has {vertical_text(found)}"
+    roll, pitch, scale, offset = zip(found.value.tolist(), found.sd.tolist(), strict=True)
+    sound = [SOUND_MPS * part for part in scale]
+    texts = {
+        "roll": "roll {:+.2f} ± {:.2f} deg".format(*roll),
+        "pitch": "pitch {:+.2f} ± {:.2f} deg".format(*pitch),
+        "scale": "scale {:.4f} ± {:.4f}".format(*scale) + " ({:.0f} ± {:.0f} m/s if 1500 m/s was set)".format(*sound),
+        "offset": "offset {:+.2f} ± {:.2f} m".format(*offset),
+    }
+    left = [name for name, settled in zip(texts, found.settled, strict=True) if not settled]
+    known = ", ".join(text for name, text in texts.items() if name not in left)
+    open_too = f"; open: {', '.join(left)}" if left and known else ""
+    text = f"z of {found.fixes} fixes against the depth: the head has {known or 'nothing is settled'}{open_too}"
     return [log.finding("USBL-VERTICAL", "usbl", f"{text}; noise of z {found.noise_m:.2f} m", None, found.noise_m, "m")]

@@ -23,7 +23,7 @@ from usbldr.io.settings.configuration import parse_configuration
 from usbldr.io.settings.toml_text import comment, put
 from usbldr.io.settings.validation import read_text
 
-LABELS = {
+LABELS = {  # unit and decimal places
     "mount_roll_deg": ("roll of the head", "deg", 3),
     "mount_pitch_deg": ("pitch of the head", "deg", 3),
     "mount_heading_deg": ("heading of the head", "deg", 3),
@@ -69,28 +69,27 @@ def of_survey(
     minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
     nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
     turned = "with roll and pitch of the ship" if level else "roll and pitch of the ship are not used"
+    angle_sd_deg = float(np.degrees(fit.angle_sd_rad))
     measured = (
         f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
         f"{found.false_share:.1%} false; {turned}; "
-        f"noise of ranges {fit.range_sd_m:.2f} m, of angles {np.degrees(fit.angle_sd_rad):.2f} deg"
+        f"noise of ranges {fit.range_sd_m:.2f} m, of angles {angle_sd_deg:.2f} deg"
     )
     remarks: list[str] = []
     if not log.level:
         remarks.append("the ship's records hold no roll and pitch, so its waves are in the noise of the angles")
-    depth, depth_sd = (float(v[-1]) for v in (fit.values, fit.sd))
-    if abs(depth - known.values[-1]) > DEPTHS_APART * np.hypot(depth_sd, known.sd[-1]):
+    found_m, stated_m = fit.values[-1], known.values[-1]
+    if abs(found_m - stated_m) > DEPTHS_APART * np.hypot(fit.sd[-1], known.sd[-1]):
         remarks.append(
-            f"the transponder lies {depth:.1f} m deep, but {known.values[-1]:.1f} m by --transponder-depth: "
+            f"the transponder lies {found_m:.1f} m deep, but {stated_m:.1f} m by --transponder-depth: "
             "both count from the surface if depth_m in head says how deep the head is"
         )
     if log.origin is not None:
-        east, north = (np.array([v]) for v in fit.values[PLACE][:2])
-        lat, lon = to_geodetic(log.origin, east, north)
+        lat, lon = to_geodetic(log.origin, *fit.values[PLACE][:2, None])
         remarks.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
-    numbers = {"range_sd_m": fit.range_sd_m, "angle_sd_deg": float(np.degrees(fit.angle_sd_rad))}
+    numbers = {"range_sd_m": fit.range_sd_m, "angle_sd_deg": angle_sd_deg}
     slant_m = float(np.median(survey.range_m))
-    fitted = (log, log.topics, level, found, numbers)
-    return Calibration(*fitted, slant_m, len(survey), measured, tuple(remarks), made)
+    return Calibration(log, log.topics, level, found, numbers, slant_m, len(survey), measured, tuple(remarks), made)
 
 
 def of_dive(log: Log, found: Verdict, slant_m: float, fixes: int, measured: str, made: RunProvenance) -> Calibration:
@@ -197,20 +196,19 @@ def calibrated_configuration(found: Calibration) -> str:
     file = found.log.configuration
     document: Any = tomlkit.parse("schema = 1\n" if file is None else read_text(file))
     title = [comment(f"The installation of the USBL as calibrate-usbl found it on {found.log.path.name}.")]
-    settled = {one.name: one for one in found.verdict.parameters if not one.open}
-    title += [
-        comment(f"{name_of(one.name)} is left as stated: the fixes do not settle it.")
-        for one in found.verdict.parameters
-        if one.name not in settled
-    ]
+    left = [name_of(one.name) for one in found.verdict.parameters if one.open]
+    title += [comment(f"{name} is left as stated: the fixes do not settle it.") for name in left]
     if "depth_m" not in document.get("usbl", {}).get("head", {}):
         title.append(comment("A dive needs depth_m in head, how deep the head is: a survey does not find it."))
     usbl = document.setdefault("usbl", tomlkit.table())
     usbl["level"] = found.level
-    for name, key in USBL_KEYS.items():
-        if name in settled:
-            one, digits = settled[name], LABELS[name][2]
-            put(usbl, key, tomlkit.item(round(one.value, digits)), f"± {one.sd:.{digits}f}")
+    settled: dict[str, float] = {}
+    for one in found.verdict.parameters:
+        if not one.open:
+            *_, digits = LABELS[one.name]
+            settled[one.name] = round(one.value, digits)
+            if one.name in USBL_KEYS:
+                put(usbl, USBL_KEYS[one.name], tomlkit.item(settled[one.name]), f"± {one.sd:.{digits}f}")
     if "head" not in usbl:
         usbl["head"] = tomlkit.inline_table()
         usbl["head"].update({"topic": found.topics[SHIP], "heading_topic": found.topics[SHIP_HEADING]})
@@ -218,11 +216,9 @@ def calibrated_configuration(found: Calibration) -> str:
     arm = [float(metres) for metres in head.get("lever_arm_m", (0.0, 0.0, 0.0))]
     for axis, name in enumerate(("arm_starboard_m", "arm_forward_m")):
         if name in settled:
-            arm[axis] = round(settled[name].value, 3)
+            arm[axis] = settled[name]
             head["lever_arm_m"] = arm
-    for name, key in HEAD_KEYS.items():
-        if name in settled:
-            head[key] = round(settled[name].value, 3)
+    head.update({key: settled[name] for name, key in HEAD_KEYS.items() if name in settled})
     text = "\n".join(title) + "\n" + tomlkit.dumps(document)
     parse_configuration(tomllib.loads(text), file or Path("usbldr.toml"))
     return text

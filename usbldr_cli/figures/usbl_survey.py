@@ -31,16 +31,13 @@ class FittedSurvey(NamedTuple):
 
 def survey_pictures(found: FittedSurvey) -> list[Picture]:
     """Return the figures of a survey."""
-    return [
-        Picture("transponder", "The transponder as each fix places it", partial(transponder_figure, found)),
-        Picture(
-            "survey",
-            "The ship's track and the transponder, and the fixes around the head",
-            partial(survey_figure, found),
-        ),
-        Picture("residuals", "What fixes differ from the fitted installation by", partial(residual_figure, found)),
-        Picture("polar", "The same around the head, by their bearing", partial(polar_figure, found)),
-    ]
+    pictures = (
+        ("transponder", "The transponder as each fix places it", transponder_figure),
+        ("survey", "The ship's track and the transponder, and the fixes around the head", survey_figure),
+        ("residuals", "What fixes differ from the fitted installation by", residual_figure),
+        ("polar", "The same around the head, by their bearing", polar_figure),
+    )
+    return [Picture(name, caption, partial(draw, found)) for name, caption, draw in pictures]
 
 
 def transponder_figure(found: FittedSurvey) -> Figure:
@@ -76,10 +73,8 @@ def survey_figure(found: FittedSurvey) -> Figure:
     seen = seen_from_head(survey, fit.values)[:, :2]
     _draw_fixes(right, found, *seen.T)
     right.plot(0, 0, "k^", ms=8, label="head")
-    right.set_aspect("equal")
-    right.set_title("from the head: all directions are needed")
-    right.set_xlabel("starboard [m]")
-    right.set_ylabel("forward [m]")
+    right.set(aspect="equal", title="from the head: all directions are needed")
+    right.set(xlabel="starboard [m]", ylabel="forward [m]")
     frame_square(right, np.vstack([seen, [[0.0, 0.0]]]), 0.08)
     legend_below(figure, [left, right])
     return figure
