@@ -45,8 +45,7 @@ class Installation:
 
     values: Vector  # (11,) by NAMES
     cov: Array  # (11, 11)
-    range_sd_m: float  # of the noise of ranges
-    angle_sd_rad: float  # of the noise of bearings and elevations
+    noise_sd: Vector  # (3,) of ranges in metres, of bearings and elevations in radians
     good: Mask  # (n,) not a false fix
 
     @property
@@ -90,7 +89,7 @@ def _without_false(survey: UsblSurvey, fit: Installation, known: Known) -> Insta
     converged = False
     for _ in range(MAX_ROUNDS):
         r = residuals(survey, fit.values)
-        good: Mask = ~np.any(np.abs(r) > FALSE_SIGMAS * np.array(_median_sds(r))[KINDS], axis=1)
+        good: Mask = ~np.any(np.abs(r) > FALSE_SIGMAS * _median_sds(r), axis=1)
         good &= np.isfinite(r[:, :2]).all(axis=1)
         if np.array_equal(good, fit.good):
             break
@@ -122,31 +121,27 @@ def _inverse(information: Array) -> Array:
 
 def _begun(survey: UsblSurvey, values: Vector) -> Installation:
     none = np.zeros(len(survey), dtype=bool)
-    return Installation(values, np.eye(len(NAMES)), *_median_sds(residuals(survey, values)), none)
+    return Installation(values, np.eye(len(NAMES)), _median_sds(residuals(survey, values)), none)
 
 
-def _median_sds(r: Array) -> tuple[float, float]:
-    """Return the sigmas of ranges and angles by the medians of residuals (n, 3), which hold with many false fixes."""
-    sd = [float(np.nanmedian(np.abs(part)) / 0.6745) for part in (r[:, 0], r[:, 1:])]
-    return max(sd[0], 1e-3), max(sd[1], 1e-6)
-
-
-def _sds(fit: Installation) -> Vector:
-    return np.array([fit.range_sd_m, fit.angle_sd_rad])[KINDS]
+def _median_sds(r: Array) -> Vector:
+    """Return the sigmas, (3,), by the medians of residuals (n, 3), which hold with many false fixes."""
+    sd = [np.nanmedian(np.abs(part)) / 0.6745 for part in (r[:, 0], r[:, 1:])]
+    return np.maximum(sd, [1e-3, 1e-6])[KINDS]
 
 
 def _in_sigmas(survey: UsblSurvey, fit: Installation) -> tuple[Array, Array, Mask]:
     """Return residuals (n, 3) and derivatives (n, 3, 11) over the sigmas, and which are known; 0 where they are not."""
     r, J = residuals(survey, fit.values), _derivatives(survey, fit.values)
     there = np.isfinite(r) & np.isfinite(J).all(axis=2)
-    sds = _sds(fit)
-    return np.where(there, r, 0.0) / sds, np.where(there[..., None], J, 0.0) / sds[None, :, None], there
+    sd = fit.noise_sd
+    return np.where(there, r, 0.0) / sd, np.where(there[..., None], J, 0.0) / sd[None, :, None], there
 
 
 def cost(survey: UsblSurvey, fit: Installation, known: Known) -> float:
     """Return minus the log posterior, but for a constant."""
-    z = residuals(survey, fit.values) / _sds(fit)
-    tails = (DOF + 1) / 2 * np.log1p(z**2 / DOF) + np.log(_sds(fit))
+    z = residuals(survey, fit.values) / fit.noise_sd
+    tails = (DOF + 1) / 2 * np.log1p(z**2 / DOF) + np.log(fit.noise_sd)
     return float(np.nansum(tails) + 0.5 * np.sum(((fit.values - known.values) / known.sd) ** 2))
 
 
@@ -180,8 +175,8 @@ def _with_noise(survey: UsblSurvey, values: Vector, weights: Array, fit: Install
     """Return the fit at these values with the sigmas that are most likely for its residuals, by the weights (n, 3)."""
     r = residuals(survey, values)
     parts = [(r[:, 0], weights[:, 0]), (r[:, 1:], weights[:, 1:])]
-    sd = [float(np.sqrt(np.nansum(w * part**2) / np.sum(w > 0))) for part, w in parts]
-    return replace(fit, values=values, range_sd_m=max(sd[0], 1e-4), angle_sd_rad=max(sd[1], 1e-7))
+    sd = [np.sqrt(np.nansum(w * part**2) / np.sum(w > 0)) for part, w in parts]
+    return replace(fit, values=values, noise_sd=np.maximum(sd, [1e-4, 1e-7])[KINDS])
 
 
 def _derivatives(survey: UsblSurvey, values: Vector) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 
 from usbldr.filters.types import Array, Mask, Vector
 from usbldr.filters.usbl_survey.calibration import (
+    KINDS,
     PRIOR_SD,
     Installation,
     Known,
@@ -111,7 +112,7 @@ def judged(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[Verdict, I
 
 def planned(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> list[Parameter]:
     """Return what `judged` will say of a survey with Student-t errors of these sigmas (metres, radians)."""
-    fit = Installation(values, np.eye(len(NAMES)), *sd, np.ones(len(survey), dtype=np.bool_))
+    fit = Installation(values, np.eye(len(NAMES)), np.array(sd)[KINDS], np.ones(len(survey), dtype=np.bool_))
     return described(survey, replace(fit, cov=expected_cov(survey, fit, known)))
 
 
@@ -146,7 +147,8 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
     """Return each parameter with its sigma, and whether the survey leaves it open."""
     sd = fit.sd
     effects = sd * effects_m(survey)
-    noise_m = float(np.hypot(fit.range_sd_m, fit.angle_sd_rad * np.median(survey.range_m)))
+    range_sd_m, angle_sd_rad, _ = fit.noise_sd
+    noise_m = float(np.hypot(range_sd_m, angle_sd_rad * np.median(survey.range_m)))
     unchanged = sd > UNCHANGED * PRIOR_SD
     correlation = np.abs(fit.cov / np.outer(sd, sd)) - np.eye(len(sd))
     correlation[:, PLACE.start : PLACE.stop - 1] = 0.0  # east and north follow from all others

@@ -50,24 +50,24 @@ def _table(path: Path, start_ns: int) -> tuple[Nanoseconds, pd.DataFrame]:
         raise LogError(f"not a CSV table: {str(err).splitlines()[0]}", path=path) from err
     lower = {str(name).strip().lower(): str(name) for name in table.columns}
     units = {key: unit for key, unit in TIME_UNITS_NS.items() if key not in AT_1970}
-    keys = [key for key in (*units, *DATES) if key in lower]
-    if not keys:
+    key = next((key for key in (*units, *DATES) if key in lower), None)
+    if key is None:
         raise LogError(f"no column of times: name one {', '.join((*units, DATES[0]))}", path=path)
-    column = table[lower[keys[0]]]
-    if keys[0] in DATES:
+    column = table[lower[key]]
+    if key in DATES:
         moments = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
         bad = moments.isna()
         time_ns = moments.dt.as_unit("ns").astype("int64").to_numpy()
     else:
         numbers = pd.to_numeric(column, errors="coerce")
         bad = numbers.isna()
-        exact = numbers.dtype.kind in "iu" and units[keys[0]] == 1
-        counted = numbers if exact else (numbers.fillna(0) * units[keys[0]]).round()
-        time_ns = counted.astype("int64").to_numpy() + (start_ns if keys[0] == "time_s" else 0)
+        exact = numbers.dtype.kind in "iu" and units[key] == 1
+        counted = numbers if exact else (numbers.fillna(0) * units[key]).round()
+        time_ns = counted.astype("int64").to_numpy() + (start_ns if key == "time_s" else 0)
     if bad.any():
         row = int(np.argmax(bad.to_numpy()))
-        raise LogError(f"row {row + 2}: {column.iloc[row]!r} is no time ({lower[keys[0]]})", path=path)
-    return np.asarray(time_ns, dtype=np.int64), table.drop(columns=[lower[keys[0]]])
+        raise LogError(f"row {row + 2}: {column.iloc[row]!r} is no time ({lower[key]})", path=path)
+    return np.asarray(time_ns, dtype=np.int64), table.drop(columns=[lower[key]])
 
 
 def _topic(name: str, log: Path) -> Nanoseconds:

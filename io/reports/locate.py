@@ -92,7 +92,7 @@ def located(
         values: Vector = table[column].to_numpy(dtype=float) if column in table else np.full(len(known_s), np.nan)
         return np.interp(time_s, known_s, values)
 
-    heading_rad = np.unwrap(np.radians(table["heading_deg"].to_numpy(dtype=float)))
+    heading_rad: Vector = np.unwrap(np.radians(table["heading_deg"].to_numpy(dtype=float)))
     heading_deg = np.degrees(np.interp(time_s, known_s, heading_rad))
     position = _cubic(table, heading_rad, np.clip(time_s, known_s[0], known_s[-1]))
     roll, pitch = between("roll_deg"), between("pitch_deg")

@@ -69,11 +69,11 @@ def of_survey(
     minutes = (survey.time_s[-1] - survey.time_s[0]) / 60
     nearest, farthest = np.quantile(survey.range_m, [0.01, 0.99])
     turned = "with roll and pitch of the ship" if level else "roll and pitch of the ship are not used"
-    angle_sd_deg = float(np.degrees(fit.angle_sd_rad))
+    range_sd_m, angle_sd_deg = float(fit.noise_sd[0]), float(np.degrees(fit.noise_sd[1]))
     measured = (
         f"{len(survey)} fixes in {minutes:.0f} min at {nearest:.0f} to {farthest:.0f} m; "
         f"{found.false_share:.1%} false; {turned}; "
-        f"noise of ranges {fit.range_sd_m:.2f} m, of angles {angle_sd_deg:.2f} deg"
+        f"noise of ranges {range_sd_m:.2f} m, of angles {angle_sd_deg:.2f} deg"
     )
     remarks: list[str] = []
     if not log.level:
@@ -87,7 +87,7 @@ def of_survey(
     if log.origin is not None:
         lat, lon = to_geodetic(log.origin, *fit.values[PLACE][:2, None])
         remarks.append(f"the transponder lies at latitude {lat[0]:.7f}, longitude {lon[0]:.7f}")
-    numbers = {"range_sd_m": fit.range_sd_m, "angle_sd_deg": angle_sd_deg}
+    numbers = {"range_sd_m": range_sd_m, "angle_sd_deg": angle_sd_deg}
     slant_m = float(np.median(survey.range_m))
     return Calibration(log, log.topics, level, found, numbers, slant_m, len(survey), measured, tuple(remarks), made)
 

@@ -83,8 +83,8 @@ def survey_figure(found: FittedSurvey) -> Figure:
 def residual_figure(found: FittedSurvey) -> Figure:
     """Draw the residuals of range, bearing and elevation against bearing, heading, range and time."""
     survey, fit = found.survey, found.fit
-    differences = residuals(survey, fit.values) * [1.0, np.degrees(1.0), np.degrees(1.0)]
-    sds = (fit.range_sd_m, *[float(np.degrees(fit.angle_sd_rad))] * 2)
+    in_degrees = np.array([1.0, np.degrees(1.0), np.degrees(1.0)])
+    differences, sds = residuals(survey, fit.values) * in_degrees, fit.noise_sd * in_degrees
     against = {
         "bearing from the head [deg]": np.degrees(survey.bearing_rad) % 360,
         "heading of the ship [deg]": survey.ship.attitudes(survey.time_s)[:, 0] % 360,
@@ -112,7 +112,7 @@ def residual_figure(found: FittedSurvey) -> Figure:
 def polar_figure(found: FittedSurvey) -> Figure:
     """Draw the residuals as the distance from a circle, at the bearing of each fix from the head."""
     survey, fit = found.survey, found.fit
-    sigmas = residuals(survey, fit.values) / [fit.range_sd_m, fit.angle_sd_rad, fit.angle_sd_rad]
+    sigmas = residuals(survey, fit.values) / fit.noise_sd
     detail = "Outside the full circle: more than fitted; dashed: one sigma. Around another circle: a constant error."
     figure = titled_figure(f"Residuals by bearing: {found.report.log.path.name}", detail, 12, 4.9)
     panels = figure.subplots(1, 3, sharey=True)
