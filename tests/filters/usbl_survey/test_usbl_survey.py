@@ -20,7 +20,7 @@ from usbldr.filters.usbl_survey.geometry import (
     seen_from_head,
     ship_motion,
 )
-from usbldr.filters.usbl_survey.verdict import judged, levelled, planned
+from usbldr.filters.usbl_survey.verdict import Scatter, decided, judged, levelled, planned
 from usbldr.filters.usbl_survey.vertical import VerticalFit, vertical_fit
 from usbldr.io.scenarios.survey_scenarios import find_survey
 
@@ -246,6 +246,14 @@ def test_a_transponder_that_moves_is_bad():
     found, _ = judged(moved, STATED, KNOWN)
     assert found.result == "bad"
     assert "different installations" in found.why
+    # each half is judged by the installation of the other, which is wrong for it
+    assert found.after.cep50_m > 1.4 * judged(survey, STATED, KNOWN)[0].after.cep50_m
+
+
+@pytest.mark.parametrize(("after_m", "result"), [(1.0, "good"), (1.2, "bad")])
+def test_a_calibration_that_scatters_more_than_none_is_bad(after_m, result):
+    before, after = (Scatter(metres, metres, metres, metres) for metres in (1.0, after_m))
+    assert decided((), before, after, np.ones(100, dtype=bool), 0.0, 31.3).result == result
 
 
 def test_too_few_fixes_are_refused():
