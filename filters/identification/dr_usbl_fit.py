@@ -168,11 +168,11 @@ def residuals_m(timeline: Timeline) -> Vector:
     """
     group = segment_numbers(timeline, timeline.fix_time_s, SEGMENT_S)
     turned = np.exp(1j * fit_rotation(timeline, group, [0.0]).rotation_rad)
-    off = np.where(group < 0, np.nan, fix_points(timeline) - turned * dead_reckoned(timeline, timeline.fix_time_s))
-    for number in range(group.max(initial=-1) + 1):
-        of_group = off[group == number]
-        off[group == number] -= np.median(of_group.real) + 1j * np.median(of_group.imag)
-    return np.abs(off)
+    off: Points = fix_points(timeline) - turned * dead_reckoned(timeline, timeline.fix_time_s)
+    for number in range(int(group.max(initial=-1)) + 1):
+        there = group == number
+        off[there] -= np.median(off.real[there]) + 1j * np.median(off.imag[there])
+    return np.where(group < 0, np.nan, np.abs(off))
 
 
 def _means(values: Points, weights: Vector, group: Indices) -> Points:

@@ -79,7 +79,7 @@ def _topics(file: Path, findings: list[Finding]) -> Iterator[Topic]:
 def _records(
     file: Path, stream: Stream, lines: Sequence[tuple[int, bytes]], findings: list[Finding], paths: Sequence[str]
 ) -> Records:
-    key, unfit = (stream.topic, stream.type), dict[str, Finding]()
+    key, unfit = (stream.topic, stream.type, 0), dict[str, Finding]()
     messages = ((key, time_ns, text) for time_ns, text in lines)
     whole = CollectedRecords(len(lines), paths)
     for _, block in decode_blocks(file, {key: stream}, {stream.topic: paths}, messages, unfit):

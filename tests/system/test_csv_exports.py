@@ -1,5 +1,6 @@
 """CSV as programs export it, with invented headers and real conventions: a run after ``init`` and ``replay``."""
 
+import csv
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -193,7 +194,12 @@ def write(folder: Path, export: Export, dive: Mapping[str, pd.DataFrame]) -> Non
         }
         written = pd.DataFrame(export.time(table["t"]) | columns)
         decimal = "," if export.separator == ";" or export.quoted else "."
-        lines = written.to_csv(index=False, sep=export.separator, decimal=decimal, quoting=int(export.quoted))
+        lines = written.to_csv(
+            index=False,
+            sep=export.separator,
+            decimal=decimal,
+            quoting=csv.QUOTE_ALL if export.quoted else csv.QUOTE_MINIMAL,
+        )
         (folder / f"{sensor}.csv").write_text(export.before + lines, encoding="utf-8")
 
 
