@@ -24,6 +24,8 @@ class HeadErrors(NamedTuple):
     range_scale: float = 0.0
     compass_rad: float = 0.0
     dvl_scale: float = 0.0
+    arm_starboard_m: float = 0.0  # from where the lever arm on the ship says, to the head
+    arm_forward_m: float = 0.0
 
 
 CLEAN = HeadErrors()
@@ -44,7 +46,8 @@ def drawn_errors(seed: int) -> HeadErrors:
 def dive(errors: HeadErrors, seed: int, ship: bool = False, seconds: int = 500, homewards: bool = False) -> Dive:
     """Return a dive in bends of 100 m, from 30 m beside the head to 260 m away, or homewards from there.
 
-    A ship circles 100 m about a point that moves on with the vehicle. GPS fixes of GPS_SD_M cover the last 30 s.
+    A ship circles 100 m about a point that moves on with the vehicle, bow ahead. GPS fixes of GPS_SD_M cover the last
+    30 s.
     """
     rng = np.random.default_rng([seed, 0])
     t = np.arange(seconds * HZ + 1) / HZ
@@ -57,11 +60,13 @@ def dive(errors: HeadErrors, seed: int, ship: bool = False, seconds: int = 500, 
     seen = (1 + errors.dvl_scale) * body + DVL_SD_MPS * rng.standard_normal(body.shape)
     seen_yaw = yaw + errors.compass_rad + HEADING_SD_RAD * rng.standard_normal(len(yaw))
     rows = np.arange(HZ, len(t), HZ)
-    head = np.zeros((len(rows), 2))
+    head, arm, ship_yaw = np.zeros((len(rows), 2)), np.zeros((len(rows), 2)), None
     if ship:
         angle = t[rows] / 60.0
         head = np.linspace(position[0], position[-1], len(rows)) + 100 * np.column_stack([np.sin(angle), np.cos(angle)])
-    away = (1 + errors.range_scale) * _turned(np.full(len(rows), errors.head_rad), position[rows] - head)
+        ship_yaw = -angle - np.pi / 2
+        arm = _turned(ship_yaw, np.tile(errors[4:], (len(rows), 1)))
+    away = (1 + errors.range_scale) * _turned(np.full(len(rows), errors.head_rad), position[rows] - head - arm)
     away += FIX_SD_M * rng.standard_normal(away.shape)
     gps = rows[-30:]
     ones = np.ones(len(t), dtype=np.intp)
@@ -81,6 +86,7 @@ def dive(errors: HeadErrors, seed: int, ship: bool = False, seconds: int = 500, 
         fix_received_s=t[rows],
         fix_m=head + away,
         fix_away_m=away,
+        fix_ship_yaw_rad=ship_yaw,
         fix_cov_m2=np.tile(FIX_SD_M**2 * np.eye(2), (len(rows), 1, 1)),
         gps_time_s=t[gps],
         gps_m=position[gps] + GPS_SD_M * rng.standard_normal((len(gps), 2)),

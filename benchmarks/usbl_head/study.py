@@ -28,6 +28,7 @@ SHIP_FAULTS = {
     "head 2°, range 2 %, compass 3°": HeadErrors(np.radians(2.0), 0.02, np.radians(3.0)),
     "head 15°": HeadErrors(head_rad=np.radians(15.0)),
     "head 40°, range 7 %, compass 20°": HeadErrors(np.radians(40.0), 0.07, np.radians(20.0)),
+    "lever arm 3 m to starboard, 4 m ahead": HeadErrors(arm_starboard_m=3.0, arm_forward_m=4.0),
     "drawn from the priors": None,
 }
 
@@ -70,6 +71,7 @@ def replayed(made: Dive, gps: bool = False) -> Replayed:
 def within_two_sigmas(errors: HeadErrors, found: Identification) -> tuple[int, int]:
     """Return how many errors that the head has are estimated within two sigmas, and how many are estimated."""
     true = {"usbl_heading_deg": -np.degrees(errors.head_rad), "usbl_range_scale": errors.range_scale}
+    true |= {"usbl_arm_starboard_m": errors.arm_starboard_m, "usbl_arm_forward_m": errors.arm_forward_m}
     rows = [abs(each.value - true[name]) < 2 * each.sd for name, each in found.estimates.items() if name in true]
     return sum(rows), len(rows)
 

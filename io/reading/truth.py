@@ -113,7 +113,7 @@ def read_truth(
     if source.file is None and source.topic is None and table is not None and section.frame:
         text = "frame of [truth] is not used: the truth is the log's GPS, which is read by the frame of [gps]"
         findings.append(Finding("KEY-UNUSED", text))
-    if source.file is None and not source.off and section.columns:
+    if section.file is None and source.file is None and not source.off and section.columns:
         text = "columns of [truth] are not used: they are those of a file, which file under [truth] or --truth names"
         findings.append(Finding("KEY-UNUSED", text))
     if table is None or (used := own.get("truth", gps)) is None:

@@ -37,18 +37,16 @@ def read(path: Path, form: str) -> Read:
     rows: dict[str, set[tuple[float, ...]]] = {topic: set() for topic in wanted}
     try:
         log = open_log(path)
-        present = {topic.name: topic for topic in log.topics()}
-        ask = {
-            topic: paths
-            for topic, paths in wanted.items()
-            if topic in present and all(present[topic].has(path) for path in paths)
-        }
-        unread = any(topic in present and present[topic].problem for topic in wanted)  # a problem is reported
-        for topic, records in read_whole(log, ask).items() if not unread else ():
+        present = [topic for topic in log.topics() if topic.name in wanted]
+        names = {topic.key: topic.name for topic in present if all(map(topic.has, wanted[topic.name]))}
+        unread = any(topic.problem for topic in present)  # a problem is reported
+        for key, records in read_whole(log, {k: wanted[n] for k, n in names.items()}).items() if not unread else ():
+            topic = names[key]
             columns = [*([records.received_ns] if timed else []), *(records.columns[path] for path in wanted[topic])]
             found = set(zip(*(column.tolist() for column in columns), strict=True))
-            rows[topic] = {row for row in found if not any(isinstance(v, float) and math.isnan(v) for v in row)}
-        said = unread or len(ask) < len(wanted) or any(finding.lost_data for finding in log.findings())
+            rows[topic] |= {row for row in found if not any(isinstance(v, float) and math.isnan(v) for v in row)}
+        of_all = len(names) == len(present) and {*names.values()} == {*wanted}  # a type without the fields is named
+        said = unread or not of_all or any(finding.lost_data for finding in log.findings())
     except UsbldrError:
         said = True
     return Read(rows, said)
@@ -57,7 +55,7 @@ def read(path: Path, form: str) -> Read:
 def count(log: Reader, form: str) -> list[int]:
     """Return how many records of each wanted topic are read."""
     wanted = FORMATS[form].wanted
-    present = {one.name for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
+    present = {one.key for one in log.topics() if all(map(one.has, wanted.get(one.name, ())))}
     found = read_whole(log, {topic: paths for topic, paths in wanted.items() if topic in present})
     return [len(found[topic].received_ns) if topic in found else 0 for topic in FORMATS[form].wanted]
 

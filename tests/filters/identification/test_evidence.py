@@ -292,7 +292,17 @@ def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, better: f
     """And if the evidence against the usual prior is strong."""
     score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
     usual = chosen(score, rows, key)
-    wide = chosen(score + better, rows, key)._replace(far=frozenset({"latency"}))
+    wide = chosen(score + better, rows, key)._replace(far=frozenset({"latency"}), named=frozenset({key}))
+
+    assert _likeliest([usual, wide]) is (wide if is_taken else usual)
+
+
+@pytest.mark.parametrize(("better", "is_taken"), [(6.1, True), (5.9, False)])
+def test_a_wide_prior_of_an_error_that_nothing_shows_pays_again(better: float, is_taken: bool) -> None:
+    """Errors of a head are always present."""
+    score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
+    usual = chosen(score, rows, HEAD)
+    wide = chosen(score + better, rows, HEAD)._replace(far=frozenset({HEAD}))
 
     assert _likeliest([usual, wide]) is (wide if is_taken else usual)
 
