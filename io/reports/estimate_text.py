@@ -25,8 +25,8 @@ FIXED_ERRORS = {
     "compass_clock_s": ("compass", 1, "s late against DVL and fixes", "s early against DVL and fixes"),
     "usbl_heading_deg": ("USBL", 1, "deg clockwise of the true bearing", "deg counterclockwise of the true bearing"),
     "usbl_range_scale": ("USBL", 100, "% too long", "% too short"),
-    "usbl_arm_starboard_m": ("USBL head", 1, "m to starboard of where its lever arm says", "m to port of there"),
-    "usbl_arm_forward_m": ("USBL head", 1, "m ahead of where its lever arm says", "m astern of there"),
+    "usbl_arm_starboard_m": ("USBL head", 1, "m to starboard of where it is stated", "m to port of where it is stated"),
+    "usbl_arm_forward_m": ("USBL head", 1, "m ahead of there", "m astern of there"),
 }
 """Sensor, factor, and words for a positive and a negative error."""
 

@@ -59,3 +59,11 @@ def test_an_error_that_another_one_explains_better_is_possible() -> None:
         "found heading (+44.9), latency (+0.8); possible dvl-lever (-0.8); not found scale (-3.9) "
         "(log odds; 3: 20 to 1)"
     )
+
+
+def test_the_place_of_a_head_on_its_ship_is_said_against_what_is_stated() -> None:
+    estimates = ErrorEstimate("usbl_arm_starboard_m", -3.9, 0.9), ErrorEstimate("usbl_arm_forward_m", 3.3, 1.6)
+
+    text = fixed_errors_text([SensorErrorEvidence("usbl-arm", 9.0, True, estimates)])
+
+    assert text == "USBL head 3.90 ± 0.90 m to port of where it is stated; USBL head 3.3 ± 1.6 m ahead of there"
