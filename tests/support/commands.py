@@ -126,6 +126,6 @@ def interrupt(*arguments: object, once: Callable[[], object] = lambda: True, aft
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
 
-    assert process.returncode == 130
+    assert process.returncode == 130, said
     assert said.strip().endswith("usbldr: interrupted")
     assert "Traceback" not in said

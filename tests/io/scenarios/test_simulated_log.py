@@ -182,6 +182,10 @@ def test_the_command_lists_the_scenarios_and_answers_an_unknown_name_with_them(t
 
 
 def test_an_interrupted_run_leaves_nothing_behind(tmp_path: Path) -> None:
-    interrupt("simulate", "paper", "-o", tmp_path / "x.mcap", once=lambda: list(tmp_path.glob(".x.mcap.*/x.mcap")))
+    scenario, folder = tmp_path / "long.toml", tmp_path / "logs"
+    scenario.write_text("schema = 1\nlike = 'paper'\nabout = 'a log that takes seconds to write'\nduration_s = 10000\n")
+    folder.mkdir()
 
-    assert list(tmp_path.iterdir()) == []
+    interrupt("simulate", scenario, "-o", folder / "x.mcap", once=lambda: list(folder.glob(".x.mcap.*/x.mcap")))
+
+    assert list(folder.iterdir()) == []
