@@ -153,12 +153,15 @@ def existing_topic(log: Path, topics: Sequence[TopicInfo], name: str, purpose: s
 
 
 def find_topic(topics: Iterable[TopicInfo], name: str) -> TopicInfo | None:
-    """Return the topic of that name: with or without the first "/"; for CSV files also by its last part alone."""
+    """Return the topic of that name: with or without the first "/"; for CSV files also by its last part alone.
+
+    A topic of a ship is none of the vehicle's: /ship/gps is not the file gps.csv.
+    """
     topics = list(topics)
     slashed = "/" + name.lstrip("/")
     last = "/" + slashed.rpartition("/")[2]
     exact = [t for t in topics if t.name in (name, slashed)]
-    alone = [t for t in topics if t.is_table and t.name == last]
+    alone = [t for t in topics if t.is_table and t.name == last and names_ship(last) == names_ship(slashed)]
     return max(exact or alone, key=lambda t: t.count, default=None)
 
 

@@ -209,6 +209,7 @@ def test_the_first_slash_of_a_topic_may_be_left_out_and_of_a_file_all_but_the_la
     assert find_topic([DVL], "twist") is None
     sheet = TopicInfo("/twist", "usbldr/dvl", "csv", 3, 0, 1)  # a file, which has the last part of a topic
     assert find_topic([sheet], "/dvl/twist") == sheet
+    assert find_topic([sheet], "/ship/twist") is None  # another vehicle's
 
 
 def test_a_ship_s_receiver_and_gyro_are_not_the_vehicle_s() -> None:
