@@ -13,7 +13,7 @@ import numpy as np
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
-from usbldr.filters.models.noise import NoiseFamily
+from usbldr.filters.models.noise import TO_SD, NoiseFamily
 from usbldr.filters.models.parameters import LeverArm, Parameters
 from usbldr.filters.models.states import StateLayout
 from usbldr.filters.replay.dead_reckoning import rival_share
@@ -24,6 +24,8 @@ DEFAULT_GPS_SD_M = 3.0  # if the log states none
 RIVALS = "RIVAL-FIXES"
 LEAST_RIVALS = 0.5  # [-] of the fixes on the track, by judgement: with 6 % of them right, fewer are outliers
 NEAR_SIGMAS = 5.0  # of a fix: beyond, it lies elsewhere
+APART_SIGMAS = 6.0  # [-] of the scatter of each group: halves of normal noise are 2.3 apart, those of a sine 3.8
+LEAST_GROUPED = 20  # [fixes] by judgement: fewer show no two groups
 
 
 class PositionFixes(NamedTuple):
@@ -105,50 +107,78 @@ def require_gps(timeline: Timeline, windows: Sequence[TimeWindow], source: str) 
 
 
 class RivalFixes(NamedTuple):
-    """Fixes that lie together beside a track: two beacons, or the two solutions of an ambiguous head.
+    """Fixes that lie together in two places: two beacons, or the two solutions of an ambiguous head.
 
-    The fixes that a track follows and those that it does not say two places; a log does not show which is right.
+    A track follows some of them, or goes between both; a log does not show which are right.
     """
 
-    offset_m: Vector  # (2,) from the track
+    offset_m: Vector  # (2,) of the rivals from the track
     fixes: int
-    on_track: int
+    others_m: Vector  # (2,) of the others from the track: 0 if it follows them
+    others: int
 
     @property
     def cov_m2(self) -> Array:
         """What they leave open of the track, (2, 2): the more lie in one place, the likelier is it right."""
-        return rival_share(self.fixes, self.on_track) * np.outer(self.offset_m, self.offset_m)
+        share = rival_share(self.fixes, self.others)
+        return share * np.outer(self.offset_m, self.offset_m) + (1 - share) * np.outer(self.others_m, self.others_m)
 
     @property
     def text(self) -> str:
         """Say where they lie, and what it means."""
         (east_m, north_m), away_m = self.offset_m.tolist(), float(np.hypot(*self.offset_m))
         bearing_deg = np.degrees(np.arctan2(east_m, north_m)) % 360
+        lie = f"lie together {away_m:.0f} m off (at {bearing_deg:.0f}°) the track that {self.others} others give"
+        if self.others_m.any():
+            apart_m = float(np.hypot(*(self.offset_m - self.others_m)))
+            lie = f"and {self.others} others lie in two places {apart_m:.0f} m apart, the track between them"
         return (
-            f"{RIVALS}: {self.fixes} USBL fixes lie together {away_m:.0f} m off (at {bearing_deg:.0f}°) the track that "
-            f"{self.on_track} others give: check for two beacons or targets, or a head with two solutions; the log "
-            "does not show which fixes are right, and the track's sigma covers both"
+            f"{RIVALS}: {self.fixes} USBL fixes {lie}: check for two beacons or targets, or a head with two solutions; "
+            "the log does not show which fixes are right, and the track's sigma covers both"
         )
 
 
 def rival_fixes(
     timeline: Timeline, position_m: Array, yaw_rad: Vector, lever_m: Vector, sd_scale: float
 ) -> RivalFixes | None:
-    """Return the fixes that lie together elsewhere than K positions and yaws; None if they are few.
+    """Return the fixes that lie together elsewhere than the others, for K positions and yaws; None if they are few.
 
     ``lever_m`` (2,) is that of the transponder, ``sd_scale`` the factor on the sigmas of the fixes.
     """
     off_m = _off_track_m(timeline, position_m, yaw_rad, lever_m)
+    if not np.isfinite(off_m).all():  # of a run that has diverged
+        return None
     near_m = NEAR_SIGMAS * sd_scale * np.sqrt(np.trace(timeline.fix_cov_m2, axis1=1, axis2=2) / 2)
     elsewhere = np.hypot(*off_m.T) > near_m
     on_track = int(np.count_nonzero(~elsewhere))
-    least = max(LEAST_RIVALS * on_track, 1)
-    if np.count_nonzero(elsewhere) < least or not np.isfinite(off_m).all():  # of a run that has diverged
-        return None
-    place_m: Vector = np.median(off_m[elsewhere], axis=0)
+    least = max(LEAST_RIVALS * max(on_track, int(np.count_nonzero(elsewhere))), 1)
+    place_m: Vector = np.median(off_m[elsewhere], axis=0) if elsewhere.any() else np.zeros(2)
     count = int(np.count_nonzero(elsewhere & (np.hypot(*(off_m - place_m).T) < near_m)))
-    apart = float(np.hypot(*place_m)) > 2 * float(np.median(near_m))
-    return RivalFixes(place_m, count, on_track) if apart and count >= least else None
+    if count >= least and np.hypot(*place_m) > 2 * np.median(near_m):
+        return RivalFixes(place_m, count, np.zeros(2), on_track)
+    return _on_both_sides(off_m)
+
+
+def _on_both_sides(off_m: Array) -> RivalFixes | None:
+    """Return the fixes of the smaller of two groups beside a track, of fixes (F, 2); None if they are no two groups.
+
+    Their scatter about two places has then become the noise of the fixes.
+    """
+    if len(off_m) < LEAST_GROUPED:
+        return None
+    away_m = np.hypot(*off_m.T)
+    usual = off_m[away_m <= NEAR_SIGMAS * np.median(away_m)]  # no outliers
+    axis = np.linalg.svd(usual - usual.mean(axis=0), full_matrices=False)[2][0]
+    along_m = off_m @ axis
+    high = along_m > np.percentile(usual @ axis, (10, 90)).mean()
+    fewer, more = sorted((high, ~high), key=np.count_nonzero)
+    if np.count_nonzero(fewer) < LEAST_RIVALS * np.count_nonzero(more):
+        return None
+    place_m, others_m = (np.median(off_m[group], axis=0) for group in (fewer, more))
+    scatter_m = max(TO_SD * np.median(np.abs(along_m[g] - np.median(along_m[g]))) for g in (fewer, more))
+    if np.hypot(*(place_m - others_m)) < APART_SIGMAS * scatter_m:
+        return None
+    return RivalFixes(place_m, int(fewer.sum()), others_m, int(more.sum()))
 
 
 def false_run_covariance_m2(

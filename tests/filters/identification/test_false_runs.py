@@ -12,6 +12,7 @@ from usbldr.filters.identification.histories import HistorySearch
 from usbldr.filters.identification.usbl_likelihood import Member
 from usbldr.filters.models.parameters import FalseStart
 from usbldr.filters.replay.methods import FilterSettings
+from usbldr.filters.replay.position_fixes import rival_fixes
 from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Mask, Timeline
 from usbldr.filters.updates import UpdateTable
@@ -330,6 +331,30 @@ def test_two_sets_of_fixes_are_named_and_the_sigma_covers_the_other(every: int) 
     assert not any("hardly all" in other for other in track.warnings)
     share = (fewer / more) ** 4 / (1 + (fewer / more) ** 4)
     np.testing.assert_allclose(track.open_cov_m2[0], share * np.outer(BESIDE_M, BESIDE_M), rtol=0.35)
+
+
+def test_fixes_in_two_places_near_each_other_are_named_and_the_sigma_covers_both() -> None:
+    beside_m = BESIDE_M / 5
+    line = every_so_many(2, beside_m)
+    track = run("ekf", line, identify(line, ASSUMED).parameters)
+
+    (text,) = (text for text in track.warnings if "RIVAL-FIXES" in text)
+    assert "lie in two places 10 m apart, the track between them" in text
+    assert track.open_cov_m2 is not None
+    np.testing.assert_allclose(track.open_cov_m2[0], np.outer(beside_m, beside_m) / 4, rtol=0.1)
+
+
+@pytest.mark.parametrize("shape", ["normal", "uniform", "sine"])
+def test_fixes_that_scatter_about_one_place_are_no_two_groups(shape: str) -> None:
+    rng = np.random.default_rng(3)
+    along_m = {
+        "normal": rng.normal(0.0, 8.0, len(T)),
+        "uniform": rng.uniform(-8.0, 8.0, len(T)),
+        "sine": 8.0 * np.sin(rng.uniform(0.0, 2 * np.pi, len(T))),
+    }
+    line = replace(DIVE, fix_m=DIVE.fix_m + along_m[shape][:, None] * BESIDE_M / 50)
+
+    assert not rival_fixes(line, CLEAN.position_m, CLEAN.yaw_rad, np.zeros(2), sd_scale=10.0)
 
 
 @pytest.mark.parametrize("every", [4, 10])
