@@ -3,9 +3,10 @@
 A compass turns, the scale of a DVL jumps, or it measures through moving water for a while; fixes shift or come later.
 
 From a change of dead reckoning on, its displacement is that of the vehicle times another complex factor. It may last
-for a while; a change of the fixes is for good, since false_runs.py finds those that come back. Changes are added one
-at a time, the likeliest first, while the evidence for one more in the blocks of blocks.py is strong in spite of the
-many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the
+for a while; a change of the fixes is for good, since false_runs.py finds those that come back. Currents that cancel
+each other are no currents: the fixes have drifted away, as by the gyro of a ship that turns, and come back. Changes are
+added one at a time, the likeliest first, while the evidence for one more in the blocks of blocks.py is strong in spite
+of the many possible times: C. Bishop, "Pattern Recognition and Machine Learning", Springer 2006, section 3.5. If the
 covariance does not explain what they leave, or if speeds would change by half for a while, the log is wrong in another
 way, and there is none: a DVL that fails for a while is lost (lost_reckoning.py), and one may fail for good.
 """
@@ -26,7 +27,7 @@ from usbldr.filters.identification.blocks import (
     moved_by_changes,
     weighed,
 )
-from usbldr.filters.identification.identification import MOST_OF_SCALE
+from usbldr.filters.identification.identification import MOST_OF_SCALE, STRONG_ODDS
 from usbldr.filters.identification.linearisation import STEPS, near
 from usbldr.filters.models.parameters import Parameters, SensorChange
 from usbldr.filters.types import Array, Indices, Timeline, Vector
@@ -51,6 +52,7 @@ class FoundChanges(NamedTuple):
 
     changes: tuple[SensorChange, ...] = ()  # ascending
     cost: float = 0.0  # log odds
+    drift_s: tuple[float, float] | None = None  # not these, but the fixes have drifted and come back, from when to when
 
 
 def changes(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) -> tuple[FoundChanges, ...]:
@@ -94,6 +96,9 @@ def _described(timeline: Timeline, given: Parameters, blocks: Sequence[Blocks]) 
     errors = of_kind(timeline, best)
     if any(max(1 + one.dvl_scale, 1 / (1 + one.dvl_scale)) > MOST_OF_SCALE for one in errors[:-1]):
         return FoundChanges()
+    if kind.accumulates and (odds := _log_odds_of_return(timeline, best)) > math.log(STRONG_ODDS):
+        drift_s = tuple(timeline.fix_time_s[[best.changes[0].fix, best.changes[-1].end]].tolist())
+        return FoundChanges(errors, best.cost - odds, drift_s)
     return FoundChanges(errors, best.cost)
 
 
@@ -236,6 +241,26 @@ def _of_water(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:
     fixes, sizes = zip(*sorted(steps, key=lambda step: step[0]), strict=True)
     start_s, currents = timeline.fix_time_s[list(fixes)].tolist(), np.cumsum(sizes, axis=0).tolist()
     return tuple(SensorChange(t, 0.0, 0.0, current_mps=(e, n)) for t, (e, n) in zip(start_s, currents, strict=True))
+
+
+def _log_odds_of_return(timeline: Timeline, found: _Found) -> float:
+    """Return the log odds that currents cancel each other exactly, as those that stand for a drift of the fixes do.
+
+    These are the odds of a displacement of zero, after against before the log is seen: J. Dickey, "The weighted
+    likelihood ratio, linear hypotheses on normal location parameters", Annals Math. Stat. 42(1), 1971,
+    doi:10.1214/aoms/1177693507. Currents in half of a log or more are no drift.
+    """
+    begin, end, count = found.changes[0].fix, found.changes[-1].end, len(timeline.fix_time_s)
+    if len(found.changes) < 2 or end - begin >= count / 2 or end == count:
+        return -math.inf
+    kind_sds, N = found.blocks.kind.sds, len(found.changes)
+    lasts_s = np.diff(timeline.fix_time_s[[(one.fix, one.end) for one in found.changes]], axis=1)[:, 0]
+    seen = (_changing(found.blocks, found.changes) * kind_sds).reshape(-1, 2 * N)
+    cov = np.eye(2 * N) - seen.T @ np.linalg.solve(_with(found.blocks, found.changes), seen)
+    to_net = np.kron(lasts_s, np.diag(kind_sds))  # (2, 2 N) displacement by currents in units of their sigmas
+    net_m, after_m2, before_m2 = lasts_s @ found.sizes, to_net @ cov @ to_net.T, to_net @ to_net.T
+    ratio = np.linalg.slogdet(before_m2)[1] - np.linalg.slogdet(after_m2)[1]
+    return float(ratio - net_m @ np.linalg.solve(after_m2, net_m)) / 2
 
 
 def _of_fixes(timeline: Timeline, found: _Found) -> tuple[SensorChange, ...]:

@@ -172,7 +172,11 @@ def _explanation(timeline: Timeline, stated: Parameters, outliers: Mask, changed
     false[~outliers], log_likelihood = false_fixes(near, members[likeliest], stated)
     for one in at_fault:  # as likely as it is: less would speak for changes
         log_likelihood = max(log_likelihood, false_fixes(near, one, stated)[1])
-    return _Explanation(changed.changes, line, false, members, log_likelihood - changed.cost)
+    log_evidence = log_likelihood - changed.cost
+    if changed.drift_s is None:
+        return _Explanation(changed.changes, line, false, members, log_evidence)
+    false |= (timeline.fix_time_s >= changed.drift_s[0]) & (timeline.fix_time_s < changed.drift_s[1])
+    return _Explanation((), timeline, false, _with_every_error(timeline.with_fixes(~false), stated)[0], log_evidence)
 
 
 def _with_lost_reckoning(

@@ -354,7 +354,7 @@ def test_fixes_that_scatter_about_one_place_are_no_two_groups(shape: str) -> Non
     }
     line = replace(DIVE, fix_m=DIVE.fix_m + along_m[shape][:, None] * BESIDE_M / 50)
 
-    assert not rival_fixes(line, CLEAN.position_m, CLEAN.yaw_rad, np.zeros(2), sd_scale=10.0)
+    assert not rival_fixes(line, CLEAN.position_m, DIVE.dr_yaw_rad, np.zeros(2), sd_scale=10.0)
 
 
 @pytest.mark.parametrize("every", [4, 10])
