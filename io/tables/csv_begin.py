@@ -14,9 +14,10 @@ from usbldr.io.decoding.date_order import stated_order
 from usbldr.io.file_access.open_file import CONTROL, WESTERN, head_lines, text_lines
 from usbldr.io.messages.topic_names import without_numbers
 from usbldr.io.tables.cells import THOUSANDS
-from usbldr.io.tables.date_times import DATE, DATE_TIME, foreign_time, named_zone
+from usbldr.io.tables.date_times import DATE, DATE_TIME, foreign_time
 from usbldr.io.tables.foreign_texts import foreign_text
 from usbldr.io.tables.time_columns import ISO
+from usbldr.io.tables.time_zones import named_zone
 from usbldr.io.tables.unnamed_columns import is_number, unnamed_columns
 from usbldr.io.units import named_unit
 

@@ -34,8 +34,8 @@ from usbldr.io.messages.field_names import (
 from usbldr.io.messages.registry import ROSTOPIC_TYPES
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.settings.toml_text import quoted
-from usbldr.io.tables.date_times import UNKNOWN_ZONE
 from usbldr.io.tables.time_columns import SECOND_NS, TimeColumn, dated_columns, time_column, time_fault
+from usbldr.io.tables.time_zones import UNKNOWN_ZONE
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import spellings, states_degrees, unit_of
 

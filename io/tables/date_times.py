@@ -11,14 +11,12 @@ from decimal import Decimal
 from itertools import islice
 from types import MappingProxyType
 from unicodedata import normalize
-from zoneinfo import available_timezones
 
 import numpy as np
 import pandas as pd
 
 from usbldr.filters.types import Vector
 from usbldr.io.decoding.date_order import NUMERIC_DATE, DateOrder, date_orders
-from usbldr.io.gps_time import EPOCH_S, WEEK_S, utc_ns
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.tables.time_columns import ISO
 from usbldr.io.tables.time_parts import (
@@ -27,13 +25,14 @@ from usbldr.io.tables.time_parts import (
     PARTS_NS,
     WEEK,
     as_text,
-    moments_text,
+    moments_of,
     numbers,
     of_parts,
     of_weeks,
     parted_time,
     week_and_time,
 )
+from usbldr.io.tables.time_zones import GPS_TIME, in_named_zone, utc_of_gps
 from usbldr.io.tables.unnamed_columns import is_number
 from usbldr.io.units import named_unit
 
@@ -62,20 +61,11 @@ CLOCK_FIRST = re.compile(rf"^({CLOCK})[ ,]+(?=\d)(.+)$")
 DIGITS_DATE = re.compile(r"((?:19|20)\d\d)(0[1-9]|1[0-2])([0-2]\d|3[01])")
 SHORT_DATE = re.compile(r"(0?[1-9]|[12]\d|3[01])(0[1-9]|1[0-2])(\d\d)")  # as NMEA 0183 has it, day first
 DIGITS_CLOCK = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d+)?)")
-DATE_NAME, CLOCK_NAME = (
-    re.compile(rf"(^|[\s_])({words})") for words in ("date|datum|day|ymd|yyyy", "time|clock|utc|hh?mm")
-)
+DATE_NAME = re.compile(r"(^|[\s_])(date|datum|day|ymd|yyyy)")
+CLOCK_NAME = re.compile(r"(^|[\s_])(time|clock|utc|hh?mm)")
 SECONDS_OF_DAY = re.compile(
     r"(^|[\s_])(sod|(seconds?|time)[\s_]of[\s_](the[\s_])?day|(ms|(milli)?seconds?|time)[\s_]since[\s_]midnight)"
 )
-NAMED_ZONE = re.compile(r"(?:(?:UTC|GMT) ?|[\[(] ?)([+-])(\d{1,2})(?::?([0-5]\d))?(?!\d)", re.IGNORECASE)
-"""A zone that a column's name states: "Time (UTC+2)", "Time [+02:00]"."""
-UNKNOWN_ZONE = re.compile(
-    r"[\[(] ?((?!UTC?|GMT|GPST)[A-Z]{1,3}T|MES?Z|local(?: time)?) ?[\])]|^local(?=[ _-]?time)", re.IGNORECASE
-)
-GPS_TIME = re.compile(r"(?:^|[^a-z])gpst(?:$|[^a-z])|[\[(] ?gps(?: time)? ?[\])]", re.IGNORECASE)
-PLACE = re.compile(r"\b[A-Z][A-Za-z]+/[A-Z][\w/]+")
-"""A zone by its place, as the IANA data base names it: "Time (Europe/Oslo)"."""
 ZONED = re.compile(r"(Z|UTC|GMT|:\d\d([.,]\d+)?[+-]\d\d(:?\d\d)?)$")  # the end of a cell that states its zone
 WHOLE_SECONDS = re.compile(r"(\d{10}|\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,]0*)?(Z|[+-]\d\d(?::?\d\d)?)?")
 """Dates and times, or Unix seconds: a column behind them may hold the part of the second."""
@@ -181,10 +171,7 @@ def with_iso_times(
         if name in OWN_TIMES or (name in rounded and len(rounded) < len(clocks)):  # HH:MM beside HH:MM:SS
             continue
         if name in stated:
-            moments = pd.to_datetime(
-                pd.Series(list(cells), dtype="str"), format=stated[name], utc=True, errors="coerce"
-            )
-            found[name] = as_text(moments, cells)
+            found[name] = as_text(moments_of(cells, stated[name]), cells)
         elif _are(cells, DATE_TIME):
             found[name] = _iso(list(cells), cells, orders)
         elif not dates and clock_digits(name, next(iter(cells), "")) and (digits := _clocks_of_digits(cells)):
@@ -196,7 +183,7 @@ def with_iso_times(
         label = words_of(re.sub(r"[\[(].*", "", part))
         of_ros2 = time.isdigit() and not is_number(next(iter(columns.get(behind, ())), "0"))  # unnamed, a frame behind
         if SECONDS.fullmatch(label) and _are(columns.get(time, ()), WHOLE_MINUTES) and _are(columns[part], NUMBER):
-            minutes = pd.to_datetime(pd.Series(list(found[time])), format="ISO8601", errors="coerce")
+            minutes = moments_of(found[time], utc=False)
             found[time] = as_text(minutes + pd.to_timedelta(numbers(columns[part]), unit="s"), found[time])
         unit = PART_OF_SECOND.fullmatch("nano" if of_ros2 else label)
         if (
@@ -207,13 +194,10 @@ def with_iso_times(
         ):
             found[time] = _with_parts(found[time], numbers(columns[part]) * PARTS_NS[f"{unit[1] or 'milli'}second"])
     for name in columns:
-        zoned = any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS)))
-        if not zoned and (zone := named_zone(name)):
-            found[name] = [cell + zone if ISO.fullmatch(cell) else cell for cell in found[name]]
-        if not zoned and (place := PLACE.search(name)) and place[0] in available_timezones():
-            found[name] = _utc_of_place(found[name], place[0])
+        if not any(map(ZONED.search, islice(iter(columns[name]), SHOWN_ROWS))):
+            found[name] = in_named_zone(name, found[name])
         if GPS_TIME.search(name) and _are(found[name], ISO, or_iso=True):
-            found[name] = _utc_of_gps(found[name])
+            found[name] = utc_of_gps(found[name])
     return found
 
 
@@ -222,12 +206,6 @@ def _without_words(cells: Sequence[str]) -> Sequence[str]:
     shown = [cell for cell in islice(iter(cells), SHOWN_ROWS) if cell]
     worded = any(without_words(cell) != cell and foreign_time(cell) for cell in shown)
     return [without_words(cell) for cell in cells] if worded else cells
-
-
-def named_zone(name: str) -> str:
-    """Return the zone that a name states as ISO has it, "+02:00"; empty if it states none."""
-    zone = NAMED_ZONE.search(name)
-    return f"{zone[1]}{int(zone[2]):02d}:{zone[3] or '00'}" if zone else ""
 
 
 def _with_parts(cells: Sequence[str], part_ns: Vector) -> list[str]:
@@ -243,23 +221,6 @@ def of_times(names: Sequence[str]) -> set[str]:
     """Return the columns of dates, of weeks, and of other parts of times."""
     dates = {name for name in names if DATE_NAME.search(words_of(name))}
     return dates.union(parted_time(names).values(), week_and_time(names) or ())
-
-
-def _utc_of_gps(cells: Sequence[str]) -> list[str]:
-    """Return dates and times of GPS time as those of UTC."""
-    moments = pd.to_datetime(pd.Series(list(cells), dtype="str"), format="ISO8601", utc=True, errors="coerce")
-    since_1970 = moments.to_numpy("datetime64[ns]", na_value=np.datetime64(0, "ns")).astype(np.int64)
-    weeks, rest_ns = np.divmod(since_1970 - EPOCH_S * 10**9, WEEK_S * 10**9)
-    return moments_text(utc_ns(weeks, rest_ns / 1e9), moments.notna().to_numpy(np.bool_), cells)
-
-
-def _utc_of_place(cells: Sequence[str], zone: str) -> list[str]:
-    """Return dates and times of a place as those of UTC; of an hour that comes twice, until it does the first one."""
-    local = pd.to_datetime(pd.Series(list(cells), dtype="str"), format="ISO8601", errors="coerce")
-    summer = (local.diff() < -pd.Timedelta(minutes=30)).cumsum() == 0
-    hour = pd.Timedelta(hours=1)  # a clock that was not set shows an hour that the place leaves out
-    moments = local.dt.tz_localize(zone, ambiguous=summer.to_numpy(), nonexistent=hour).dt.tz_convert("UTC")
-    return as_text(moments, cells)
 
 
 def _of_day(name: str, cells: Sequence[str]) -> bool:
@@ -318,7 +279,7 @@ def _clock(cell: str, places: int) -> str:
 
 def _without_date(cells: Sequence[str], orders: Mapping[str, DateOrder], date: str) -> list[str]:
     texts = _iso([f"{date or '1970-01-01'} {cell}" for cell in cells], cells, orders)
-    moments = pd.to_datetime(pd.Series(texts), format="ISO8601", utc=True, errors="coerce")
+    moments = moments_of(texts)
     back = (moments.diff() < -pd.Timedelta(seconds=DAY_S / 2)).cumsum()
     later = (moments + pd.to_timedelta(back, unit="D")).dt.strftime("%Y-%m-%dT%H:%M:%S.%f")
     return [text if pd.isna(new) or not day else str(new) for text, new, day in zip(texts, later, back, strict=True)]

@@ -86,6 +86,11 @@ def numbers(cells: Sequence[str]) -> Vector:
     return pd.to_numeric(pd.Series(list(cells), dtype="str"), errors="coerce").to_numpy(float)
 
 
+def moments_of(texts: Sequence[str], form: str = "ISO8601", utc: bool = True) -> "pd.Series[pd.Timestamp]":
+    """Return texts of a form, by strptime, as moments, (n,); NaT if one is none."""
+    return pd.to_datetime(pd.Series(list(texts), dtype="str"), format=form, utc=utc, errors="coerce")
+
+
 def moments_text(ns: Nanoseconds, good: Mask, cells: Sequence[str]) -> list[str]:
     """Return Unix times, (n,), as ISO text; a cell that is not ``good``, (n,), as it is."""
     return as_text(pd.Series(pd.to_datetime(ns, utc=True)).where(pd.Series(good)), cells)

@@ -16,9 +16,10 @@ from usbldr.io.messages.field_names import OF_SHIP, words_of
 from usbldr.io.messages.layouts import FLAG_WORDS
 from usbldr.io.reader import Nanoseconds, TopicInfo
 from usbldr.io.tables.csv_sheets import PROPOSED, Sheet, configured_sheet, foreign_sheets, plain_names, side_columns
-from usbldr.io.tables.date_times import UNKNOWN_ZONE, named_zone, of_times
+from usbldr.io.tables.date_times import of_times
 from usbldr.io.tables.text_table import listed
 from usbldr.io.tables.time_columns import DAYS, TimeColumn
+from usbldr.io.tables.time_zones import UNKNOWN_ZONE, named_zone
 
 
 @dataclass(frozen=True, slots=True)
