@@ -85,8 +85,18 @@ def _adaptive(rule: MomentTransform, factor: adaptive.InflationFactor) -> Filter
     return lambda motion, settings: kalman.KalmanFilter(motion, rule, mode_updates.moment_matched, factor)
 
 
-def _particles(rule: MomentTransform) -> FilterFactory:
-    return lambda motion, settings: cpf.CubatureParticleFilter(motion, rule, settings.particles)
+def _particles(name: str, description: str, rule: MomentTransform, colour: str) -> Method:
+    """Return a particle filter over the modes of the noise."""
+    return Method(
+        name,
+        description,
+        lambda motion, settings: cpf.CubatureParticleFilter(motion, rule, settings.particles),
+        smoother_transform=rule,
+        draws=True,
+        multiple_hypotheses=True,
+        multiple_hypotheses_by_default=True,
+        colour=colour,
+    )
 
 
 def _dead_reckoning(timeline: Timeline, anchor: Anchor | None) -> Trajectory:
@@ -128,26 +138,13 @@ METHODS: dict[str, Method] = {
             matched_noise=True,
             colour="#661100",
         ),
-        Method(
+        _particles(
             "cpf",
             "cubature particle filter: particles over noise modes, each a cubature Kalman filter",
-            _particles(cubature),
-            smoother_transform=cubature,
-            draws=True,
-            multiple_hypotheses=True,
-            multiple_hypotheses_by_default=True,
-            colour="#0072b2",
+            cubature,
+            "#0072b2",
         ),
-        Method(
-            "upf",
-            "unscented particle filter: cpf with unscented points",
-            _particles(unscented),
-            smoother_transform=unscented,
-            draws=True,
-            multiple_hypotheses=True,
-            multiple_hypotheses_by_default=True,
-            colour="#56b4e9",
-        ),
+        _particles("upf", "unscented particle filter: cpf with unscented points", unscented, "#56b4e9"),
         Method(
             "pf",
             "bootstrap particle filter",
