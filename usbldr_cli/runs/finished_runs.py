@@ -22,10 +22,8 @@ def read_runs(folders: Sequence[Path]) -> list[ComparisonRow]:
     """Return a row for each run directory; raises LogError for one that is incomplete or has no truth."""
     rows = [_row(folder) for folder in folders]
     rows = [_with_seed_label(row, rows) for row in rows]
-    names = {
-        row.log: {r.scored_against.log_sha256 for r in rows if r.scored_against and r.log == row.log} for row in rows
-    }
-    for log, digests in names.items():
+    for log, group in grouped(rows).items():
+        digests = {row.scored_against.log_sha256 for row in group if row.scored_against}
         if len(digests) > 1:
             raise UsageError(
                 f"{log}: the runs read {len(digests)} different logs of that name: compare each log by itself"
