@@ -402,11 +402,7 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
 
 @pytest.mark.parametrize(
     ("names", "cells", "used"),
-    [
-        ("Status,NSats", "1,9 0,9 2,9", [3]),
-        ("Status", "1 0 3 2", [3, 4]),
-        ("Fix", "No_Fix 3D 0 1", [2, 4]),
-    ],
+    [("Status,NSats", "1,9 0,9 2,9", [3]), ("Status", "1 0 3 2", [3, 4]), ("Fix", "No_Fix 3D 0 1", [2, 4])],
 )
 def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, cells: str, used: list[int]) -> None:
     rows = "\n".join(f"{cell},{k},2" for k, cell in enumerate(cells.split(), start=1))
@@ -667,131 +663,82 @@ def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None
     assert types == {"/ground_truth": "", "/gnss": "usbldr/gps"}
 
 
-@pytest.mark.parametrize(
-    ("cells", "iso"),
-    [
-        (["18.05.2026 12:30:00,5", "18.05.2026 12:30:01"], "2026-05-18T12:30:00.500000"),
-        (["05/18/2026 12:30:00 PM"], "2026-05-18T12:30:00.000000"),
-        (["05/06/2026 1:30"], "2026-05-06T01:30:00.000000"),
-        (["05/06/2026 1:30", "13/06/2026 1:30"], "2026-06-05T01:30:00.000000"),
-        (["18-May-2026 12:30:00.25 UTC"], "2026-05-18T12:30:00.250000"),
-        (["18.05.2026 14:30:00 +02:00"], "2026-05-18T12:30:00.000000"),
-        (["12:30:00.5 18.05.2026"], "2026-05-18T12:30:00.500000"),
-        (["12:30:00 PM, 05/18/26"], "2026-05-18T12:30:00.000000"),
-        (["May 18, 2026 12:30:00 PM"], "2026-05-18T12:30:00.000000"),
-        (["18.05.2026 12:30:00:200"], "2026-05-18T12:30:00.200000"),
-        (["20260518T143000.25+02"], "2026-05-18T12:30:00.250000"),
-        (["20260518_123000"], "2026-05-18T12:30:00.000000"),
-        (["2026-05-18_12:30:00"], "2026-05-18T12:30:00.000000"),
-        (["20260518-12:30:00.5"], "2026-05-18T12:30:00.500000"),
-        *(
-            ([text], "2026-05-18T12:30:00.000000")
-            for text in (
-                *("18. Mai 2026 12:30:00", "Montag, 18. Mai 2026 12:30:00", "18-mai-2026 12:30:00"),
-                *("18 de mayo de 2026 12:30:00", "Mon, 18 May 2026 14:30:00 +0200", "Mon May 18 12:30:00 2026"),
-                *(
-                    "Mo, 18.05.2026 12:30:00",
-                    "Mon May 18 12:30:00 UTC 2026",
-                    "Monday, May 18, 2026 12:30:00 PM",
-                    "18.Mai.2026 12:30:00",
-                    "18.Mai.26 12:30:00",
-                ),
-            )
-        ),
-        (["1 févr. 2026 12:30"], "2026-02-01T12:30:00.000000"),
-        (["8. März 2026 12:30"], "2026-03-08T12:30:00.000000"),
-        (["Fri May  8 12:30:00 2026"], "2026-05-08T12:30:00.000000"),
-        (["2026-05-18T14:30:00+02:00[Europe/Oslo]"], "2026-05-18T14:30:00+02:00"),
-        (["18.05.2026 24:00:01.5"], "2026-05-19T00:00:01.500000"),
-        (["1 day, 0:00:01.5"], "1970-01-02T00:00:01.500000"),
-        (["0 days 00:00:01.5"], "1970-01-01 00:00:01.5"),
-        *(([text], text) for text in ("Mon May 18 12:30:00 CEST 2026", "2026-05-18T14:30:00[Europe/Oslo]", "May 18")),
-    ],
-)
-def test_dates_and_times_of_other_notations_are_those_of_iso(cells: list[str], iso: str) -> None:
-    assert next(iter(with_iso_times({"t": cells})["t"])) == iso
+HALF_PAST = "2026-05-18T12:30:00.000000"
+ISO_OF = {  # the first of some cells -> the same in the notation of ISO
+    ("18.05.2026 12:30:00,5", "18.05.2026 12:30:01"): "2026-05-18T12:30:00.500000",
+    ("05/06/2026 1:30",): "2026-05-06T01:30:00.000000",
+    ("05/06/2026 1:30", "13/06/2026 1:30"): "2026-06-05T01:30:00.000000",
+    ("18-May-2026 12:30:00.25 UTC",): "2026-05-18T12:30:00.250000",
+    ("12:30:00.5 18.05.2026",): "2026-05-18T12:30:00.500000",
+    ("18.05.2026 12:30:00:200",): "2026-05-18T12:30:00.200000",
+    ("20260518T143000.25+02",): "2026-05-18T12:30:00.250000",
+    ("20260518-12:30:00.5",): "2026-05-18T12:30:00.500000",
+    ("1 févr. 2026 12:30",): "2026-02-01T12:30:00.000000",
+    ("8. März 2026 12:30",): "2026-03-08T12:30:00.000000",
+    ("Fri May  8 12:30:00 2026",): "2026-05-08T12:30:00.000000",
+    ("2026-05-18T14:30:00+02:00[Europe/Oslo]",): "2026-05-18T14:30:00+02:00",
+    ("18.05.2026 24:00:01.5",): "2026-05-19T00:00:01.500000",
+    ("1 day, 0:00:01.5",): "1970-01-02T00:00:01.500000",
+    ("0 days 00:00:01.5",): "1970-01-01 00:00:01.5",
+    **{(text,): text for text in ("Mon May 18 12:30:00 CEST 2026", "2026-05-18T14:30:00[Europe/Oslo]", "May 18")},
+    **{(text,): HALF_PAST for text in (
+        "05/18/2026 12:30:00 PM", "18.05.2026 14:30:00 +02:00", "12:30:00 PM, 05/18/26", "May 18, 2026 12:30:00 PM",
+        "20260518_123000", "2026-05-18_12:30:00", "18. Mai 2026 12:30:00", "Montag, 18. Mai 2026 12:30:00",
+        "18-mai-2026 12:30:00", "18 de mayo de 2026 12:30:00", "Mon, 18 May 2026 14:30:00 +0200",
+        "Mon May 18 12:30:00 2026", "Mo, 18.05.2026 12:30:00", "Mon May 18 12:30:00 UTC 2026",
+        "Monday, May 18, 2026 12:30:00 PM", "18.Mai.2026 12:30:00", "18.Mai.26 12:30:00",
+    )},
+}  # fmt: skip
 
 
-CLOCK = {"TIME": ["000012.5"]}
-DIGITS = {"DATE": ["20260518", "20260518"], "TIME": ["000012.5", "123000"]}
+@pytest.mark.parametrize("cells", ISO_OF)
+def test_dates_and_times_of_other_notations_are_those_of_iso(cells: tuple[str, ...]) -> None:
+    assert next(iter(with_iso_times({"t": cells})["t"])) == ISO_OF[cells]
 
 
-@pytest.mark.parametrize(
-    ("cells", "formats", "wanted"),
-    [
-        (DIGITS, {}, DIGITS | {"TIME": ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]}),
-        (
-            {"DATE": ["180526"] * 2, "UTC": ["000012.5", "123000"]},
-            {},
-            {"DATE": ["180526"] * 2, "UTC": ["2026-05-18T00:00:12.500000", "2026-05-18T12:30:00.000000"]},
-        ),
-        (
-            {"DATE": ["10526", ""], "UTC": ["000012", "000013"]},
-            {},
-            {"DATE": ["10526", ""], "UTC": ["2026-05-01T00:00:12.000000", "000013"]},
-        ),
-        (
-            {"Date": ["18.05.2026"] * 2, "Time": ["23:59", "0:00"], "Sec": ["59.5", "1"]},
-            {},
-            {"Date": ["18.05.2026"] * 2, "Sec": ["59.5", "1"]}
-            | {"Time": ["2026-05-18T23:59:59.500000", "2026-05-18T00:00:01.000000"]},
-        ),
-        (
-            {"Date": ["18.05.2026"], "UTC h": ["12"], "UTC min": ["30"], "UTC s": ["0.5"]},
-            {},
-            {"Date": ["18.05.2026"], "UTC h": ["12"], "UTC min": ["30"], "UTC s": ["2026-05-18T12:30:00.500000"]},
-        ),
-        (
-            {"Hour": ["23", "0"], "Min": ["59", "0"], "Sec": ["59.5", "0.5"]},
-            {},
-            {"Hour": ["23", "0"], "Min": ["59", "0"]}
-            | {"Sec": ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]},
-        ),
-        (
-            {"Year": ["2026"], "Jday": ["138"], "Time": ["12:30:00"]},
-            {},
-            {"Year": ["2026"], "Jday": ["2026-05-18T00:00:00.000000"], "Time": ["2026-05-18T12:30:00.000000"]},
-        ),
-        (
-            {"Y": ["1"], "Year": ["2026"], "Month": ["5"], "Day": ["18"], "UTC": ["12:30:00"]},
-            {},
-            {"Y": ["1"], "Year": ["2026"], "Month": ["5"]}
-            | {"Day": ["2026-05-18T00:00:00.000000"], "UTC": ["2026-05-18T12:30:00.000000"]},
-        ),
-        (
-            {"Week": ["2419"], "Seconds": ["131418.5"]},
-            {},
-            {"Week": ["2419"], "Seconds": ["2026-05-18T12:30:00.500000"]},
-        ),
-        (CLOCK, {}, CLOCK),
-        ({"count": ["20260518"]} | CLOCK, {}, {"count": ["20260518"]} | CLOCK),
-        ({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"}, {"t": ["2026-06-05T01:30:00.000000"]}),
-        (
-            {"t (Europe/Oslo)": [f"2025-10-26 02:{m}:00" for m in ("59", "00", "59")] + ["2025-10-26 03:00:00"]},
-            {},
-            {"t (Europe/Oslo)": [f"2025-10-26T{at}:00.000000" for at in ("00:59", "01:00", "01:59", "02:00")]},
-        ),
-        ({"t": ["23:59:59.5", "00:00:00.5"]}, {}, {"t": ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]}),
-    ],
-    ids=[
-        "digits beside digits",
-        "those of NMEA",
-        "without a zero",
-        "seconds beside minutes",
-        "hours, minutes and seconds beside a date",
-        "hours, minutes and seconds without one",
-        "a year and a day of it beside times of day",
-        "year, month and day beside times of day",
-        "a week and its seconds",
-        "digits alone",
-        "digits of a count",
-        "a stated format",
-        "an hour that comes twice",
-        "midnight is passed",
-    ],
-)
-def test_times_are_read_with_the_date_beside_them_or_by_a_stated_format(cells, formats, wanted):
-    assert with_iso_times(cells, formats) == wanted
+DIGITS = {"TIME": ["000012.5", "123000"]}
+IN_A_DAY = ["2026-05-18T00:00:12.500000", HALF_PAST]
+OVER_MIDNIGHT = ["1970-01-01T23:59:59.500000", "1970-01-02T00:00:00.500000"]
+TWICE = [f"2025-10-26 {at}:00" for at in ("02:59", "02:00", "02:59", "03:00")]
+BESIDE = {  # columns, and which of them become what
+    "digits beside digits": ({"DATE": ["20260518"] * 2} | DIGITS, {"TIME": IN_A_DAY}),
+    "those of NMEA": ({"DATE": ["180526"] * 2, "UTC": DIGITS["TIME"]}, {"UTC": IN_A_DAY}),
+    "without a zero": ({"DATE": ["10526", ""], "UTC": ["000012", "000013"]},
+                       {"UTC": ["2026-05-01T00:00:12.000000", "000013"]}),
+    "seconds beside minutes": ({"Date": ["18.05.2026"] * 2, "Time": ["23:59", "0:00"], "Sec": ["59.5", "1"]},
+                               {"Time": ["2026-05-18T23:59:59.500000", "2026-05-18T00:00:01.000000"]}),
+    "hours, minutes and seconds beside a date":
+        ({"Date": ["18.05.2026"], "UTC h": ["12"], "UTC min": ["30"], "UTC s": ["0.5"]},
+         {"UTC s": ["2026-05-18T12:30:00.500000"]}),
+    "hours, minutes and seconds without one":
+        ({"Hour": ["23", "0"], "Min": ["59", "0"], "Sec": ["59.5", "0.5"]}, {"Sec": OVER_MIDNIGHT}),
+    "a year and a day of it beside times of day": ({"Year": ["2026"], "Jday": ["138"], "Time": ["12:30:00"]},
+                                                   {"Jday": ["2026-05-18T00:00:00.000000"], "Time": [HALF_PAST]}),
+    "year, month and day beside times of day":
+        ({"Y": ["1"], "Year": ["2026"], "Month": ["5"], "Day": ["18"], "UTC": ["12:30:00"]},
+         {"Day": ["2026-05-18T00:00:00.000000"], "UTC": [HALF_PAST]}),
+    "a week and its seconds":
+        ({"Week": ["2419"], "Seconds": ["131418.5"]}, {"Seconds": ["2026-05-18T12:30:00.500000"]}),
+    "digits alone": ({"TIME": ["000012.5"]}, {}),
+    "digits of a count": ({"count": ["20260518"], "TIME": ["000012.5"]}, {}),
+    "an hour that comes twice":
+        ({"t (Europe/Oslo)": TWICE},
+         {"t (Europe/Oslo)": [f"2025-10-26T{at}:00.000000" for at in ("00:59", "01:00", "01:59", "02:00")]}),
+    "midnight is passed": ({"t": ["23:59:59.5", "00:00:00.5"]}, {"t": OVER_MIDNIGHT}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BESIDE)
+def test_times_are_read_with_the_date_beside_them(case: str) -> None:
+    cells, changed = BESIDE[case]
+
+    assert with_iso_times(cells) == cells | changed
+
+
+def test_times_are_read_by_a_stated_format() -> None:
+    read = with_iso_times({"t": ["05/06/2026 1:30"]}, {"t": "%d/%m/%Y %H:%M"})
+
+    assert read == {"t": ["2026-06-05T01:30:00.000000"]}
 
 
 @given(st.datetimes(datetime(1990, 1, 1), datetime(2050, 1, 1)))
@@ -827,19 +774,13 @@ def test_a_column_of_parts_of_seconds_adds_to_the_whole_ones_before_it(second: i
     assert with_iso_times({"t": [f"{moment}.5"], part: ["7"]})["t"] == [f"{moment}.5"]
 
 
-@given(
-    st.floats(-180.0, 180.0),
-    st.sampled_from(
-        [
-            "{d:.0f} {m:.9f} {s}",
-            "{d:.0f}-{w:.0f}-{r:.7f}{s}",
-            "{s}{d:.0f}°{m:.9f}'",
-            "{d:.0f}°{w:.0f}'{r:.7f}\"{s}",
-            "{s} {a:.11f}",
-            "{a:.11f}{s}",
-        ]
-    ),
+SIDED = (
+    *("{d:.0f} {m:.9f} {s}", "{d:.0f}-{w:.0f}-{r:.7f}{s}", "{s}{d:.0f}°{m:.9f}'", "{d:.0f}°{w:.0f}'{r:.7f}\"{s}"),
+    *("{s} {a:.11f}", "{a:.11f}{s}"),
 )
+
+
+@given(st.floats(-180.0, 180.0), st.sampled_from(SIDED))
 def test_angles_with_a_side_are_those_of_their_sign(angle_deg: float, form: str) -> None:
     degrees, part = divmod(abs(angle_deg), 1.0)
     minutes, rest = divmod(60 * part, 1.0)
