@@ -27,13 +27,7 @@ from usbldr.io.tables.cells import ParsedColumn, numbers, times, with_whole_angl
 from usbldr.io.tables.csv_begin import begin_of_table, header_and_row, stated_date, stated_start
 from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.csv_text import read_texts, text_files
-from usbldr.io.tables.date_times import (
-    SECONDS_OF_DAY,
-    clock_digits,
-    foreign_time,
-    orders_of,
-    with_iso_times,
-)
+from usbldr.io.tables.date_times import SECONDS_OF_DAY, clock_digits, foreign_time, orders_of, with_iso_times
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, line_findings, row_findings
 from usbldr.io.tables.time_columns import SECOND_NS, SINCE_NS, TimeColumn

@@ -26,10 +26,7 @@ from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInf
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.cf_times import whole_ns
 from usbldr.io.tables.csv_sheets import Sheet, first_telling, open_angle, plain_names, sheet_of
-from usbldr.io.tables.date_times import (
-    orders_of,
-    with_iso_times,
-)
+from usbldr.io.tables.date_times import orders_of, with_iso_times
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, listed
 from usbldr.io.tables.time_columns import ISO, TimeColumn, is_date

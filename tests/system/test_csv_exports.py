@@ -127,10 +127,7 @@ def dashes(column: str, sides: str) -> Callable[[pd.DataFrame], object]:
 
 
 HYPACK = KNOTS | {
-    sensor: {
-        f"{name} WGS84 Latitude": dashes("lat_deg", "NS"),
-        f"{name} WGS84 Longitude": dashes("lon_deg", "EW"),
-    }
+    sensor: {f"{name} WGS84 Latitude": dashes("lat_deg", "NS"), f"{name} WGS84 Longitude": dashes("lon_deg", "EW")}
     for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
 }
 NUMBERED = METRIC | {
@@ -139,7 +136,7 @@ NUMBERED = METRIC | {
         "usbl1_lon": "lon_deg",
         "usbl2_lat": lambda table: table["lat_deg"] + 0.001,
         "usbl2_lon": lambda table: table["lon_deg"] + 0.001,
-    },
+    }
 }
 EXPORTS = {
     "dashes": Export(two("DATE", "%m/%d/%Y", "TIME", "%H:%M:%S.%f"), HYPACK, "\t"),
