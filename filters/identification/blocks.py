@@ -186,7 +186,7 @@ def blocks_about(timeline: Timeline, given: Parameters, about: Point, share: flo
     cov = cov.reshape(2 * len(t), -1)
 
     sd = {**dict.fromkeys(PASS_STATES, 0.0), **prior_sds(given)}
-    sd |= {"x": FREE_START_M, "y": FREE_START_M, "usbl_latency": FAR_SD["latency_s"]}
+    sd |= {"x": FREE_START_M, "y": FREE_START_M, "usbl_latency": FAR_SD["latency"]}
     sd |= dict.fromkeys([*BIAS_STATES, *(() if given.water_track else CURRENT_STATES)], 0.0)
     sd |= {PASS_STATES[row]: FREE_SD for row in OF_DEAD_RECKONING.states}
     columns = H.reshape(2 * len(t), -1) * [sd[name] for name in PASS_STATES]

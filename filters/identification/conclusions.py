@@ -26,6 +26,7 @@ from usbldr.filters.identification.linearisation import (
     COMPASS_CLOCK,
     DVL_CLOCK,
     HEAD,
+    HEAD_ERRORS,
     KEYS,
     LEVER,
     PASS_STATES,
@@ -43,18 +44,16 @@ from usbldr.filters.types import Timeline, Vector
 LOG_PRIOR_ODDS = -math.log(STRONG_ODDS)  # of an error that exists against one that does not
 FAR_SD = {
     "scale": 0.2,
-    "heading_rad": math.pi / 2,
-    "deviation_rad": math.radians(10.0),
-    "latency_s": 10.0,
-    "usbl_heading_rad": math.radians(30.0),
-    "usbl_range": 0.1,
-    "usbl_arm_m": 10.0,
+    "heading": math.pi / 2,
+    "deviation": math.radians(10.0),
+    "latency": 10.0,
+    HEAD: math.radians(30.0),
+    RANGE: 0.1,
+    ARM: 10.0,
 }
-"""Fields of SensorErrors and the prior sigma of an error far outside what is usual: velocities in another unit, a
+"""Prior sigma of an error far outside what is usual, in the unit of its field: velocities in another unit, a
 compass mounted any way round or beside iron, stamps of a slow export, a USBL head on a pole that was not surveyed, or
 whose lever arm is not stated. Each needs strong evidence once more."""
-HEAD_FIELDS = {"usbl_heading_rad": HEAD, "usbl_range": RANGE, "usbl_arm_m": ARM}
-FAR_KEYS = {HEAD_FIELDS.get(field) or SENSOR_ERRORS[field].key: field for field in FAR_SD}
 HEAD_OR_VEHICLE = (HEAD, "heading"), (RANGE, "scale")
 FARTHEST = 0.98  # quantile of distances from the head: an outlier is none
 AGAIN = 4.0  # [-] on the sigma of a settled error: its fixes come again; only 1/16 of what they say is counted twice
@@ -93,7 +92,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
     row = choice.subsets.index(present)
     constant = present - {LEVER}
     if found.mean["usbl_latency"][row] < 0:  # not moved, so that the others, found with it, are not settled either
-        constant &= {*choice.far, DVL_CLOCK, COMPASS_CLOCK, HEAD, RANGE, ARM}
+        constant &= {*choice.far, DVL_CLOCK, COMPASS_CLOCK, *HEAD_ERRORS}
     settled = {name: float(found.mean[name][row]) for key in constant for name in KEYS[key]}
     errors = {field: error for field, error in SENSOR_ERRORS.items() if error.key in constant}
     sds = {field: AGAIN * float(max(found.sd[state][row] for state in one.states)) for field, one in errors.items()}
@@ -103,7 +102,7 @@ def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice:
         starboard_m, forward_m = (float(found.mean[name][row]) for name in KEYS[LEVER])
         starboard, forward, up = given.dvl_lever_m
         parameters = replace(parameters, dvl_lever_m=(starboard + starboard_m, forward + forward_m, up))
-    of_head = [name for key in (HEAD, RANGE, ARM) if key in present for name in KEYS[key]]
+    of_head = [name for key in HEAD_ERRORS if key in present for name in KEYS[key]]
     sd = {name: float(found.sd[name][row]) for name in of_head}
     column = {name: PASS_STATES.index(name) for name in of_head}
     cov = {(a, b): float(found.cov[column[a], column[b], row]) for a, b in itertools.combinations(of_head, 2)}

@@ -25,9 +25,7 @@ from usbldr.filters.identification.blocks import blocks_of
 from usbldr.filters.identification.changes import FoundChanges, about_longest_part, changes
 from usbldr.filters.identification.changes_of_noise import changes_of_noise, with_noise
 from usbldr.filters.identification.conclusions import (
-    FAR_KEYS,
     FAR_SD,
-    HEAD_FIELDS,
     HEAD_OR_VEHICLE,
     LOG_PRIOR_ODDS,
     OPEN,
@@ -49,7 +47,9 @@ from usbldr.filters.identification.linearisation import (
     ARM,
     COMPASS_CLOCK,
     DVL_CLOCK,
+    FIELDS,
     HEAD,
+    HEAD_ERRORS,
     KEYS,
     RANGE,
     STEPS,
@@ -216,14 +216,14 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
     fit = fit_rotation(timeline, segment_numbers(timeline, timeline.fix_time_s), WIDE_LATENCIES_S)
     scale = fit.scale - 1 if np.isfinite(fit.scale) else 0.0
     start = value | {"dvl_scale": scale, "heading_bias": -fit.rotation_rad, "usbl_latency": fit.latency_s}
-    far = [key for key in FAR_KEYS if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
+    far = [key for key in FAR_SD if any(max(abs(value[s]), abs(start[s])) > USUAL_SIGMAS * sd[s] for s in KEYS[key])]
     (usual,) = _relinearised([usual], found)
     usual = usual._replace(parameters=estimate_usbl_noise(timeline, usual, stated))
     members, at_fault = [usual], list[Member]()
-    of_vehicle = [key for key in far if key not in HEAD_FIELDS.values()]  # beside a resting head they explain as much
+    of_vehicle = [key for key in far if key not in HEAD_ERRORS]  # beside a resting head they explain as much
     of_arm = [ARM] if ARM in usual.present else []  # which a circle shows only as scales and headings within the usual
     for keys in filter(None, dict.fromkeys(map(tuple, (of_vehicle, far, of_arm)))):
-        errors = replace(stated.errors, **{FAR_KEYS[key]: FAR_SD[FAR_KEYS[key]] for key in keys})
+        errors = replace(stated.errors, **{FIELDS[key]: FAR_SD[key] for key in keys})
         about = {state: start[state] for key in keys for state in KEYS[key]}
         wide = _about(Member(replace(stated, errors=errors), usual.present), about)
         for _ in range(LINEARISATIONS):
@@ -236,9 +236,9 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
 
 def _choice(timeline: Timeline, member: Member, stated: Parameters) -> Choice:
     """Return the best subset of errors under the priors of the member, errors and noise in turn."""
-    priors = {field: getattr(member.parameters.errors, field) for field in FAR_KEYS.values()}
-    wide = {field: sd for field, sd in priors.items() if sd != getattr(stated.errors, field)}  # those of FAR_SD
-    far = frozenset(key for key, field in FAR_KEYS.items() if field in wide)
+    errors = member.parameters.errors
+    far = frozenset(key for key in FAR_SD if getattr(errors, FIELDS[key]) != getattr(stated.errors, FIELDS[key]))
+    wide = {FIELDS[key]: FAR_SD[key] for key in far}
     choice = _best_subset(timeline, member, far)
     for _ in range(ROUNDS - 1):
         noise = estimate_usbl_noise(timeline, choice.member, replace(stated, errors=replace(stated.errors, **wide)))

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from usbldr.filters.frames import rotated
-from usbldr.filters.models.calibration import REPORTED_QUANTITIES, STATES, prior_sd
+from usbldr.filters.models.calibration import REPORTED_QUANTITIES, SENSOR_ERRORS, STATES, prior_sd
 from usbldr.filters.models.noise import BankNoise
 from usbldr.filters.models.parameters import DEGREES, Parameters
 from usbldr.filters.models.quantities import ReportedQuantity
@@ -44,6 +44,17 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     ARM: ("usbl_arm_starboard", "usbl_arm_forward"),
 }
 """Sensor errors that a log may have or not, and their states in the pass."""
+HEAD_ERRORS = (HEAD, RANGE, ARM)  # those of a USBL head
+FIELDS: Mapping[str, str] = {
+    **{error.key: field for field, error in SENSOR_ERRORS.items() if error.key in KEYS},
+    LEVER: "dvl_lever_m",
+    DVL_CLOCK: "dvl_clock_s",
+    COMPASS_CLOCK: "compass_clock_s",
+    HEAD: "usbl_heading_rad",
+    RANGE: "usbl_range",
+    ARM: "usbl_arm_m",
+}
+"""Their fields of SensorErrors."""
 REPORTED: Mapping[str, ReportedQuantity] = {
     **REPORTED_QUANTITIES,
     "dvl_lever_starboard": ReportedQuantity("dvl_lever_starboard_m", "m", 1.0),
@@ -58,7 +69,7 @@ REPORTED: Mapping[str, ReportedQuantity] = {
 BIAS_STATES = STATES["usbl-bias"]
 CURRENT_STATES = STATES["current"]
 OFFSET_STATES = ("cluster_east", "cluster_north")  # of false fixes in a row, see clusters.py
-OF_HEAD = (*KEYS[HEAD], *KEYS[RANGE], *KEYS[ARM])
+OF_HEAD = tuple(name for key in HEAD_ERRORS for name in KEYS[key])
 OF_USBL = (*BIAS_STATES, *OFFSET_STATES, *STATES["latency"], *OF_HEAD)  # which no GPS fix has
 ERROR_STATES = tuple(name for names in KEYS.values() for name in names)
 PASS_STATES = ("x", "y", *BIAS_STATES, *CURRENT_STATES, *ERROR_STATES, *OFFSET_STATES)
@@ -88,15 +99,8 @@ class Linearised:
 
 def prior_sds(parameters: Parameters) -> Mapping[str, float]:
     """Return state -> prior 1-sigma of every sensor error that may exist."""
-    return {
-        **prior_sd(parameters.errors),
-        **dict.fromkeys(KEYS[LEVER], parameters.errors.dvl_lever_m),
-        **dict.fromkeys(KEYS[DVL_CLOCK], parameters.errors.dvl_clock_s),
-        **dict.fromkeys(KEYS[COMPASS_CLOCK], parameters.errors.compass_clock_s),
-        **dict.fromkeys(KEYS[HEAD], parameters.errors.usbl_heading_rad),
-        **dict.fromkeys(KEYS[RANGE], parameters.errors.usbl_range),
-        **dict.fromkeys(KEYS[ARM], parameters.errors.usbl_arm_m),
-    }
+    errors = parameters.errors
+    return prior_sd(errors) | {s: getattr(errors, field) for key, field in FIELDS.items() for s in KEYS[key]}
 
 
 def keys_of(timeline: Timeline, parameters: Parameters) -> tuple[str, ...]:

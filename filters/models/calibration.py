@@ -51,7 +51,7 @@ def layout_for(calibrate: Sequence[str]) -> StateLayout:
     return StateLayout(MOTION_STATES + tuple(name for key in STATES if key in calibrate for name in STATES[key]))
 
 
-def prior_sd(errors: SensorErrors) -> Mapping[str, float]:
+def prior_sd(errors: SensorErrors) -> dict[str, float]:
     """Return state -> prior 1-sigma, in the units of the states; all prior means are 0."""
     return {state: getattr(errors, field) for field, error in SENSOR_ERRORS.items() for state in error.states}
 
