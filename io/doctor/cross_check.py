@@ -17,12 +17,7 @@ from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.types import Timeline, Vector
-from usbldr.io.doctor.clocks import (
-    clock_by_evidence,
-    clock_offset_findings,
-    clock_step_findings,
-    correct_clock_offset,
-)
+from usbldr.io.doctor.clocks import clock_by_evidence, clock_offset_findings, clock_step_findings, correct_clock_offset
 from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
 from usbldr.io.doctor.gross_errors import (
     correct_velocity_unit,
@@ -67,8 +62,6 @@ REPLAY_WARNING_CODES = (
     "USBL-MOTION",
 )
 """What replay reports, too: it would compute with a wrong axis, frame, unit or clock."""
-LIKE_WRONG_AXES = ("USBL-LATENCY", "DVL-LEVER", "LEVER-OR-LATENCY")
-"""Findings that another sign of a velocity across would explain, too."""
 
 
 class CrossCheck(NamedTuple):
@@ -120,8 +113,8 @@ def cross_check(
     truth_late = [] if as_fixes else _truth_clock_findings(log, _truth_offset(log, timeline, result, valid_s))
     findings += truth_late or moving
     if identification is not None:
-        by_errors = sensor_error_findings(log, identification, clock_known=not clock_offset_s)
-        findings += [_with_other_axes(log, result, one) for one in by_errors]
+        axes = sorted({one.axes for one in result.plausible} - {log.convention("dvl", "axes").value})
+        findings += sensor_error_findings(log, identification, axes, clock_known=not clock_offset_s)
         findings += change_findings(log, line, identification)
         findings += false_fix_findings(log, identification)
         findings += fix_noise_findings(log, line, identification)
@@ -164,15 +157,6 @@ def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Ident
     """Return what the log settles about sensor errors and noise; None without a start."""
     found = explained_by(log, line, result)
     return found.conclude() if found else None
-
-
-def _with_other_axes(log: Log, result: InterpretationResult, found: Finding) -> Finding:
-    """Return the finding of a latency or a lever arm with the axes that the log does not exclude."""
-    others = sorted({one.axes for one in result.plausible} - {log.convention("dvl", "axes").value})
-    if found.code not in LIKE_WRONG_AXES or not others:
-        return found
-    text = f"{found.text}; or the axes of the DVL are {' or '.join(others)}: in turns wrong axes look like it"
-    return replace(found, text=text)
 
 
 def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: Identification) -> list[Interpretation]:

@@ -5,7 +5,7 @@ clockwise. All errors are relative: the log cannot show which of two sensors is 
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeAlias
@@ -34,6 +34,8 @@ from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
 WorstAndAdvice: TypeAlias = tuple[float, str]
+LIKE_WRONG_AXES = ("USBL-LATENCY", "DVL-LEVER", "LEVER-OR-LATENCY")
+"""Findings that another sign of a velocity across would explain, too."""
 
 
 def explained_by(log: Log, line: Timeline, result: InterpretationResult) -> Explained | None:
@@ -45,10 +47,13 @@ def explained_by(log: Log, line: Timeline, result: InterpretationResult) -> Expl
         return None
 
 
-def sensor_error_findings(log: Log, found: Identification, clock_known: bool = True) -> list[Finding]:
+def sensor_error_findings(
+    log: Log, found: Identification, axes: Sequence[str] = (), clock_known: bool = True
+) -> list[Finding]:
     """Report each error that exists by every explanation, which replay corrects, then what is contested.
 
-    The heading bias has findings of its own. Without ``clock_known`` the latency is part of a clock's offset.
+    The heading bias has findings of its own. ``axes``: others of the DVL that the log does not exclude. Without
+    ``clock_known`` the latency is part of a clock's offset.
     """
     apart = {*found.contested, *(pair.head for pair in found.open_pairs), *(() if clock_known else ("latency",))}
     findings = [one for key in ERROR_FINDINGS if key not in apart and (one := _finding(log, found, key)) is not None]
@@ -57,7 +62,8 @@ def sensor_error_findings(log: Log, found: Identification, clock_known: bool = T
         code = "LEVER-OR-LATENCY" if found.contested <= LEVER_OR_LATENCY else "RIVAL-EXPLANATIONS"
         texts = "; or ".join(explanation_text(one) for one in found.explanations)
         findings.append(Finding(code, f"explanations that the log does not decide between: {texts}"))
-    return findings
+    rival = f"; or the axes of the DVL are {' or '.join(axes)}: in turns wrong axes look like it" * bool(axes)
+    return [replace(one, text=one.text + rival) if one.code in LIKE_WRONG_AXES else one for one in findings]
 
 
 def change_findings(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
@@ -109,6 +115,11 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         positive = value[name].value > 0
         return number(name, factor if positive else -factor), positive
 
+    def further(sensor: str) -> str:
+        (forward, ahead), (across, starboard) = signed(f"{sensor}_forward_m"), signed(f"{sensor}_starboard_m")
+        side = "starboard" if starboard else "port"
+        return f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to {side} of"
+
     if key == "scale":
         percent, much = signed("dvl_scale", 100.0)
         return f"the DVL reads {percent} % too {'much' if much else 'little'}"
@@ -122,10 +133,7 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         seconds, late = signed("usbl_latency_s")
         return f"fixes were valid {seconds} s {'before' if late else 'after'} their stamps, by DVL and compass"
     if key == LEVER:
-        forward, ahead = signed("dvl_lever_forward_m")
-        across, starboard = signed("dvl_lever_starboard_m")
-        place = f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to "
-        return f"the DVL is {place}{'starboard' if starboard else 'port'} of the transponder than stated"
+        return f"the DVL is {further('dvl_lever')} the transponder than stated"
     if key == HEAD:
         degrees, large = signed("usbl_heading_deg")
         return f"the heading of the USBL head is {degrees} deg too {'large' if large else 'small'}"
@@ -133,10 +141,7 @@ def error_text(key: str, value: Mapping[str, ErrorEstimate]) -> str:
         percent, long = signed("usbl_range_scale", 100.0)
         return f"ranges of the USBL are {percent} % too {'long' if long else 'short'}"
     if key == ARM:
-        forward, ahead = signed("usbl_arm_forward_m")
-        across, starboard = signed("usbl_arm_starboard_m")
-        place = f"{forward} m further {'ahead' if ahead else 'astern'} and {across} m further to "
-        return f"the USBL head is {place}{'starboard' if starboard else 'port'} of the ship's antenna than stated"
+        return f"the USBL head is {further('usbl_arm')} the ship's antenna than stated"
     sensor, others = ("DVL", "compass") if key == DVL_CLOCK else ("compass", "DVL")
     seconds, late = signed(f"{sensor.lower()}_clock_s")
     return f"stamps of the {sensor} are {seconds} s {'late' if late else 'early'} against those of {others} and fixes"
