@@ -220,7 +220,7 @@ def columns_of_layouts(
             if sensor in stated or sensor in taken or name == "none":
                 continue
             among = [topic for topic in (find_topic(topics, name),) if topic] if name else topics
-            fitting = [topic for topic in among if topic.count and not topic.problem and _defines(entry, topic)]
+            fitting = [topic for topic in among if topic.count and not topic.problem and _absent(entry, topic) == []]
             known = name and fitting and message_layout_of(sensor, fitting[0])
             if file.origin == "usbldr" and (known or (not name and candidates(sensor, topics).best)):
                 continue
@@ -240,11 +240,6 @@ def _unfitting(entry: LayoutEntry, file: LayoutFile, topics: Sequence[TopicInfo]
         if topic.count and (absent := _absent(entry, topic)):
             text = f"{topic.name}: not read as {entry.sensor} by the layout file {file.path.name}: it has no "
             yield Finding("LAYOUT-FILE", f"{text}{' and no '.join(absent)}", topic.name)
-
-
-def _defines(entry: LayoutEntry, topic: TopicInfo) -> bool:
-    """Return whether an entry is of a topic's type, and the topic has its fields."""
-    return _absent(entry, topic) == []
 
 
 def _absent(entry: LayoutEntry, topic: TopicInfo) -> list[str] | None:
