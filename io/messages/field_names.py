@@ -222,5 +222,6 @@ def true_ones(headings: Sequence[NamedColumn]) -> Sequence[NamedColumn]:
 
 
 def _positioning(words: str) -> str:
-    """Return which positioning system a name suggests, empty if none."""
-    return "usbl" if "usbl" in suggested_sensors(words) else "gps" if re.search(GPS_ITSELF, words) else ""
+    """Return which positioning system a name suggests, of a ship its receiver; empty if none."""
+    receiver = re.search(GPS_ITSELF, words) or SHIP.search(words)
+    return "usbl" if "usbl" in suggested_sensors(words) else "gps" if receiver else ""

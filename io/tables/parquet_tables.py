@@ -85,9 +85,9 @@ def parquet_table(file: Path, name: str = "", content: Any = None) -> Table:
         content = parquet.ParquetFile(content or file, page_checksum_verification=True)
         leaves = [content.schema.column(k) for k in range(len(content.schema))]
         places = {leaf.path: k for k, leaf in enumerate(leaves) if leaf.max_repetition_level == 0}
-        dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("TIMESTAMP", "DATE"))
+        dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type == "TIMESTAMP")
         dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
-        texts = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type == "STRING")
+        texts = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("STRING", "DATE", "TIME"))
         lists = dict.fromkeys(leaf.path.partition(".list.")[0] for leaf in leaves if leaf.max_repetition_level)
         rows = int(content.metadata.num_rows)
         lengths = {path: _first_length(content, path) for path in lists}
@@ -128,7 +128,9 @@ def _first_length(content: Any, path: str) -> int:
 def _values(arrow: Any, column: Any) -> Column:
     """Return a column as NumPy has it; masked, if it holds integers and rows without a value."""
     kinds, kind = arrow.types, column.type
-    if kinds.is_timestamp(kind) or kinds.is_date(kind):
+    if kinds.is_date(kind) or kinds.is_time(kind):  # which belong together, as in the cells of a CSV file
+        return column.cast(arrow.string()).to_numpy(zero_copy_only=False)
+    if kinds.is_timestamp(kind):
         return column.cast(arrow.timestamp("ns")).to_numpy(zero_copy_only=False)
     if kinds.is_duration(kind):  # since 1970, as times of day without a date
         column = column.cast(arrow.duration("ns")).cast(arrow.int64()).cast(arrow.timestamp("ns"))

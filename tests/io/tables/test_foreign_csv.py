@@ -569,6 +569,16 @@ def test_a_table_of_a_ship_is_one_of_its_receiver() -> None:
     assert (ship.type, other) == ("usbldr/gps", None)
 
 
+@pytest.mark.parametrize("file", ["ship", "Vessel_nav", "topside"])
+@pytest.mark.parametrize("names", ["Latitude [deg],Longitude [deg]", "Northing (m),Easting (m)"])
+def test_positions_in_a_file_of_a_ship_are_its_and_not_the_vehicles(tmp_path: Path, file: str, names: str) -> None:
+    gps = f"Time [s],Lat (deg),Lon (deg)\n{T},45.5,7.5\n"
+    log = logged_csv(tmp_path, "", gps=gps, **{file: f"Time [s],{names}\n{T},45.0,7.0\n"})
+
+    assert only(log, "ROLE-SHIP").startswith(f"/{file}: not used as gps")
+    assert log.tables["gps"]["lat_deg"].tolist() == [45.5]
+
+
 def test_a_cell_without_a_unit_beside_cells_with_one_is_no_number() -> None:
     assert list(numbers(["1500 mm/s", "250"], "Forward").faults) == [1]
 

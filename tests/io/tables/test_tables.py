@@ -66,6 +66,17 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path, writ
     assert lost(log) == [f"/nav/{sensor}: 1 of 4 rows have no time; left out" for sensor in ("compass", "depth")]
 
 
+@pytest.mark.parametrize("write", ["to_parquet", "to_feather"])
+def test_the_times_of_day_of_parquet_are_of_the_dates_beside_them(tmp_path: Path, write: str) -> None:
+    moments = pd.date_range("2020-09-13 23:59:58.5", periods=5, freq="s")
+    columns = {"Date": moments.date, "Time": moments.time, "Heading (deg)": np.arange(5.0)}
+    getattr(pd.DataFrame(columns), write)(tmp_path / "nav.table")
+    log = read_log(tmp_path / "nav.table")
+
+    assert log.start_ns == moments[0].value
+    assert log.tables["compass"][["time_s", "heading_deg"]].to_numpy().tolist() == [[k, k] for k in range(5)]
+
+
 def test_a_damaged_arrow_file_is_named(tmp_path: Path) -> None:
     file = tmp_path / "compass.feather"
     pd.DataFrame({"time_ns": [T0], "heading_deg": [1.0]}).to_feather(file)
