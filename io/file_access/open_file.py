@@ -84,6 +84,15 @@ def begin_of(path: Path, size: int) -> tuple[bytes, int]:
         return file.read(size), place
 
 
+def parts_within(path: Path) -> Iterator[bytes]:
+    """Yield the bytes behind each quarter of a file: a text may begin with what is none of it."""
+    quarter = path.stat().st_size // (4 * LETTER_BYTES) * LETTER_BYTES
+    for place in range(quarter, 4 * quarter, max(quarter, 1)):
+        with opened(path) as file:
+            file.seek(place)
+            yield file.read(HEAD_BYTES)
+
+
 def filled_files(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder by name, neither hidden nor empty ones: of endless files the size is zero, too."""
     for file in sorted(folder.iterdir()):

@@ -10,7 +10,7 @@ from usbldr.filters.errors import LogError, UsbldrError
 from usbldr.io.decoding.definitions import SHIPPED, Definitions
 from usbldr.io.file_access.container_ends import BAG, HDF5, MCAP, PARQUET, SQLITE, container_at
 from usbldr.io.file_access.decompression import compression_of
-from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of, is_tar, opened
+from usbldr.io.file_access.open_file import BEGIN_BYTES, begin_of, is_tar, opened, parts_within
 from usbldr.io.reader import Reader
 from usbldr.io.tables.foreign_texts import foreign_file
 
@@ -113,6 +113,18 @@ FORMATS: Mapping[str, Callable[[Path, bytes, Definitions], Reader | None]] = {
 does not define to its reader; to None if it is of another format. Those of other packages come last."""
 
 
+OF_LINES = ("PD6 text", "JSON lines and columns", "text files of NMEA sentences")
+"""Formats whose records are lines, between which others may lie."""
+
+
+def _within(path: Path, head: bytes, known: Definitions) -> Reader | None:
+    """Return the reader of lines that follow something else, as the messages with which a computer starts."""
+    if is_tar(head) or foreign_file(head):
+        return None
+    found = (FORMATS[name](path, part, known) for part in parts_within(path) for name in OF_LINES)
+    return next((reader for reader in found if reader is not None), None)
+
+
 def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]) -> Reader | None:
     """Return the reader that fits, None if none does; one of several recordings if the file holds them."""
     if path.is_dir():
@@ -129,7 +141,7 @@ def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]
             return reader
     from usbldr.io.formats.concatenated import concatenated_log
 
-    return concatenated_log(path, lambda copy: open_log(copy, known)) or matching()
+    return concatenated_log(path, lambda copy: open_log(copy, known)) or matching() or _within(path, head, known)
 
 
 def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] = ()) -> Reader:

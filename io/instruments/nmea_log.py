@@ -12,7 +12,7 @@ from pathlib import Path
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_lines import NUMBER, SENTENCE, WORD_LINE
 from usbldr.io.decoding.nmea_sentences import Sentences, SentenceSet, find_sentences
-from usbldr.io.file_access.open_file import HEAD_BYTES, begin_of, head_lines, text_lines
+from usbldr.io.file_access.open_file import HEAD_BYTES, begin_of, head_lines, parts_within, text_lines
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic
 from usbldr.io.reader import Reader, Records
@@ -45,7 +45,8 @@ def nmea_file(path: Path) -> RecordsLog:
     """Return a text file of sentences."""
 
     def find(file: Path, findings: list[Finding]) -> Iterator[Topic]:
-        form = form_of(begin_of(file, HEAD_BYTES)[0]) or SENTENCE
+        parts = (begin_of(file, HEAD_BYTES)[0], *parts_within(file))
+        form = next(filter(None, map(form_of, parts)), SENTENCE)
         yield from _topics("", find_sentences(file.name, text_lines(file), form=form), findings)
 
     return RecordsLog(path, "NMEA text", find)

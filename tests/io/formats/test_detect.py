@@ -11,7 +11,7 @@ import scipy.io
 from damage import recorded
 from damaged_formats import FORMATS as RECORDINGS
 from logs import refusal
-from recordings import SECOND, T0, saved, write_csv
+from recordings import SECOND, T0, saved, sentence, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED
 from usbldr.io.formats.detect import BEGIN_BYTES, open_log
@@ -45,6 +45,32 @@ def test_every_format_has_a_recording() -> None:
             found |= {name for name, reader in FORMATS_READ.items() if reader(file, whole[:BEGIN_BYTES], SHIPPED)}
 
     assert found == set(FORMATS_READ)
+
+
+STARTED = b"".join(b"[%9d] usb: device %d\n" % (k, k % 7) for k in range(2000))  # as a computer logs its start
+NOISE = np.random.default_rng(0).integers(0, 256, 40_000, dtype=np.uint8).tobytes() + b"\n"
+
+
+@pytest.mark.parametrize("before", [STARTED, NOISE], ids=["messages", "noise"])
+@pytest.mark.parametrize(
+    ("line", "topic"),
+    [
+        (sentence("HEHDT,30.5,T"), "/HEHDT"),
+        ('{"type": "compass", "ts": 1600000000.5, "heading_deg": 30.5}', "/compass"),
+        (":TS,20091312264000,35.0,+15.0,20.0,1500.0,  0\n:BS,  +250, +1500,    +0,A", "/BS"),
+        ("USBLLONG,1600000000.5,1600000000.4,2,10.5,20.5,30.5", "/USBLLONG"),
+    ],
+)
+def test_lines_of_records_are_read_behind_anything_else(tmp_path: Path, before: bytes, line: str, topic: str) -> None:
+    log = open_log(saved(tmp_path / "dive.log", before, f"{line}\n" * 2000))
+
+    assert {one.name: one.count for one in log.topics()}[topic] == 2000
+    assert any(one.text.startswith("dive.log: ") for one in log.findings())
+
+
+def test_what_holds_no_records_anywhere_stays_unknown(tmp_path: Path) -> None:
+    for head in (STARTED, NOISE):
+        assert "unknown format" in refusal(LogError, open_log, saved(tmp_path / "dive.log", head * 4))
 
 
 def matlab_4() -> bytes:
