@@ -5,7 +5,7 @@ time at which it was logged. Else reports of velocities are timed by their trans
 takes that of the line before. Any other object is a topic by what it calls its topic, channel, type or sensor, or by
 the topic or sensor before it, as mosquitto_sub prints it, or by the sensor that its file is named for. It is timed by a
 field that is called a time, in any unit since 1970 or as a date; without any time they are taken as 1 s apart. An
-object may fill several lines.
+object may fill several lines, and may hold several records with times of their own.
 """
 
 import json
@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -98,6 +98,11 @@ def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, 
             continue
         kind = _topic(value, before)
         kind = name_of(file.stem) if kind == "object" and suggested_sensors(file.stem) else kind
+        if kind and kind not in WATER_LINKED and (records := list(_records_within(value))):
+            for key, time_ns, record in records:
+                name = name_of(key) if kind == "object" and suggested_sensors(key) else kind
+                found.setdefault(name, []).append((time_ns, json.dumps(record).encode()))
+            continue
         logged = prefixed_ns(before)
         last = logged if logged != NO_TIME else _own_time(value, last)
         if kind == "velocity" and logged == NO_TIME and _own_time(value, NO_TIME) == NO_TIME:
@@ -123,6 +128,35 @@ def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, 
         text = f"{file.name}: {numbered} objects have no time that is known; they are taken as 1 s apart"
         findings.append(Finding("NMEA-TIME", text))
     return found
+
+
+def _records_within(value: Mapping[str, Any]) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
+    """Yield the records that an object collects, each with the key and the time that it has, and what all share.
+
+    They are objects in arrays, or the elements of arrays of one length, of which one holds times.
+    """
+    arrays: dict[str, list[Any]] = {key: inner for key, inner in value.items() if isinstance(inner, list)}
+    times = next(((key, found) for key, inner in arrays.items() if (found := _times_of(key, inner))), None)
+    if times is not None:
+        alike = {key: inner for key, inner in arrays.items() if len(inner) == len(times[1])}
+        for k, time_ns in enumerate(times[1]):
+            yield times[0], time_ns, {**value, **{key: inner[k] for key, inner in alike.items()}}
+        return
+    shared = {key: inner for key, inner in value.items() if key not in arrays}
+    for key, inner in arrays.items():
+        objects = [cast("dict[str, Any]", one) for one in inner if isinstance(one, dict)]
+        found = [_own_time(one, NO_TIME) for one in objects]
+        if NO_TIME not in found and len(objects) == len(inner):
+            yield from ((key, time_ns, {**shared, **one}) for time_ns, one in zip(found, objects, strict=True))
+
+
+def _times_of(name: str, values: Sequence[Any]) -> list[int]:
+    """Return an array of times as nanoseconds, empty if it is none: one of seconds and nanoseconds goes back."""
+    column = named_column(name) if len(values) > 1 else None
+    if column is None or column.rule.key != "time":
+        return []
+    found = [prefixed_ns(str(one)) for one in values]
+    return found if NO_TIME not in found and found == sorted(found) else []
 
 
 def _joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:

@@ -233,3 +233,24 @@ def test_objects_of_several_topics_are_not_mixed(tmp_path: Path, line: str) -> N
 
     assert {name: {*of.columns["lat"]} for name, of in read.items()} == {f"/rov/{name}": {lats[name]} for name in lats}
     assert read["/rov/gps"].received_ns.tolist() == [t * SECOND for t in seconds]
+
+
+@pytest.mark.parametrize("form", ["objects", "arrays", "sensors"])
+def test_each_record_that_an_object_collects_is_one(tmp_path: Path, form: str) -> None:
+    times = [[T0 // SECOND + k + j / 4 for j in range(4)] for k in range(COUNT)]
+    objects = [[{"t": t, "heading_deg": k + 0.5} for t in four] for k, four in enumerate(times)]
+    line = {
+        "objects": lambda k: {"topic": "compass", "sent": 7, "samples": objects[k]},
+        "arrays": lambda k: {"topic": "compass", "t": times[k], "heading_deg": [k + 0.5] * 4, "offsets": [1, 2]},
+        "sensors": lambda k: {
+            "ts": times[k][3],
+            "compass": objects[k],
+            "gps": [{"t": times[k][0], "lat": 45, "lon": 7}],
+        },
+    }[form]
+    log = open_log(saved_lines(tmp_path / "dive.jsonl", (json.dumps(line(k)) for k in range(COUNT))))
+    read = read_whole(log, {"/compass": ["heading_deg"]})["/compass"]
+
+    assert read.received_ns.tolist() == [T0 + k * SECOND // 4 for k in range(4 * COUNT)]
+    assert read.columns["heading_deg"].tolist() == [k + 0.5 for k in range(COUNT) for _ in range(4)]
+    assert {one.name for one in log.topics()} == {"/compass", "/gps"} - ({"/gps"} if form != "sensors" else set())
