@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from usbldr.filters.errors import SettingError
-from usbldr.filters.types import Mask, Vector
+from usbldr.filters.errors import LogError, SettingError
+from usbldr.filters.types import Indices, Mask, Vector
 from usbldr.io.findings import Finding
+from usbldr.io.geodesy import Origin, OriginKind, to_plane
 from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.provenance import Convention
 from usbldr.io.reader import MAX_TIME_NS, Nanoseconds
@@ -23,6 +24,10 @@ COARSE_SHARE = 0.2  # [-] of records with the stamp of the next, at least: times
 COARSE_RECORDS = 10  # with the stamp of the next, at least: a few may be sent twice
 SAME_CLOCK_NS = 1800 * 1_000_000_000  # time zones are whole hours apart, or half ones
 DATED_NS = 946_684_800 * 1_000_000_000  # fixed: the year 2000, since 1970; earlier times count from something else
+APART_RATIO = 3.0  # [-] of what stamps differ by: one sensor differs within a stamp by no more
+LEAST_APART = 3.0  # [m, deg] noise and rounding of a sensor at rest are less
+MIN_STAMPS = 10  # fewer show no usual difference
+OF_SEVERAL = "they are of several devices under one name; record each under its own name"
 LEAST = 0.01  # [1] share of records that may have smaller delays
 LOG_TIME = "log time"  # times records that have no stamp
 TIMES = ("time_ns", "received_ns", "stamp_ns")
@@ -186,7 +191,14 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
         table = table[~repeated].reset_index(drop=True)
     shared = _same_as_next(table)
     if shared.any():
-        findings.append(_same_stamp(table["time_ns"].to_numpy(), int(shared.sum()), topic, sensor))
+        found = _same_stamp(table["time_ns"].to_numpy(), int(shared.sum()), topic, sensor)
+        if apart := _apart(table, shared) if found.code == "COARSE-TIMES" else "":
+            what = topic or f"records read as {sensor}"
+            text = f"{what}: {shared.sum()} of {len(table)} records have another's stamp, {apart}: {OF_SEVERAL}"
+            if sensor != "usbl":
+                raise LogError(f"{text}, or leave the topic out: --{sensor} none" if topic else text)
+            found = replace(found, text=text)
+        findings.append(found)
         if sensor != "usbl":
             table = _averaged(table)
     return table, findings
@@ -202,6 +214,34 @@ def _same_stamp(time_ns: Nanoseconds, count: int, topic: str, sensor: str) -> Fi
     step_s = float(steps_ns[steps_ns > 0].min(initial=MAX_TIME_NS)) / 1e9
     steps = f"its times have steps of {step_s:g} s or more" if np.any(steps_ns) else "all its times are the same"
     return Finding("COARSE-TIMES", f"{text}; {steps}: export them with more digits", topic, None, step_s, "s")
+
+
+def _apart(table: pd.DataFrame, shared: Mask) -> str:
+    """Return how far records are from the next of their stamp, ``shared`` (n - 1,), if far more than stamps differ."""
+    if {"lat_deg", "lon_deg"} <= {*table}:
+        lat, lon = (table[name].to_numpy(dtype=float) for name in ("lat_deg", "lon_deg"))
+        middle = Origin(float(np.median(lat)), float(np.median(lon)), OriginKind.FIRST_GPS)
+        places, unit = np.column_stack(to_plane(middle, lat, lon)), "m"
+    elif {"east_m", "north_m"} <= {*table}:
+        places, unit = table[["east_m", "north_m"]].to_numpy(dtype=float), "m"
+    elif "heading_deg" in table:
+        places, unit = table[["heading_deg"]].to_numpy(dtype=float), "deg"
+    else:
+        return ""
+
+    def away(rows: Indices, others: Indices) -> Vector:
+        between = places[others] - places[rows]
+        return np.linalg.norm(between if unit == "m" else (between + 180.0) % 360.0 - 180.0, axis=1)
+
+    rows, firsts = np.flatnonzero(shared), np.flatnonzero(np.append(True, ~shared))
+    if len(firsts) < MIN_STAMPS:
+        return ""
+    seconds = np.minimum(firsts[1:] + 1, len(table) - 1)  # of the next stamp, if the devices change their order
+    within = float(np.median(away(rows, rows + 1)))
+    next_to = float(np.median(np.minimum(away(firsts[:-1], firsts[1:]), away(firsts[:-1], seconds))))
+    if not within > max(APART_RATIO * next_to, LEAST_APART):
+        return ""
+    return f"{within:.3g} {unit} away, and those of the next stamp {next_to:.2g} {unit}"
 
 
 def _same_as_next(table: pd.DataFrame) -> Mask:

@@ -132,11 +132,11 @@ def clock_step_findings(log: Log, timeline: Timeline, flips: Collection[tuple[bo
     settings, before, found = log.settings, _Fit.of(log, timeline, flips), list[Finding]()
     for sensor, section in (("dvl", settings.dvl), ("compass", settings.compass), ("usbl", settings.usbl)):
         time_s = log.tables[sensor]["time_s"].to_numpy()
-        if len(time_s) < MIN_RECORDS:
-            continue
         gaps_s = np.diff(time_s)
+        if len(time_s) < MIN_RECORDS or not gaps_s.any():
+            continue
         last = int(np.argmax(gaps_s))
-        step_s = float(gaps_s[last] - np.median(gaps_s))
+        step_s = float(gaps_s[last] - np.median(gaps_s[gaps_s > 0]))  # some fixes may have one time
         if step_s < THRESHOLDS.min_clock_step_s or section.clock_step_s:
             continue
         table = log.tables[sensor].assign(time_s=time_s - np.where(np.arange(len(time_s)) > last, step_s, 0.0))

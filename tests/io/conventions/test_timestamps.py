@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from logs import codes, logged, logged_nmea
-from recordings import SECOND, T0, point, sentence, twist, yaw
+from recordings import SECOND, T0, Row, fix, point, sentence, twist, yaw
 from usbldr.filters.errors import LogError
 
 
@@ -67,6 +67,32 @@ def test_times_of_too_few_digits_are_named_by_their_step(tmp_path: Path, step_s:
     )
     assert found.level == "warning"
     assert "SAME-STAMP" not in codes(log)
+
+
+def of_two(kind: str, apart: float) -> list[Row]:
+    """Twenty seconds of two devices at one stamp each second, by turns first; both move by 1 a second."""
+    rows: list[Row] = []
+    for k in range(20):
+        t, pair = T0 + k * SECOND, [0.0, apart][:: 1 - 2 * (k % 2)]
+        if kind == "compass":
+            rows += [yaw(t, 179.0 + k + more) for more in pair]
+        else:
+            rows += [fix(t, 60 + (k + more) / 111.4e3, 7, topic=f"/{kind}/fix") for more in pair]
+    return rows
+
+
+@pytest.mark.parametrize("kind", ["gps", "compass"])
+def test_two_devices_of_one_name_are_not_averaged(tmp_path: Path, kind: str) -> None:
+    with pytest.raises(LogError, match=rf"20 of 40 records .* 40 (m|deg) away.* several devices .* --{kind} none$"):
+        logged(tmp_path, of_two(kind, 40.0))
+    assert "COARSE-TIMES" in codes(logged(tmp_path, of_two(kind, 2.0)))
+
+
+def test_fixes_of_two_transponders_at_one_time_are_named(tmp_path: Path) -> None:
+    log = logged(tmp_path, [*of_two("usbl", 40.0)])
+
+    assert "20 of 40 records have another's stamp, 40 m away" in codes(log)["COARSE-TIMES"]
+    assert len(log.tables["usbl"]) == 40
 
 
 @pytest.mark.parametrize(("step_s", "refused"), [(2, False), (60, True)])

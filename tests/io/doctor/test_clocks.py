@@ -10,7 +10,7 @@ import pytest
 
 from commands import findings, replayed, run
 from curved import FLIPPED, changed, cured_by, curved_dive, stating, written
-from recordings import SECOND, T0, Row
+from recordings import SECOND, T0, Row, point
 from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import Identification
@@ -234,3 +234,13 @@ def test_an_outage_is_no_step_and_no_step_longer_than_all_gaps_is_undone(tmp_pat
 
 def test_the_doctor_names_the_step_of_a_clock(tmp_path: Path) -> None:
     assert findings(written(tmp_path, stepped(curved_dive(), "/dvl", True)))["CLOCK-STEP"]["topic"] == "/dvl"
+
+
+def test_fixes_of_two_transponders_at_one_time_are_no_step_of_a_clock(tmp_path: Path) -> None:
+    """One lies still, so that half of all intervals are 0 and the others no gaps."""
+    rows = curved_dive(seconds=60)
+    still = [point(row[3]["header.stamp"], 30.0, 40.0, delay_s=0.8) for row in rows if row[1] == "/usbl"]
+    log = read_log(written(tmp_path, sorted([*rows, *still], key=lambda row: row[0])))
+
+    assert len(log.tables["usbl"]) == 2 * len(still)
+    assert not clocks.clock_step_findings(log, timeline(log), [(False, False, False)])
