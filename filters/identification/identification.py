@@ -277,7 +277,8 @@ class Identification:
                 )
         return (
             f"{lie} beside the track that dead reckoning and the other fixes give: {are} left out as false, {decided}"
-            "; check for echoes, a second beacon, a head that moved, or positions written before the first reply"
+            "; check for echoes, a second beacon, a head that moved, errors of the ship's GPS or gyro, or positions "
+            "written before the first reply"
         )
 
 

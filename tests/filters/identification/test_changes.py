@@ -251,11 +251,11 @@ def test_changes_are_taken_if_the_fixes_are_likelier_with_them_by_more_than_they
     assert identify(DIVE, ASSUMED).parameters.changes == (proposed if taken else ())
 
 
-def through_water(from_s: float, to_s: float, current_mps: tuple[float, float]) -> Timeline:
+def through_water(from_s: float, to_s: float, current_mps: tuple[float, float], dive: Timeline = DIVE) -> Timeline:
     """Return a dive whose DVL measures through a current, east and north, for a while."""
     along_axes = rotated(-DIVE.dr_yaw_rad, np.array(current_mps))  # of the vehicle
     there = ((DIVE.time_s >= from_s) & (DIVE.time_s < to_s))[:, None]
-    return replace(DIVE, dvl_mps=DIVE.dvl_mps - there * along_axes, dr_mps=DIVE.dr_mps - there * along_axes)
+    return replace(dive, dvl_mps=dive.dvl_mps - there * along_axes, dr_mps=dive.dr_mps - there * along_axes)
 
 
 @pytest.mark.parametrize(
@@ -281,6 +281,30 @@ def test_a_dvl_that_measures_through_a_current_for_a_while_is_corrected(from_s: 
     assert float(begin_s) == pytest.approx(max(from_s, 0.0), abs=10.0)
     assert end == "s on" or float(end[3:-2]) == pytest.approx(to_s, abs=10.0)
     assert (end == "s on") == (to_s > line.time_s[-1])
+
+
+@pytest.mark.long
+def test_fixes_that_drift_away_and_come_back_are_false_and_no_current_is_found() -> None:
+    away_m = 10.0 * np.sin(np.pi * np.clip((DIVE.fix_time_s - 130.0) / 150.0, 0.0, 1.0))
+    line = replace(DIVE, fix_m=DIVE.fix_m + away_m[:, None] * (0.8, 0.6))
+
+    found = identify(line, ASSUMED)
+
+    assert not found.parameters.changes
+    (run,) = found.false_runs
+    assert (run.start_s, run.end_s) == pytest.approx((130.0, 280.0), abs=10.0)
+    assert mean_error_m(line, found.parameters) < 0.1
+
+
+@pytest.mark.long
+def test_currents_that_do_not_cancel_each_other_are_no_drift_of_the_fixes() -> None:
+    line = through_water(200.0, 230.0, (-0.3, 0.0), through_water(100.0, 160.0, (0.3, 0.0)))
+
+    found = identify(line, ASSUMED)
+
+    assert len(found.change_texts) == 2
+    assert not found.false_runs
+    assert mean_error_m(line, found.parameters) < 0.3
 
 
 def test_a_stretch_from_the_first_fix_or_to_the_last_one_has_no_times_to_choose() -> None:
