@@ -60,6 +60,7 @@ REPLAY_WARNING_CODES = (
     "DVL-UNIT",
     "CONVENTION-DEFAULT",
     "USBL-MOTION",
+    "USBL-TURNS",
 )
 """What replay reports, too: it would compute with a wrong axis, frame, unit or clock."""
 
@@ -229,7 +230,7 @@ def convention_warnings(log: Log, timeline: Timeline, identification: Identifica
     if clock is not None:
         return [*steps, *clock[0]]
     asked = result.best == result.as_read
-    found = [*steps, *_fit_findings(log, corrected, result, identification if asked else None)]
+    found = [*steps, *moving, *_fit_findings(log, corrected, result, identification if asked else None)]
     found += clock_offset_findings(log, clock_offset_s + result.best.fit.latency_s) if clock_offset_s else ()
     found += velocity_unit_findings(log, unit_ratio, result) if unit_ratio != 1.0 else ()
     return [d for d in found if d.code in REPLAY_WARNING_CODES]

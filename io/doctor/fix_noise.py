@@ -22,6 +22,9 @@ from usbldr.io.findings import Finding
 from usbldr.io.log import Log
 
 TAIL_DOF = 4.0  # [-] degrees of freedom of a heavy-tailed but healthy USBL, which has no gross errors
+TURN_RATIO = 10.0  # [-] of distances to the next fix and to a later one: the scatter of one place gives 1 to 3
+TURN_SHARE = 1 / 3  # [-] of the fixes: more than outliers give, less than two places by chance, 0.44
+MIN_TURNS = 20  # [fixes] by judgement: fewer show no turns
 MEDIAN_SIGMAS = float(np.sqrt(TAIL_DOF * (2 ** (2 / TAIL_DOF) - 1)))  # fixed: half of its fixes are further out
 
 
@@ -108,6 +111,12 @@ def motion_findings(
         fit = fit_rotation(line, group)
     latency_s = fit.latency_s
     track = np.exp(1j * fit.rotation_rad) * dead_reckoned(line, line.fix_time_s - latency_s)
+    if (apart_m := apart_by_turns_m(fix_points(line) - track)) > THRESHOLDS.min_outlier_m:
+        text = (
+            f"fixes lie by turns in places {apart_m:.0f} m apart, as of two transponders or vehicles: state target "
+            "under [usbl] if a column names them; else record each under a name of its own"
+        )
+        return [log.finding("USBL-TURNS", "usbl", text, None, apart_m, "m")]
     unlike, median = (
         unexplained_share(line.fix_time_s, track, fix_points(line), group, share)
         for share in (THRESHOLDS.sound_share, 0.5)
@@ -137,6 +146,19 @@ def motion_findings(
         "or --gps"
     )
     return [Finding("TRUTH-MOTION", text, truth.source)]
+
+
+def apart_by_turns_m(beside: Points) -> float:
+    """Return how far apart fixes lie that take turns between places, from their places beside a track; 0 if none do.
+
+    The next one of a third of them is far away, and one of the three after that near. Of outliers, which do not lie
+    together, a quarter of all at most: half of the correct ones, if these are half of all.
+    """
+    if len(beside) < MIN_TURNS:
+        return 0.0
+    next_m, *later_m = (np.abs(beside[k : len(beside) - 4 + k] - beside[:-4]) for k in range(1, 5))
+    turns = next_m > TURN_RATIO * np.min(later_m, axis=0)
+    return float(np.median(next_m[turns])) if turns.mean() > TURN_SHARE else 0.0
 
 
 def unexplained_share(time_s: Vector, one: Points, other: Points, group: Indices, quantile: float) -> float:

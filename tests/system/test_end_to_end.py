@@ -61,7 +61,7 @@ def test_every_method_leaves_a_whole_run_directory(tmp_path: Path, method: str) 
 @pytest.mark.long
 def test_ctrl_c_leaves_nothing_of_a_replay_and_exits_130(tmp_path: Path) -> None:
     shutil.copy(SAMPLES / "paper.mcap", tmp_path)
-    asked = ("replay", tmp_path / "paper.mcap", "-N", "5000", "-o", tmp_path / "run")
+    asked = ("replay", tmp_path / "paper.mcap", "-N", "20000", "-o", tmp_path / "run")
 
     interrupt(*asked, once=lambda: list(tmp_path.glob(".run.*.part")), after_s=0.5)
 
@@ -73,7 +73,7 @@ def test_ctrl_c_leaves_a_baseline_as_it_was_and_exits_130(tmp_path: Path) -> Non
     shutil.copy(SAMPLES / "paper.mcap", tmp_path)
     baseline = tmp_path / "baseline.toml"
     text = (
-        'schema = 1\n[[row]]\nname = "r"\nlog = "paper.mcap"\nfilter = "cpf"\nparticles = 5000\n'
+        'schema = 1\n[[row]]\nname = "r"\nlog = "paper.mcap"\nfilter = "cpf"\nparticles = 20000\n'
         "[row.metrics]\nmean_horizontal_m = { rel = 0.1 }\n"
     )
     baseline.write_text(text)

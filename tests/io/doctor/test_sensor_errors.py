@@ -18,7 +18,7 @@ from usbldr.filters.types import Array, Vector
 from usbldr.io.conventions.implausible import without_implausible
 from usbldr.io.doctor import fix_noise
 from usbldr.io.doctor.doctor import examine_log
-from usbldr.io.doctor.fix_noise import exceeds_heavy_tail, fix_noise_findings
+from usbldr.io.doctor.fix_noise import apart_by_turns_m, exceeds_heavy_tail, fix_noise_findings
 from usbldr.io.doctor.interpretations import compare_interpretations
 from usbldr.io.doctor.sensor_errors import sensor_error_findings
 from usbldr.io.drills.drill import Drill, damaged
@@ -238,6 +238,34 @@ def test_fixes_beside_a_dvl_that_measures_through_a_current_are_of_the_same_vehi
     (found,) = fix_noise.motion_findings(log, line, result)
     assert found.code == "USBL-MOTION"
     assert fix_noise.motion_findings(log, line, result, Identification(Parameters(changes=(through,)))) == []
+
+
+def test_fixes_of_two_targets_by_turns_are_named(tmp_path: Path) -> None:
+    fix_m = DIVE.fix_m.copy()
+    fix_m[1::2] = np.random.default_rng(0).normal((60.0, -40.0), 0.5, fix_m[1::2].shape)  # lies on the bottom
+    fixes = DIVE.fix_time_s, dict(zip(("east_m", "north_m"), fix_m.T, strict=True))
+    save(tmp_path, own_sensors(DIVE.dvl_mps) | {"usbl": fixes})
+
+    findings = examine_log(open_log(str(tmp_path))).findings
+
+    (found,) = (one for one in findings if one.code == "USBL-TURNS")
+    assert "lie by turns in places" in found.text
+    to_other_m = np.hypot(*(DIVE.fix_m - (60.0, -40.0)).T)
+    assert to_other_m.min() < found.worst < to_other_m.max()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_turns_of_places_are_told_from_scatter_and_outliers(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t, (x, y) = np.arange(600.0), rng.normal(0.0, 0.5, (2, 600))
+    noise, at_random = x + 1j * y, rng.random(600) < 0.5
+    outliers = np.where(at_random, 20.0 * (rng.normal(size=600) + 1j * rng.normal(size=600)), 0.0)
+
+    assert apart_by_turns_m(noise + 30.0 * (t % 2)) == pytest.approx(30.0, abs=1.0)
+    assert apart_by_turns_m(noise + 30.0 * at_random) == pytest.approx(30.0, abs=1.0)
+    assert apart_by_turns_m(noise + 30.0 * np.exp(2j * np.pi * t / 3)) == pytest.approx(52.0, abs=1.0)
+    for one_place in (noise, noise + outliers, noise + 3.0 * np.sin(2 * np.pi * t / 9.3), noise + 30.0 * (t > 300)):
+        assert apart_by_turns_m(one_place) == 0.0
 
 
 def own_sensors(dvl_mps: Array) -> dict[str, Table]:
