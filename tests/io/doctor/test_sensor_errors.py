@@ -243,8 +243,9 @@ def test_fixes_beside_a_dvl_that_measures_through_a_current_are_of_the_same_vehi
 def test_fixes_of_two_targets_by_turns_are_named(tmp_path: Path) -> None:
     fix_m = DIVE.fix_m.copy()
     fix_m[1::2] = np.random.default_rng(0).normal((60.0, -40.0), 0.5, fix_m[1::2].shape)  # lies on the bottom
-    fixes = DIVE.fix_time_s, dict(zip(("east_m", "north_m"), fix_m.T, strict=True))
-    save(tmp_path, own_sensors(DIVE.dvl_mps) | {"usbl": fixes})
+    tables = own_sensors(DIVE.dvl_mps)
+    tables["usbl"] = DIVE.fix_time_s, dict(zip(("east_m", "north_m"), fix_m.T, strict=True))
+    save(tmp_path, tables)
 
     findings = examine_log(open_log(str(tmp_path))).findings
 
