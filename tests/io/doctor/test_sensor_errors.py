@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from commands import replayed
 from logs import with_table
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import ErrorEstimate, Explanation, Identification, SensorErrorEvidence
@@ -253,6 +254,7 @@ def test_fixes_of_two_targets_by_turns_are_named(tmp_path: Path) -> None:
     assert "lie by turns in places" in found.text
     to_other_m = np.hypot(*(DIVE.fix_m - (60.0, -40.0)).T)
     assert to_other_m.min() < found.worst < to_other_m.max()
+    assert f"{found.text} [USBL-TURNS]" in replayed(tmp_path)
 
 
 @pytest.mark.parametrize("seed", range(3))
