@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -78,6 +79,16 @@ class Choice(NamedTuple):
         """Return whether a heading bias is taken in place of a deviation that is somewhat likelier."""
         scores, present = dict(zip(self.subsets, self.score.tolist(), strict=True)), self.member.present
         return "heading" in present and scores.get(present ^ HEADING_OR_DEVIATION, -math.inf) > scores[present]
+
+
+@cache
+def subsets_of(keys: tuple[str, ...]) -> tuple[frozenset[str], ...]:
+    """Return all subsets of some keys, smaller ones first, that have at most one explanation of the same clocks.
+
+    A log shows the differences of three clocks: of compass, DVL and fixes. Two of them say all, and one may.
+    """
+    every = (frozenset(some) for n in range(len(keys) + 1) for some in itertools.combinations(sorted(keys), n))
+    return tuple(some for some in every if COMPASS_CLOCK not in some or not some & {DVL_CLOCK, "latency"})
 
 
 def concluded(timeline: Timeline, given: Parameters, stated: Parameters, choice: Choice) -> Identification:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import REPORTED
-from usbldr.filters.replay.dead_reckoning import displacement_m, freed, without_changes
+from usbldr.filters.replay.dead_reckoning import corrected, displacement_m, freed
 from usbldr.filters.types import Array, Indices, Mask, Timeline, Vector
 
 Points: TypeAlias = NDArray[np.complex128]  # (n,) east + i north
@@ -145,7 +145,7 @@ def without_errors(timeline: Timeline, found: Identification) -> Timeline:
         for state, one in REPORTED.items()
         if one.name in found.estimates
     }
-    line = freed(without_changes(timeline, found.parameters.changes), value)
+    line = freed(corrected(timeline, found.parameters), value)
     lever_m = np.array(found.parameters.usbl_lever_m[:2]) - np.array(found.parameters.dvl_lever_m[:2])
     yaw = np.interp(line.fix_time_s, line.time_s, line.dr_yaw_rad)
     return replace(line, fix_m=line.fix_m - rotated(yaw, lever_m))

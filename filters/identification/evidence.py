@@ -12,11 +12,9 @@ The two alternate, since an error that is left out looks like noise. Errors that
 run; states of the filter estimate what is left of them.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,21 +30,20 @@ from usbldr.filters.identification.conclusions import (
     Choice,
     concluded,
     noise_changes,
+    subsets_of,
 )
 from usbldr.filters.identification.dr_usbl_fit import WIDE_LATENCIES_S, fit_rotation, gross, segment_numbers
-from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member
+from usbldr.filters.identification.false_runs import false_fixes, false_starts, robust_member, runs_of
 from usbldr.filters.identification.identification import (
     CONTRADICTED,
     HEADING_OR_DEVIATION,
     LEVER_OR_LATENCY,
     STRONG_ODDS,
-    FalseRun,
     Identification,
 )
 from usbldr.filters.identification.linearisation import (
     ARM,
     COMPASS_CLOCK,
-    DVL_CLOCK,
     FIELDS,
     HEAD,
     HEAD_ERRORS,
@@ -59,10 +56,11 @@ from usbldr.filters.identification.linearisation import (
 )
 from usbldr.filters.identification.lost_reckoning import cost, lost_spans, without_both
 from usbldr.filters.identification.noise_fit import estimate_compass_noise, estimate_dvl_noise, estimate_usbl_noise
+from usbldr.filters.identification.smoothed_fixes import likeliest_smoothing, log_density
 from usbldr.filters.identification.unmodelled_errors import unmodelled_errors
 from usbldr.filters.identification.usbl_likelihood import FixLikelihoods, Member, fix_likelihoods, kept_linearised
-from usbldr.filters.models.parameters import Parameters, SensorChange
-from usbldr.filters.replay.dead_reckoning import rival_share, without_changes
+from usbldr.filters.models.parameters import NOT_SMOOTHED, Parameters, SensorChange
+from usbldr.filters.replay.dead_reckoning import without_changes, without_smoothing
 from usbldr.filters.replay.position_fixes import with_gps_fixes
 from usbldr.filters.types import Mask, Timeline, Vector
 
@@ -75,16 +73,6 @@ MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going 
 MOST_LOST = 6  # [spans] of a DVL that loses its lock, or of a compass beside iron: each takes some seconds to be found
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 LINEARISATIONS = 2  # about the estimates of each subset
-
-
-@cache
-def subsets_of(keys: tuple[str, ...]) -> tuple[frozenset[str], ...]:
-    """Return all subsets of some keys, smaller ones first, that have at most one explanation of the same clocks.
-
-    A log shows the differences of three clocks: of compass, DVL and fixes. Two of them say all, and one may.
-    """
-    every = (frozenset(some) for n in range(len(keys) + 1) for some in itertools.combinations(sorted(keys), n))
-    return tuple(some for some in every if COMPASS_CLOCK not in some or not some & {DVL_CLOCK, "latency"})
 
 
 def identify(timeline: Timeline, given: Parameters) -> Identification:
@@ -103,7 +91,10 @@ class Explained(NamedTuple):
 
 
 def explained(timeline: Timeline, given: Parameters) -> Explained:
-    """Return the evidence for a way to read a log, which needs no choice of the errors. Raises LogError as above."""
+    """Return the evidence for a way to read a log, which needs no choice of the errors. Raises LogError as above.
+
+    The fixes are as recorded, or those from which software made them as it smoothed.
+    """
     stated = estimate_compass_noise(timeline, estimate_dvl_noise(timeline, given))
     if not len(timeline.fix_time_s):
         only_noise = Identification(replace(stated, calibrate=()), (), noise_changes(given, stated))
@@ -111,6 +102,23 @@ def explained(timeline: Timeline, given: Parameters) -> Explained:
     errors = stated.errors
     errors = replace(errors, latency_s=max(errors.latency_s, LATENCY_SD_S), scale=max(errors.scale, SCALE_SD))
     stated = replace(stated, errors=errors)
+    recorded = _explained(timeline, given, stated)
+    smoothing = likeliest_smoothing(timeline, stated, lambda line: _with_every_error(line, stated)[0])
+    if smoothing == NOT_SMOOTHED:
+        return recorded
+    before = _explained(without_smoothing(timeline, smoothing), given, stated)
+    log_evidence = before.log_evidence + log_density(timeline, smoothing) - math.log(STRONG_ODDS)
+    if log_evidence <= recorded.log_evidence:
+        return recorded
+
+    def conclude() -> Identification:
+        found = before.conclude()
+        return replace(found, parameters=replace(found.parameters, smoothing=smoothing), log_evidence=log_evidence)
+
+    return Explained(log_evidence, conclude)
+
+
+def _explained(timeline: Timeline, given: Parameters, stated: Parameters) -> Explained:
     outliers = gross(timeline)
     unchanged = _explanation(timeline, stated, outliers, FoundChanges())
     noise = changes_of_noise(timeline.with_fixes(~outliers), stated)
@@ -136,7 +144,7 @@ def explained(timeline: Timeline, given: Parameters) -> Explained:
         found = _concluded(best, given, stated)
         changes = without_both(with_noise(best.changes, noise.changes))
         parameters = replace(found.parameters, changes=changes, rival_shift=rivals[0] if rivals else ())
-        return replace(found, parameters=parameters, false_runs=_runs(timeline, best.false))
+        return replace(found, parameters=parameters, false_runs=runs_of(timeline, best.false))
 
     return Explained(best.log_evidence, conclude)
 
@@ -255,15 +263,6 @@ def _likeliest(choices: Sequence[Choice]) -> Choice:
     possible = (one for one in choices if not one.far or one.far & one.member.present)
     return max(
         possible, key=lambda one: float(one.score.max()) + LOG_PRIOR_ODDS * (bool(one.far) + len(one.far - one.named))
-    )
-
-
-def _runs(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
-    edges = np.flatnonzero(np.diff(false.astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
-    t, correct = timeline.fix_time_s, int(np.count_nonzero(~false))
-    return tuple(
-        FalseRun(float(t[first]), float(t[end - 1]), end - first, end == len(t), rival_share(end - first, correct))
-        for first, end in edges
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from usbldr.filters.identification.clusters import OFFSET_SD_M
 from usbldr.filters.identification.histories import CORRECT, KINDS, Followed, HistorySearch, followed
-from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
+from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS, FalseRun
 from usbldr.filters.identification.linearisation import (
     BIAS_STATES,
     PASS_STATES,
@@ -26,6 +26,7 @@ from usbldr.filters.identification.linearisation import (
 from usbldr.filters.identification.usbl_likelihood import MAX_FIXES, Member
 from usbldr.filters.models.noise import robust_sd, shown_sd
 from usbldr.filters.models.parameters import FalseStart, Parameters, Start
+from usbldr.filters.replay.dead_reckoning import rival_share
 from usbldr.filters.types import Mask, Timeline, Vector
 
 CELL_SIGMAS = 3.0  # [-] of a fix: positions that differ by less are one
@@ -109,6 +110,16 @@ def _longest(false: Mask) -> int:
     """Return the number of fixes of the longest run."""
     edges = np.flatnonzero(np.diff(false, prepend=False, append=False))
     return int(np.diff(edges)[::2].max(initial=0))
+
+
+def runs_of(timeline: Timeline, false: Mask) -> tuple[FalseRun, ...]:
+    """Return the runs of false fixes, (F,)."""
+    edges = np.flatnonzero(np.diff(false.astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
+    t, correct = timeline.fix_time_s, int(np.count_nonzero(~false))
+    return tuple(
+        FalseRun(float(t[first]), float(t[end - 1]), end - first, end == len(t), rival_share(end - first, correct))
+        for first, end in edges
+    )
 
 
 def robust_member(timeline: Timeline, member: Member, stated: Parameters) -> Member:

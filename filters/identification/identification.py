@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usbldr.filters.models.parameters import Parameters, SensorChange
+from usbldr.filters.models.parameters import NOT_SMOOTHED, Parameters, SensorChange
 
 LEVER_OR_LATENCY = frozenset(("dvl-lever", "latency"))  # keys of usbl_likelihood.KEYS
 HEADING_OR_DEVIATION = frozenset(("heading", "deviation"))
@@ -114,6 +114,7 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """Return which fixes were left out, rivals, and what to check if the fixes contradict dead reckoning."""
         return (
+            *([f"USBL-SMOOTHED: {text}"] if (text := self.smoothing_text) else []),
             *([f"FALSE-FIXES: {text}"] if (text := self.false_runs_text) else []),
             *(
                 f"SENSOR-CHANGE: {text}; replay takes it into account, as the whole log shows it"
@@ -131,6 +132,19 @@ class Identification:
                 for one in self.noise_changes
                 if one.name == DR_WALK_NAME and one.after > CONTRADICTED * one.before
             ),
+        )
+
+    @property
+    def smoothing_text(self) -> str:
+        """Return how software smoothed the fixes; "" if it did not."""
+        smoothing = self.parameters.smoothing
+        if smoothing == NOT_SMOOTHED:
+            return ""
+        how = "a filter that also estimates a velocity" if smoothing.velocity else "a weighted mean"
+        return (
+            f"software smoothed the USBL fixes by {how}, in which a new fix has a weight of {smoothing.position:.0%}: "
+            "they lag behind the vehicle; replay computes the fixes before they were smoothed; switch the filter "
+            "of the USBL software off, or record unfiltered fixes"
         )
 
     @property

@@ -174,6 +174,16 @@ class SensorChange(NamedTuple):
     gradual: bool = False  # the heading has turned evenly since the change before
 
 
+class Smoothing(NamedTuple):
+    """Software predicts each position from the ones before, and takes shares of how far the fix lies from it."""
+
+    position: float  # [-] alpha: the share that the position takes; 1: it is the fix
+    velocity: float = 0.0  # [-] beta: the share of the same, divided by the time since the fix before
+
+
+NOT_SMOOTHED = Smoothing(1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Parameters:
     """The model of motion and sensors, the same for every filter."""
@@ -198,6 +208,7 @@ class Parameters:
     false_fixes: tuple[int, ...] = ()  # rows of USBL fixes that a run leaves out, since the whole log shows them false
     false_starts: tuple[FalseStart, ...] = ()  # the same of the first ones alone, as far as it is known in mid-dive
     changes: tuple[SensorChange, ...] = ()  # that are taken off the readings before a run
+    smoothing: Smoothing = NOT_SMOOTHED  # of the USBL fixes by software: taken off before the changes
     rival_shift: tuple[SensorChange, ...] = ()  # of the fixes, nearly as likely as the changes: in the track's sigma
     settled: Mapping[str, float] = field(default_factory=dict[str, float])
     """Sensor errors, state -> value, that are taken off the readings before a run; the states estimate what is left."""

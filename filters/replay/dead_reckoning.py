@@ -11,7 +11,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.frames import rotated
 from usbldr.filters.models.noise import TO_SD
-from usbldr.filters.models.parameters import Parameters, SensorChange
+from usbldr.filters.models.parameters import NOT_SMOOTHED, Parameters, SensorChange, Smoothing
 from usbldr.filters.types import Array, Mask, Outage, Timeline, Trajectory, Vector
 from usbldr.filters.windows import columns_at, integrated
 
@@ -197,6 +197,30 @@ def _with_earlier_records(
         sd: getattr(timeline, sd)[rows],
     }
     return replace(timeline, **columns)
+
+
+def corrected(timeline: Timeline, parameters: Parameters) -> Timeline:
+    """Return the timeline without the smoothing of its fixes, read as before the first change."""
+    return without_changes(without_smoothing(timeline, parameters.smoothing), parameters.changes)
+
+
+def without_smoothing(timeline: Timeline, smoothing: Smoothing) -> Timeline:
+    """Return the timeline with the fixes from which software made those recorded; the first one is as it is."""
+    if smoothing == NOT_SMOOTHED:
+        return timeline
+    alpha, beta = smoothing
+    recorded, dt_s = timeline.fix_m @ [1, 1j], np.diff(timeline.fix_time_s)
+    position, mps = complex(recorded[0]), 0j
+    fixes = [position]
+    for output, after_s in zip(recorded[1:].tolist(), dt_s.tolist(), strict=True):
+        predicted = position + mps * after_s
+        innovation = (output - predicted) / alpha
+        fixes.append(predicted + innovation)
+        position = output
+        mps += beta * innovation / after_s if after_s else 0.0
+    fix_m = np.array(fixes).view(np.float64).reshape(-1, 2)
+    away_m = None if timeline.fix_away_m is None else timeline.fix_away_m + fix_m - timeline.fix_m
+    return replace(timeline, fix_m=fix_m, fix_away_m=away_m)
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:

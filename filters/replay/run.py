@@ -28,7 +28,7 @@ from usbldr.filters.models.motion import VehicleMotion
 from usbldr.filters.models.parameters import FalseStart, Parameters
 from usbldr.filters.models.sigma_points import linearised
 from usbldr.filters.models.states import StateLayout
-from usbldr.filters.replay.dead_reckoning import Anchor, freed, open_covariance_m2, shift_covariance_m2, without_changes
+from usbldr.filters.replay.dead_reckoning import Anchor, corrected, freed, open_covariance_m2, shift_covariance_m2
 from usbldr.filters.replay.methods import FilterSettings, Method, method_named, methods_that
 from usbldr.filters.replay.outage_recovery import outage_recoveries, recovery_warning
 from usbldr.filters.replay.position_fixes import RivalFixes, false_run_covariance_m2, rival_fixes
@@ -85,7 +85,7 @@ def _run(
     progress: Callable[[int, int], None],
 ) -> Trajectory:
     layout = layout_for(parameters.calibrate)
-    timeline = freed(without_changes(timeline, parameters.changes), parameters.settled)
+    timeline = freed(corrected(timeline, parameters), parameters.settled)
     motion = vehicle_motion(timeline, parameters, layout)
     name, estimator = method.name, make_estimator(method, motion, settings, parameters)
     began = time.perf_counter()

@@ -16,6 +16,7 @@ from usbldr.filters.evaluation.time_offset import TimeOffset, time_offset
 from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
+from usbldr.filters.replay.dead_reckoning import without_smoothing
 from usbldr.filters.types import Timeline, Vector
 from usbldr.io.doctor.clocks import clock_by_evidence, clock_offset_findings, clock_step_findings, correct_clock_offset
 from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
@@ -40,6 +41,7 @@ from usbldr.io.doctor.sensor_errors import (
     false_fix_findings,
     log_odds_text,
     sensor_error_findings,
+    smoothing_findings,
 )
 from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.findings import Finding
@@ -106,6 +108,7 @@ def cross_check(
     if identification is not None:
         latency = identification.estimates.get("usbl_latency_s")
         delay_s = latency.value if latency else 0.0
+        timeline = without_smoothing(timeline, identification.parameters.smoothing)
     valid_s = timeline.fix_time_s - delay_s  # by the DVL's clock
     by_fixes = _truth_offset(log, timeline, result, valid_s + clock_offset_s) if clock_offset_s else None
     as_fixes = by_fixes is not None and not by_fixes.notable
@@ -116,6 +119,7 @@ def cross_check(
     if identification is not None:
         axes = sorted({one.axes for one in result.plausible} - {log.convention("dvl", "axes").value})
         findings += sensor_error_findings(log, identification, axes, clock_known=not clock_offset_s)
+        findings += smoothing_findings(log, line, identification)
         findings += change_findings(log, line, identification)
         findings += false_fix_findings(log, identification)
         findings += fix_noise_findings(log, line, identification)

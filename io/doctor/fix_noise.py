@@ -14,7 +14,8 @@ from usbldr.filters.identification.dr_usbl_fit import (
     without_errors,
 )
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.replay.dead_reckoning import without_changes
+from usbldr.filters.models.parameters import NOT_SMOOTHED
+from usbldr.filters.replay.dead_reckoning import corrected
 from usbldr.filters.types import Indices, Timeline, Vector
 from usbldr.io.doctor.interpretations import InterpretationResult, reinterpret
 from usbldr.io.doctor.thresholds import THRESHOLDS
@@ -106,8 +107,8 @@ def motion_findings(
     """
     line, fit = reinterpret(log, timeline, result.best.flips), result.best.fit
     group = segment_numbers(line, line.fix_time_s)
-    if found is not None and found.parameters.changes:
-        line = without_changes(line, found.parameters.changes)
+    if found is not None and (found.parameters.changes or found.parameters.smoothing != NOT_SMOOTHED):
+        line = corrected(line, found.parameters)
         fit = fit_rotation(line, group)
     latency_s = fit.latency_s
     track = np.exp(1j * fit.rotation_rad) * dead_reckoned(line, line.fix_time_s - latency_s)

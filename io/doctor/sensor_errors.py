@@ -25,7 +25,7 @@ from usbldr.filters.identification.linearisation import (
     RANGE,
     REPORTED,
 )
-from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
+from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes, without_smoothing
 from usbldr.filters.types import Array, Timeline
 from usbldr.filters.windows import columns_at
 from usbldr.io.doctor.interpretations import InterpretationResult
@@ -81,6 +81,15 @@ def change_findings(log: Log, timeline: Timeline, found: Identification) -> list
         Finding("SENSOR-CHANGE", text + ending, topic, start_s, effect_m, "m")
         for start_s, text in found.change_texts.items()
     ] + ([Finding("RIVAL-EXPLANATIONS", rival, log.topic_of("usbl"))] if rival else [])
+
+
+def smoothing_findings(log: Log, timeline: Timeline, found: Identification) -> list[Finding]:
+    """Report that software smoothed the fixes; worst: how far it moved them, RMS."""
+    if not (text := found.smoothing_text):
+        return []
+    before_m = without_smoothing(timeline, found.parameters.smoothing).fix_m
+    rms_m = float(np.linalg.norm(timeline.fix_m - before_m) / math.sqrt(len(before_m)))
+    return [log.finding("USBL-SMOOTHED", "usbl", text, None, rms_m, "m")]
 
 
 def _off_m(timeline: Timeline) -> Array:

@@ -17,7 +17,7 @@ from usbldr.filters.evaluation.influence import LeaveOneOut
 from usbldr.filters.evaluation.summary_sentence import summary_sentence
 from usbldr.filters.frames import rotated
 from usbldr.filters.identification.identification import Identification
-from usbldr.filters.replay.dead_reckoning import freed, without_changes
+from usbldr.filters.replay.dead_reckoning import corrected, freed
 from usbldr.filters.replay.methods import METHODS
 from usbldr.filters.types import Timeline, Trajectory, Truth
 from usbldr.filters.updates import UpdateTable
@@ -88,9 +88,9 @@ class Run:
 
     @cached_property
     def as_used(self) -> Timeline:
-        """The timeline with its fixes as the run used them: without changes, and settled errors of their head."""
+        """The timeline with its fixes as the run used them: without smoothing, changes, and errors of their head."""
         parameters, settled = self.identification.parameters, self.identification.parameters.settled
-        line = without_changes(self.timeline, parameters.changes)
+        line = corrected(self.timeline, parameters)
         return freed(line, {name: settled[name] for name in parameters.settled_sd if name in settled})
 
     @cached_property

@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -64,6 +65,27 @@ def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path
 
     assert "state latency_s = 18.00 under [dvl] and [compass]" in found["CLOCK-OFFSET"]["text"]
     assert "TRUTH-CLOCK" not in found
+
+
+@pytest.mark.long
+def test_smoothed_fixes_are_named_and_no_clock_of_the_truth_is(tmp_path: Path) -> None:
+    place_m = dict[str, float]()
+
+    def smooth(axis: str) -> Callable[[Mapping[str, Any]], float]:
+        def mean(values: Mapping[str, Any]) -> float:
+            place_m[axis] = 0.8 * place_m.get(axis, float(values[axis])) + 0.2 * float(values[axis])
+            return place_m[axis]
+
+        return mean
+
+    rows = changed(curved_dive(gps=True), "/usbl", point__x=smooth("point.x"), point__y=smooth("point.y"))
+
+    log = written(tmp_path, rows)
+    found = findings(log)
+
+    assert "a weight of 20%" in found["USBL-SMOOTHED"]["text"]
+    assert {"TRUTH-CLOCK", "USBL-LATENCY", "CLOCK-OFFSET"}.isdisjoint(found)
+    assert "USBL-SMOOTHED" in replayed(log, "-f", "adf")
 
 
 @pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
