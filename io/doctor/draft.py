@@ -5,6 +5,7 @@ are taken for those of the ship that carries the head.
 """
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
@@ -18,6 +19,7 @@ from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination, examine, with_sensor_errors
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
 from usbldr.io.doctor.thresholds import THRESHOLDS
+from usbldr.io.messages.configured import QUATERNION
 from usbldr.io.messages.field_names import ALONG_EARTH, earth_velocities
 from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import SENSORS, Roles, TopicChoice
@@ -86,7 +88,9 @@ def _draft(path: Path, request: Request) -> Draft:
         if again is not None and again.log is not None:
             examination, proposals = again, in_mm
     if examination is not None and proposals:
-        again = [(_with_proposals(path, request, stated, one)[0], one) for one in _in_angles(proposals, examination)]
+        others = [*_in_angles(proposals, examination), *_scalar_elsewhere(proposals)]
+        again = [(_with_proposals(path, request, stated, one)[0], one) for one in others]
+        again = [(examination, proposals), *again]
         fitting = [(one, read) for one, read in again if one and one.log is not None and "DVL-UNIT" not in _codes(one)]
         if fitting:
             examination, proposals = min(fitting, key=lambda one: _unlike_fixes_m(one[0]))
@@ -201,6 +205,16 @@ def _in_angles(proposals: Mapping[str, Proposal], found: Examination) -> list[Ma
     places = {role: one for role, one in proposals.items() if role in ("usbl", "gps")}
     turned = [{role: _read_as(reading, one, topics) for role, one in places.items()} for reading in readings]
     return [{**proposals, **one} for one in turned if one != places]
+
+
+def _scalar_elsewhere(proposals: Mapping[str, Proposal]) -> list[Mapping[str, Proposal]]:
+    """Return proposals with the scalar of a quaternion behind its vector, if its parts have numbers alone."""
+    heading = proposals.get("compass")
+    parts = [heading.columns.get(key, "") for key in QUATERNION] if heading else []
+    if heading is None or not all(re.search(r"\d\]?$", one) for one in parts):
+        return []
+    columns = {**heading.columns, **dict(zip(QUATERNION, (parts[-1], *parts[:-1]), strict=True))}
+    return [{**proposals, "compass": replace(heading, columns=columns)}]
 
 
 def _read_as(angles: Mapping[str, str], proposal: Proposal, in_radians: Collection[str]) -> Proposal:

@@ -151,7 +151,8 @@ def compare_interpretations(
         agreeing = [r for r in plausible if source.agrees(r)]
         if agreeing and len(agreeing) < len(plausible) and decided_by is None:
             plausible, decided_by = agreeing, source
-    best = read if read in plausible else min(plausible, key=lambda r: (r.residual_m, sum(r.flips)))
+    named = {one for one in read.conventions if log.convention(*one[:2]).chosen_by == "column names"}
+    best = min(plausible, key=lambda r: (r != read, len(named.difference(r.conventions)), r.residual_m, sum(r.flips)))
     reinterpreted = reinterpret(log, timeline, best.flips)
     return InterpretationResult(
         offset_sd_deg=float(np.degrees(jackknife_rotation_sd_rad(reinterpreted, group, best.fit.latency_s))),

@@ -172,7 +172,7 @@ def _unknown(topic: TopicInfo) -> bool:
 def _columns(role: str, topic: TopicInfo, own_clocks: Collection[str], timed: bool) -> dict[str, NamedColumn]:
     """Return own column -> field for a topic that looks like a sensor, empty if it does not."""
     paths = [name for name, _ in topic.first_row] or [
-        path for one in topic.fields for path in ([f"{one}[{k}]" for k in range(3)] if one in topic.arrays else [one])
+        path for one in topic.fields for path in ([f"{one}[{k}]" for k in range(4)] if one in topic.arrays else [one])
     ]
     found: dict[str, NamedColumn] = {}
     suggested = suggested_sensors(f"{topic.name} {topic.type}")

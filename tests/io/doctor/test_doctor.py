@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from commands import drafted, findings, finished, output_of, replayed, report_of, run
@@ -332,6 +333,36 @@ def test_a_csv_folder_of_knots_is_told_the_scale(tmp_path: Path) -> None:
     assert f"state scale_error = {stated} under [dvl]" in findings(folder)["DVL-UNIT"]["text"]
     assert stated == pytest.approx(0.944, abs=0.02)
     assert {"DVL-UNIT", "KEY-UNUSED", "UNUSABLE"}.isdisjoint(cured_by(folder, draft))
+
+
+@pytest.mark.parametrize("order", [(3, 0, 1, 2), (0, 1, 2, 3)])
+@pytest.mark.long
+def test_fixes_tell_which_part_of_a_numbered_quaternion_is_its_scalar(tmp_path: Path, order: tuple[int, ...]) -> None:
+    """Half a heading's sine and cosine turn north to the bow, about the axis that points down.
+
+    The vehicle hardly drifts sideways, so that a mirrored DVL fits slightly better, but for the names of its columns.
+    """
+    t, rng = np.arange(0, 300, 0.5), np.random.default_rng(3)
+    heading = 0.02 * t + 0.9 * np.sin(t / 31)
+    s, c, drift = np.sin(heading), np.cos(heading), 0.008 * np.sin(t / 41)
+    east_north = np.cumsum(0.5 * np.column_stack([s + drift * c, c - drift * s]), axis=0)
+    fixes = (east_north + rng.normal(0, 0.3, east_north.shape))[20:-20:2]
+    parts = np.column_stack([0 * t, 0 * t, np.sin(heading / 2), np.cos(heading / 2)])[:, list(order)]
+    tables = {
+        "dvl": (t, {"starboard_mps": -drift, "forward_mps": 1 + 0 * t}),
+        "compass": (t, {f"q{number}": parts[:, number] for number in range(4)}),
+        "usbl": (t[20:-20:2], {"east_m": fixes[:, 0], "north_m": fixes[:, 1]}),
+    }
+    for name, (times_s, values) in tables.items():
+        times_ns = T0 + (times_s * SECOND).astype(np.int64)
+        pd.DataFrame({"time_ns": times_ns, **values}).to_csv(tmp_path / f"{name}.csv", index=False)
+
+    sections = tomllib.loads(drafted(tmp_path))
+
+    named = [sections["compass"]["columns"][key] for key in ("qx", "qy", "qz", "qw")]
+    assert named == [f"q{order.index(part)}" for part in range(4)]
+    assert sections["compass"]["convention"] == "NED"
+    assert sections["dvl"]["axes"] == "SFU"  # as its columns say
 
 
 def test_fixes_that_stay_where_they_are_tell_no_unit(tmp_path: Path) -> None:
