@@ -18,11 +18,19 @@ MPS_PER_UNIT: Mapping[str, float] = {
     "knots": 1852 / 3600,
 }
 PASCALS_PER_UNIT: Mapping[str, float] = {"Pa": 1, "hPa": 100, "kPa": 1e3, "dbar": 1e4, "bar": 1e5, "psi": 6894.75729317}
-DEG_PER_RAD, DEG_PER_GON = 57.29577951308232, 0.9  # fixed: by definition
+DEG_PER_UNIT: Mapping[str, float] = {
+    "deg": 1.0,
+    "rad": 57.29577951308232,  # fixed: by definition
+    "gon": 0.9,  # fixed: 400 a circle
+    "mil": 0.05625,  # fixed: 6400 a circle
+    "0.1deg": 0.1,
+    "0.01deg": 0.01,
+}
+"""Units of headings."""
 
 _UNITS: Mapping[Dimension, Mapping[str, float]] = {
     "velocity": MPS_PER_UNIT,
-    "angle": {"deg": 1.0, "rad": DEG_PER_RAD, "gon": DEG_PER_GON, "1e-7deg": 1e-7},
+    "angle": {**DEG_PER_UNIT, "1e-7deg": 1e-7},
     "length": {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "km": 1e3, "ft": 0.3048},
     "pressure": PASCALS_PER_UNIT,
     "time": {"ns": 1, "us": 1000, "ms": 1_000_000, "s": 1_000_000_000, "min": 60 * 10**9, "h": 3600 * 10**9},

@@ -20,9 +20,12 @@ from usbldr.io.geodesy import Origin
 from usbldr.io.messages.layouts import RawRecords, blocks
 from usbldr.io.provenance import ChosenBy, Convention
 from usbldr.io.settings.sensor_sections import CompassSection
-from usbldr.io.units import DEG_PER_GON
+from usbldr.io.settings.toml_text import quoted
+from usbldr.io.units import DEG_PER_UNIT
 
 PER_RECORD = "as each record says"  # in place of a convention or a unit
+BEYOND = "far beyond a whole turn"  # why headings are refused
+LARGER_CIRCLES = ("0.1deg", "mil", "0.01deg")  # units of headings that are larger than in degrees
 BY_RANGE = "by range"  # in place of a unit: the largest value decides
 COMPASS_SD_DEG = 0.3  # if not stated
 MAGNETIC, UTM_GRID = 0, 2  # of compass_msgs/Azimuth: reference
@@ -126,7 +129,7 @@ def _clockwise(
         unit, unit_by, unit_note = ("deg" if largest > 7.0 else "rad"), "values", f"up to {largest:.3g}"
     in_degrees = raw.number("unit_code") == DEGREES if unit == PER_RECORD else np.full(len(angle), unit == "deg")
     from_east = raw.number("sense_code") != CLOCKWISE if convention == PER_RECORD else convention == "ENU"
-    angle = np.where(in_degrees, angle, angle * DEG_PER_GON if unit == "gon" else np.degrees(angle))
+    angle = np.where(in_degrees, angle, angle * DEG_PER_UNIT.get(unit, DEG_PER_UNIT["rad"]))
     if unit_by == "default" and largest < 6.3:
         text = f"no value is above 6.3; if they are radians, {keys.radians}"
         findings = [*findings, raw.finding("HEADING-UNIT", text)]
@@ -135,7 +138,7 @@ def _clockwise(
         findings = [*findings, raw.finding("HEADING-UNIT", text)]
     causes = {
         "not a number": ~np.isfinite(angle),
-        "far beyond a whole turn": _beyond_a_turn(raw, angle, unit),
+        BEYOND: _beyond_a_turn(raw, angle, unit),
         "from the north of a UTM grid": raw.number("north_code") == UTM_GRID,
     }
     chosen.append(Convention("unit", unit, "records" if unit == PER_RECORD else unit_by, note=unit_note))
@@ -147,9 +150,11 @@ def _beyond_a_turn(raw: RawRecords, angle_deg: Vector, unit: str) -> Mask:
     beyond = np.abs(angle_deg) > LARGEST_DEG
     if 2 * np.count_nonzero(beyond) > np.count_nonzero(np.isfinite(angle_deg)):
         largest_deg = float(np.max(np.abs(angle_deg[beyond])))
+        beside = ", beside columns" * ("unit" in raw.layout.fixed)
         raise raw.fault(
-            f"most headings of {raw.topic.name} are far beyond a whole turn, up to {largest_deg:g} deg "
-            f"if their unit is {unit}; they have another unit, or count turns; convert them to degrees from 0 to 360"
+            f"most headings of {raw.topic.name} are {BEYOND}, up to {largest_deg:g} deg if their unit is {unit}; state "
+            f"their own under [compass]{beside}, as {' or '.join(map(quoted, LARGER_CIRCLES))}; or they count turns: "
+            "convert them to degrees from 0 to 360"
         )
     return beyond
 

@@ -6,7 +6,7 @@ are taken for those of the ship that carries the head.
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import cast
 import msgspec
 
 from usbldr.filters.errors import LogError, UsbldrError
+from usbldr.io.conventions.compass import BEYOND, LARGER_CIRCLES
 from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination, examine, with_sensor_errors
 from usbldr.io.doctor.proposed_columns import Proposal, proposed_columns, whole_table
@@ -241,18 +242,26 @@ def _with_proposals(
 
 
 def _examined(path: Path, request: Request, stated: ConfigurationFile) -> Examination:
-    """Examine a log, again with headings in radians if the fixes show that they are, and pressures in a unit that fits.
+    """Examine a log, again with headings and pressures in a unit that fits, if the fixes or the values show another.
 
     The first findings stay.
     """
     found = examine(path, request, with_errors=False)
     units = {one: ("compass", "rad") for one in found.findings if one.code == "HEADING-RADIANS"}
     units |= {one: ("depth", one.unit) for one in found.findings if one.code == "DEPTH-UNIT" and one.unit}
-    if not units:
-        return found
-    keys = {sensor: {"unit": unit} for sensor, unit in units.values()}
-    again = examine(path, replace(request, configuration=_stating(stated, keys)), with_errors=False)
-    return replace(again, findings=(*units, *again.findings))
+    if units:
+        again = examine(path, _in_units(request, stated, units.values()), with_errors=False)
+        return replace(again, findings=(*units, *again.findings))
+    if any(one.code == "UNUSABLE" and BEYOND in one.text for one in found.findings):
+        requests = [_in_units(request, stated, [("compass", unit)]) for unit in LARGER_CIRCLES]
+        tried = [examine(path, one, with_errors=False) for one in requests]
+        return min((found, *tried), key=_unlike_fixes_m)
+    return found
+
+
+def _in_units(request: Request, stated: ConfigurationFile, units: Iterable[tuple[str, str]]) -> Request:
+    """Return a request that states the units of sensors, too."""
+    return replace(request, configuration=_stating(stated, {sensor: {"unit": unit} for sensor, unit in units}))
 
 
 def _stating(stated: ConfigurationFile, sections: Mapping[str, Mapping[str, object]]) -> ConfigurationFile:

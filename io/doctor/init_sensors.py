@@ -12,6 +12,7 @@ import numpy as np
 from usbldr.filters.frames import wrapped
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import COMPASS_CLOCK, DVL_CLOCK, LEVER
+from usbldr.io.conventions.compass import LARGER_CIRCLES
 from usbldr.io.conventions.timestamps import LOG_TIME
 from usbldr.io.doctor.cross_check import FIXED_ADVICE, heading_offset
 from usbldr.io.doctor.doctor import Examination
@@ -95,6 +96,8 @@ def compass_lines(examination: Examination, log: Log) -> list[ConfigLine]:
     unit = recorded_line(log, "compass", "unit")
     if any(one.code == "HEADING-RADIANS" for one in examination.findings):
         unit = ('unit = "rad"', "by the fixes, instead of deg")
+    elif recorded_value(log, "compass", "unit") in LARGER_CIRCLES:
+        unit = (unit[0], "CHECK: by the fixes; in degrees most of its values are beyond a whole turn")
     bias = ("bias_deg = 0.0", "the log does not distinguish it from mount_deg")
     lines = [_convention(log, result, "compass", "convention"), unit, bias]
     lines += _deviation(found) + _clock(examination, COMPASS_CLOCK, "compass", log.settings.compass.latency_s)

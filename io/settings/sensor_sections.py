@@ -98,7 +98,7 @@ class CompassSection(Section, frozen=True, kw_only=True):
     columns: dict[Time | Flag | CompassColumn, str] | None = None
     device: str | int | None = None
     convention: Literal["ENU", "NED", "compass"] | None = None
-    unit: Literal["deg", "rad", "gon"] | None = None
+    unit: Literal["deg", "rad", "gon", "mil", "0.1deg", "0.01deg"] | None = None
     bias_deg: Degrees = 0.0
     deviation_sin_deg: Deviation = 0.0
     deviation_cos_deg: Deviation = 0.0

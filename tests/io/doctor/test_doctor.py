@@ -280,6 +280,20 @@ def test_a_csv_folder_of_radians_is_told_what_mends_it(tmp_path: Path) -> None:
     assert abs(mended["HEADING-CHECKED"]["worst"]) < 1
 
 
+@pytest.mark.parametrize(("per_turn", "unit"), [(6400, "mil"), (36000, "0.01deg")])
+@pytest.mark.long
+def test_headings_beyond_a_turn_are_in_the_unit_that_fits_the_fixes(tmp_path: Path, per_turn: int, unit: str) -> None:
+    folder = csv_dive(tmp_path / "dive", in_radians(curved_dive(), 180 / np.pi))
+    table = pd.read_csv(folder / "compass.csv")[200:]
+    turns = table["heading_deg"] % 360 / 360
+    table.assign(heading=per_turn * turns).drop(columns="heading_deg").to_csv(folder / "compass.csv", index=False)
+
+    draft = drafted(folder)
+
+    assert tomllib.loads(draft)["compass"]["unit"] == unit
+    assert abs(tomllib.loads(draft)["dvl"]["mount_deg"]) < 1
+
+
 def faster(rows: list[Row], times: float) -> list[Row]:
     """Return the dive with the velocities of its DVL in another unit."""
     x, y, z = (f"twist.linear.{axis}" for axis in "xyz")

@@ -85,6 +85,9 @@ def test_a_heading_is_read_by_its_own_convention_and_what_is_no_compass_only_if_
         (VECTOR, {"vector.z": 1.0}, "", 90 - 57.29578, "rad"),
         (FLOAT, {"data": -45.0}, '[compass]\nunit = "deg"', 315.0, "deg"),
         (FLOAT, {"data": -math.pi / 4}, '[compass]\nunit = "rad"', 315.0, "rad"),
+        (FLOAT, {"data": 1600.0}, '[compass]\nunit = "mil"', 90.0, "mil"),
+        (FLOAT, {"data": -450.0}, '[compass]\nunit = "0.1deg"', 315.0, "0.1deg"),
+        (FLOAT, {"data": 4500.0}, '[compass]\nunit = "0.01deg"', 45.0, "0.01deg"),
     ],
 )
 def test_a_heading_is_in_degrees_or_radians_as_stated_or_else_as_its_values_show(

@@ -264,7 +264,7 @@ def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path)
     compass, usbl = open_log(folder).topics()
 
     assert (compass.name, compass.count, compass.problem) == ("/nav/compass", 2, "")
-    assert usbl.problem.startswith("nav.csv has a column USBL Latitude without a known unit (deg, rad, gon, 1e-7deg)")
+    assert usbl.problem.startswith("nav.csv has a column USBL Latitude without a known unit (deg, rad, gon, mil, 0.1deg, 0.01deg, 1e-7deg)")
     unread = ("USBL Latitude", "USBL Longitude", "Battery")
     assert compass.unused == usbl.unused == unread
     assert f"columns of /nav that no sensor uses: {', '.join(unread)}\n" in run("info", folder).stdout
@@ -415,8 +415,8 @@ def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, 
 @pytest.mark.parametrize(
     ("name", "header", "cells", "why"),
     [
-        ("nav", "Time [s],Heading [mil]", "1,1",
-         "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
+        ("nav", "Time [s],Heading [turn]", "1,1",
+         "has a column Heading [turn] without a known unit (deg, rad, gon, mil, 0.1deg, 0.01deg, 1e-7deg)"),
         ("nav", "Time [s],Heading (deg),Depth", "1,1,1",
          "has a column Depth without a known unit (m, dm, cm, mm, km, ft)"),
         ("nav", "Time,Heading (deg)", "1,1",
@@ -437,8 +437,8 @@ def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, 
          "has a column gps_time that may count from 1970 or, as GPS time,"),
         ("compass", "GPS seconds [s],Heading [deg]", "1451260818.5,1",
          "has a column GPS seconds [s] that may count from 1970 or"),
-        ("compass", "Time [s],Heading [mil]", "1,1",
-         "has a column Heading [mil] without a known unit (deg, rad, gon, 1e-7deg)"),
+        ("compass", "Time [s],Heading [turn]", "1,1",
+         "has a column Heading [turn] without a known unit (deg, rad, gon, mil, 0.1deg, 0.01deg, 1e-7deg)"),
         ("compass", "YR,MO,DA,HH,MM,SS,HH,Heading [deg]", "26,5,18,12,30,1,50,1",
          "has two columns HH; rename one"),
         ("compass", "Time [s],Heading [deg],Heading [deg]", "1,1,1",
