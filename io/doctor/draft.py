@@ -24,7 +24,7 @@ from usbldr.io.messages.configured import QUATERNION
 from usbldr.io.messages.field_names import ALONG_EARTH, earth_velocities
 from usbldr.io.messages.registry import message_layout_of
 from usbldr.io.messages.roles import SENSORS, Roles, TopicChoice
-from usbldr.io.messages.topic_names import names_ship
+from usbldr.io.messages.topic_names import names_ship, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, open_configured
 from usbldr.io.reading.sensors import roles_of
@@ -128,11 +128,18 @@ def _draft(path: Path, request: Request) -> Draft:
     earth = [names for topic in topics if (names := earth_velocities(topic.unused))]
     if "dvl" in missing and earth:
         unread["dvl"] = f"{absent}; {', '.join(earth[0])} are {ALONG_EARTH}"
+    unread |= {role: text for role in missing if (text := not_read(examination, role))}
     unread = {role: why.replace(f"; {PROPOSED}", "") for role, why in unread.items()}
     fault = next(filter(None, (*(why for why in unread.values() if why != absent), *unusable, absent)), "")
     unused = _unused(topics, used, {name for one in proposals.values() for name in one.columns.values()})
     fault = fault.replace(f"; {PROPOSED}", "")
     return Draft(examination, stated, proposals, unread, unused, fault, of_ship, roles.chosen, refused)
+
+
+def not_read(found: Examination, role: str) -> str:
+    """Return the finding on a file or topic named for a sensor that is not read, empty if there is none."""
+    unread = (one.text for one in found.findings if one.code in ("NOT-READ", "TOPIC-UNREAD"))
+    return next((text for text in unread if role in suggested_sensors(text.partition(" ")[0])), "")
 
 
 def _unused(topics: Sequence[TopicInfo], used: Mapping[str, str], named: set[str]) -> tuple[TopicInfo, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from usbldr.filters.identification.dr_usbl_fit import RAYLEIGH_MEDIAN, Points, as_points
 from usbldr.io.conventions.usbl import STATE_HEAD
 from usbldr.io.doctor.doctor import Examination
-from usbldr.io.doctor.draft import WHY_HEAD, Draft
+from usbldr.io.doctor.draft import WHY_HEAD, Draft, not_read
 from usbldr.io.doctor.init_sensors import ConfigLine, compass_lines, dvl_lines, grid_lines, ships_gps, usbl_lines
 from usbldr.io.doctor.interpretations import reinterpret
 from usbldr.io.doctor.sensor_errors import explanation_text
@@ -23,7 +23,6 @@ from usbldr.io.doctor.thresholds import THRESHOLDS
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 from usbldr.io.messages.roles import ROLES, SENSORS
-from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile
 from usbldr.io.settings.configuration import own_configuration, parse_configuration
@@ -254,9 +253,8 @@ def _proposed_origin(examination: Examination, log: Log) -> tuple[float, float, 
 
 def _topic(examination: Examination, log: Log, role: str) -> list[ConfigLine]:
     if role not in log.provenance:
-        for one in log.findings:  # a file of it that is not read, which "none" would leave out in silence
-            if one.code in ("NOT-READ", "TOPIC-UNREAD") and role in suggested_sensors(one.text.partition(" ")[0]):
-                return [('# topic = "?"', f"CHECK: {one.text}")]
+        if why := not_read(examination, role):  # which "none" would leave out in silence
+            return [('# topic = "?"', f"CHECK: {why}")]
         head = log.settings.usbl.head
         why = f"{head.topic} is the ship's" if role == "gps" and head and head.topic else "no such topic in the log"
         return [('topic = "none"', why)] if role != "usbl" else []

@@ -45,9 +45,10 @@ VECTORS = tuple(
     for number, (axis, named) in enumerate(NAMES_OF_AXES.items())
 )
 PLACES = (Rule("", "east_m", "length", "e"), Rule("", "north_m", "length", "n"))
+PAIRS = "position|pos|coordinates?|location|point"  # arrays of metres, or of latitude and longitude in either order
 AXES_OF_PLACES = (  # the doctor finds the frame
-    Rule("", "east_m", "length", "x(_enu|_ned)?"),
-    Rule("", "north_m", "length", "y(_enu|_ned)?"),
+    Rule("", "east_m", "length", f"x(_enu|_ned)?|({PAIRS})_0"),
+    Rule("", "north_m", "length", f"y(_enu|_ned)?|({PAIRS})_1"),
 )
 YAW = Rule(
     "compass", "heading_deg", "angle", "yaw(_enu)?|kurs|psi|gyro|(attitude|euler|rpy|rph)_(z|2)"

@@ -41,6 +41,7 @@ SET_LATER = "its clock was set later; until then its reports are timed from 1970
 REMAINS = re.compile(r"[\"}]")  # behind an object: of one that was damaged
 LABELS = ("topic", "channel", "type", "sensor", "device", "source", "instrument")
 """Keys of an object whose text names its topic."""
+GEOJSON = ("Feature", "FeatureCollection")  # types that name no topic
 LABEL_BEFORE = re.compile(r"(?:^|\s)([A-Za-z/][\w/.-]*):?\s*$")
 KEY = re.compile(r"\"\s*:")  # before an object: of the one around it, whose beginning was lost
 DECODER = json.JSONDecoder()
@@ -230,7 +231,7 @@ def _topic(value: Mapping[str, Any], before: str) -> str:
     kind = _kind(value)
     if kind in REPORTS or not kind:
         return kind
-    labels = [label for key in LABELS if isinstance(label := value.get(key), str) and label]
+    labels = [label for key in LABELS if isinstance(label := value.get(key), str) and label not in ("", *GEOJSON)]
     found = LABEL_BEFORE.search(before)
     if not labels and found and ("/" in found[1] or suggested_sensors(found[1])):
         labels = [found[1]]
@@ -253,7 +254,7 @@ def _kind(value: Mapping[str, Any] | None) -> str:
     if {"x", "y", "z", "position_valid"} <= value.keys():
         return "acoustic"
     kind = value.get("type")
-    return name_of(kind) if isinstance(kind, str) and kind else "object"
+    return name_of(kind) if isinstance(kind, str) and kind not in ("", *GEOJSON) else "object"
 
 
 def _since_last_ns(value: Mapping[str, Any]) -> int:
@@ -277,5 +278,7 @@ def _own_time(value: Mapping[str, Any], last: int) -> int:
         return round(seconds * 1e6) * 1000  # microseconds: a float has no more
     if _kind(value) in REPORTS:
         return last  # their "time" is that since the report before
-    named = (stated for name, stated in value.items() if (column := named_column(name)) and column.rule.key == "time")
-    return next((time_ns for stated in named if (time_ns := prefixed_ns(str(stated))) != NO_TIME), last)
+    within = [cast("dict[str, Any]", inner) for inner in value.values() if isinstance(inner, dict)]
+    stated = [pair for one in (value, *within) for pair in one.items()]
+    named = (text for name, text in stated if (column := named_column(name)) and column.rule.key == "time")
+    return next((time_ns for text in named if (time_ns := prefixed_ns(str(text))) != NO_TIME), last)

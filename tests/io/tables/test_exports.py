@@ -270,8 +270,27 @@ def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: st
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
 
 
+def test_init_says_why_a_file_that_is_named_for_a_missing_sensor_is_not_read(tmp_path: Path) -> None:
+    folder = write_csv(tmp_path / "dive", dvl=DVL, compass=HEADINGS)
+    (folder / "usbl.json").write_text('{"type": "FeatureCollection", "features": [' + 9999 * "{}, " + "{}]}")
+
+    assert '# topic = "?"                           # CHECK: usbl.json is not read: is JSON, but' in drafted(folder)
+
+
+PAIR = '{{"time": "{}", "position": [{:.8f}, {:.8f}]}}\n'
+FEATURE = '{{"type": "Feature", "properties": {{"time": "{0}"}}, "geometry": {{"coordinates": [{2:.8f}, {1:.8f}]}}}}\n'
+JSON = {"position[0]": PAIR, "geometry.coordinates[1]": FEATURE}
+
+
 @pytest.mark.parametrize(
-    ("lat", "lon", "unit"), [(59.0, 10.5, "rad"), (0.5, 1.2, "deg"), (59.0, 10.5, "Y"), (59.0, 10.5, "X")]
+    ("lat", "lon", "unit"),
+    [
+        (59.0, 10.5, "rad"),
+        (0.5, 1.2, "deg"),
+        (59.0, 10.5, "Y"),
+        (59.0, 10.5, "X"),
+        *((59.0, 10.5, unit) for unit in JSON),
+    ],
 )
 def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_path, lat, lon, unit):
     """Circles of 60 m at 1 m/s: 111.2 km are a degree of latitude. X and Y are degrees, too; ``unit``: the latitude."""
@@ -288,6 +307,10 @@ def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_pa
     sheets = {"dvl": f"{DVL.partition(chr(10))[0]}\n{velocities}", "compass": f"time_ns,heading_deg\n{headings}"}
     names = {"Y": "time,Y,X", "X": "time,X,Y"}.get(unit, "time,lat,lon")
     folder = write_csv(tmp_path / "dive", **sheets, usbl=f"{names}\n{fixes}", gps=f"{names}\n{fixes}")
+    for file in (folder / "usbl.csv", folder / "gps.csv") if unit in JSON else ():
+        rows = zip(pd.to_datetime(T0_S + t, unit="s"), places, strict=True)
+        file.with_suffix(".json").write_text("".join(JSON[unit].format(when.isoformat(), *at) for when, at in rows))
+        file.unlink()
 
     draft = drafted(folder)
 
