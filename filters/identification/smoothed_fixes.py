@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.identification.dr_usbl_fit import gross
+from usbldr.filters.identification.identification import CONTRADICTED
 from usbldr.filters.identification.linearisation import (
     COMPASS_CLOCK,
     DVL_CLOCK,
@@ -59,16 +60,24 @@ def likeliest_smoothing(
     scaled = [replace(stated, usbl_sd_scale=scale * stated.usbl_sd_scale) for scale in SD_SCALES]
     members = [Member(parameters, present) for parameters in scaled]
     possible = [_likeliest(timeline, members, kind) for kind in (mean_of_last, by_kalman)]
+    most_walk_m = CONTRADICTED * stated.process.position_m
     for _ in range(ROUNDS):
-        possible = [_refined(timeline, fitted, found) for found in possible if found.lag]
-    return max(possible, key=lambda one: one.log_likelihood).smoothing if possible else NOT_SMOOTHED
+        possible = [_refined(timeline, fitted, found, most_walk_m) for found in possible if found.lag]
+    lagging = [one for one in possible if one.lag]
+    return max(lagging, key=lambda one: one.log_likelihood).smoothing if lagging else NOT_SMOOTHED
 
 
-def _refined(timeline: Timeline, fitted: Callable[[Timeline], Sequence[Member]], found: _Likeliest) -> _Likeliest:
-    """Return the likeliest smoothing of the same kind by members fitted to the fixes before they were smoothed."""
+def _refined(
+    timeline: Timeline, fitted: Callable[[Timeline], Sequence[Member]], found: _Likeliest, most_walk_m: float
+) -> _Likeliest:
+    """Return the likeliest smoothing of the same kind by members fitted to the fixes before they were smoothed.
+
+    If these fixes contradict dead reckoning, nothing shows a lag: a filter's velocity explains any vehicle.
+    """
     before = without_smoothing(timeline, found.smoothing)
-    members = [_in_time(member) for member in fitted(before.with_fixes(~gross(before)))]
-    return _likeliest(timeline, members, found.kind)
+    members = fitted(before.with_fixes(~gross(before)))
+    sound = [_in_time(one) for one in members if one.parameters.process.position_m <= most_walk_m]
+    return _likeliest(timeline, sound, found.kind) if sound else found._replace(lag=0.0)
 
 
 def _in_time(member: Member) -> Member:
