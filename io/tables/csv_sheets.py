@@ -150,7 +150,7 @@ def _sensor(stem: str, header: set[str]) -> str | None:
     if name in OWN_COLUMNS:
         return name
     fitting = [s for s, kind in OWN_COLUMNS.items() if any(choice | {"time_ns"} <= header for choice in kind.choices)]
-    of_ship = ["gps"] if "gps" in fitting and SHIP.search(words_of(name)) else []
+    of_ship = ["gps"] if "gps" in fitting and "compass" not in fitting and SHIP.search(words_of(name)) else []
     named = [sensor for sensor in fitting if sensor in name] or of_ship or fitting
     return named[0] if len(named) == 1 else None
 

@@ -270,6 +270,13 @@ def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: st
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
 
 
+@pytest.mark.parametrize("place", ["lat_deg,lon_deg", "east_m,north_m"])
+def test_positions_and_headings_of_a_ship_in_one_table_are_two_topics_of_it(tmp_path: Path, place: str) -> None:
+    folder = write_csv(tmp_path, ship=f"time_ns,{place},heading_deg\n{T0},45,7,30\n")
+
+    assert {one.name for one in open_log(folder).topics()} == {"/ship/compass", "/ship/gps"}
+
+
 def test_init_says_why_a_file_that_is_named_for_a_missing_sensor_is_not_read(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl=DVL, compass=HEADINGS)
     (folder / "usbl.json").write_text('{"type": "FeatureCollection", "features": [' + 9999 * "{}, " + "{}]}")
