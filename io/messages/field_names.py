@@ -57,6 +57,7 @@ OTHER = re.compile(
     r"estimated?|truth|(?<!heading_)(?<!hdg_)(?<!deg_)true(?!_[hb])|altitude|"  # of true north
     r"course(?!$|_(deg|rad)[a-z]*$)|"  # over the ground
     r"(lat|latitude|long?|lng|longitude)_(min|sec)[a-z]*|"  # beside degrees
+    r"time_vel\d*|"  # of Nortek: the time that a velocity took
     r"(sd|std|std_?dev|stdev|sigma|rms|accuracy|uncertainty|precision)_(east|north|lat|lon|heading|hdg|roll|pitch|depth)\w*|"
     r"batt(ery)?|voltage|thruster|motor)(_|$)"
 )

@@ -7,8 +7,8 @@ GPS_ITSELF = r"gps|gnss|navsat|global_position"
 HINTS: Mapping[str, str] = {  # PX4 and ArduSub take a DVL for visual odometry
     "dvl": r"dvl|doppler|velocity_report|bottom_?(track|lock)|nortek|a50|a125|vehicle_visual_odometry",
     "compass": r"[ck]ompass|(?:^|[/_ ])kurs|heading|hdg|hdt|ahrs|imu|gyro|euler|(?:^|[/_ ])att(?:itude)?(?:[/_ ]|$)",
-    "usbl": r"usbl|ssbl|sea_?trac|evo_?logics|modem|ugps|acoustic|ranger|(?:hi|mu)_?pap|waterlinked/fix|positions/|"
-    r"subsonus|track_?point|easy_?trak|posidonia|micron_?nav|rovl|beacon|transponder|track_?link|scout_?pro|"
+    "usbl": r"usbl|ssbl|sea_?trac|evo_?logics|sinaps|modem|ugps|acoustic|ranger|(?:hi|mu)_?pap|waterlinked/fix|"
+    r"positions/|subsonus|track_?point|easy_?trak|posidonia|micron_?nav|rovl|beacon|transponder|track_?link|scout_?pro|"
     r"(?:^|[/_ ])(?:apos|gaps|s2_?c|tp|bac|buc)(?:[/_ ]|$)",  # the last two are French for ultra-short baseline
     "gps": rf"{GPS_ITSELF}|fix",
     "depth": r"depth|pressure",

@@ -97,6 +97,7 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
          {"time_unix_s": "timestamp", "x": "velocityX"}),
         ("nortek", "timestampPosix,velocityX,velocityY,xVelocityIsValid,yVelocityIsValid,varX\n{s},1.5,0.5,1,1,0\n",
          {"time_unix_s": "timestampPosix", "x": "velocityX", "y": "velocityY", "valid": "xVelocityIsValid"}),
+        ("Nortek_BT", "dateTime,velX,velY,timeVel1\n13/09/2020 12:26:40,1.5,0.5,0.1\n", {"x": "velX", "y": "velY"}),
         ("plot", "receive time,header.stamp,/dvl/data.velocity.x,/dvl/data.velocity.y\n{s}.5,{s},1.5,0.5\n",
          {"time_unix_s": "header.stamp", "x": "/dvl/data.velocity.x", "y": "/dvl/data.velocity.y"}),
     ],
@@ -752,6 +753,7 @@ def test_of_devices_that_differ_in_a_number_the_first_is_proposed_and_the_others
     ("name", "names", "cells", "wanted"),
     [
         ("pinpoint", "Beacon Id,Range (m),Easting (m),Northing (m)", "5,30,{k},2", {"x": "Easting (m)"}),
+        ("sinaps_positions", "remote_address,x,y,integrity", "2,{k},2,120", {"x": "x", "y": "y"}),
         ("position_acoustic_filtered", "x,y,z", "{k},2,5", {"x": "x"}),
     ],
 )
