@@ -118,32 +118,6 @@ def test_julian_dates_of_digits_are_exact_and_begin_at_noon(tmp_path: Path) -> N
     assert log.tables["compass"]["time_s"].tolist() == [0, DAY_S / 2, DAY_S + 864e-6]
 
 
-@pytest.mark.parametrize(
-    ("names", "cell"),
-    [
-        ("year,doy", "2020,257.51851851852"),
-        ("year,Julian Day", "2020,257.51851851852"),
-        ("Time", "2020/257/12:26:40.00"),
-        ("Time", "2020-257 12:26:40"),
-    ],
-)
-def test_days_of_a_year_are_dates(tmp_path: Path, names: str, cell: str) -> None:
-    log = read_log(write_csv(tmp_path, nav=f"{names},heading_deg\n{cell},1\n{cell},2\n"))
-
-    assert abs(log.start_ns - T0) < 1000
-
-
-@pytest.mark.parametrize(
-    ("name", "cell", "said"),
-    [("DOY", "257.5185185", 'has a column DOY of days of a year, without the year; add a column "year"'),
-     ("Time", "257:12:26:40.5", 'has "257:12:26:40.5" in the first row of the column Time: a day of a year, without')],
-)  # fmt: skip
-def test_days_of_an_unknown_year_are_named(tmp_path: Path, name: str, cell: str, said: str) -> None:
-    (nav,) = open_log(write_csv(tmp_path, nav=f"{name},Heading [deg]\n{cell},1\n")).topics()
-
-    assert said in nav.problem
-
-
 @pytest.mark.parametrize(("name", "year"), [("FileTime", 1601), ("Ticks", 1), ("Time", 1601), ("Time", 1)])
 @pytest.mark.parametrize("write", [*WRITERS.values(), as_csv])
 def test_steps_of_100_ns_count_from_1601_or_from_the_year_1(tmp_path, write, name, year):

@@ -58,11 +58,19 @@ HEADINGS = FIX.replace("lat_deg,lon_deg", "heading_deg,sd_deg")
         ("Local Time,UTC Time,Heading (deg)", "2020-09-13 14:{utc},2020-09-13 12:{utc},{h}"),
         ("UTC Date (ddmmyy),UTC Time (hhmmss.ss),Heading (deg)", "130920,{all}.00,{h}"),
         (",compass,compass\n,Heading (deg),Roll (deg)\ntime,,", "2020-09-13T12:{utc}+00:00,{h},0"),
+        ("Date,Time,Time (full),Heading (deg)", "13.09.2020,12:26,12:{utc},{h}"),
+        ("Date,HH:MM:SS,HH:MM,Heading (deg)", "13.09.2020,12:{utc},12:26,{h}"),
+        ("year,doy,Heading (deg)", "2020,{doy},{h}"),
+        ("year,Julian Day,Heading (deg)", "2020,{doy},{h}"),
+        ("Time,Heading (deg)", "2020/257/12:{utc}.00,{h}"),
+        ("Time,Heading (deg)", "2020-257 12:{utc},{h}"),
+        ("Start: 2020-09-13 12:26:40\nTime [s],Heading (deg)", "{t},{h}"),
     ],
     ids=["blank names", "pipes", "printed", "REMUS", "GPS time", "day of year", "colons", "Fortran", "Dune", "R", "CF",
          "LCM", "MATLAB", "digits", "digits of a year", "RTKLIB", "Xsens", "WinADCP", "Nucleus",
          "UDAS", "date before", "of midnight", "NTP", "SBG", "unit alone", "minutes",
-         "merged cells", "types", "ERDDAP", "Markdown", "Go", "R's rows", "local and UTC", "notations", "pandas"],
+         "merged cells", "types", "ERDDAP", "Markdown", "Go", "R's rows", "local and UTC", "notations", "pandas",
+         "the finer one behind", "the finer one before", "doy", "Julian day", "slashes", "a dash", "no start"],
 )  # fmt: skip
 def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -> None:
     rows: list[str] = []
@@ -87,43 +95,52 @@ def test_a_heading_is_read_with_its_time(tmp_path: Path, names: str, row: str) -
     assert not [one for one in log.findings if "as UTC" in one.text]
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "columns"),
-    [
-        ("a50", "time,vx,vy,status,time_of_validity\n200,1.5,0.5,0,{us}\n", {"time_unix_us": "time_of_validity"}),
-        ("dvl_0", "timestamp,velocity[0],velocity[1]\n{us},1.5,0.5\n", {"x": "velocity[0]", "y": "velocity[1]"}),
-        ("1_vehicle_visual_odometry_0", "timestamp,velocity[0],velocity[1]\n{us},1.5,0.5\n", {"y": "velocity[1]"}),
-        ("DVL1000.bt", "dateTime,timestamp,velocityX,velocityY\n13/09/2020 14:26:40,{s}.5,1.5,0.5\n",
-         {"time_unix_s": "timestamp", "x": "velocityX"}),
-        ("nortek", "timestampPosix,velocityX,velocityY,xVelocityIsValid,yVelocityIsValid,varX\n{s},1.5,0.5,1,1,0\n",
-         {"time_unix_s": "timestampPosix", "x": "velocityX", "y": "velocityY", "valid": "xVelocityIsValid"}),
-        ("Nortek_BT", "dateTime,velX,velY,timeVel1\n13/09/2020 12:26:40,1.5,0.5,0.1\n", {"x": "velX", "y": "velY"}),
-        ("plot", "receive time,header.stamp,/dvl/data.velocity.x,/dvl/data.velocity.y\n{s}.5,{s},1.5,0.5\n",
-         {"time_unix_s": "header.stamp", "x": "/dvl/data.velocity.x", "y": "/dvl/data.velocity.y"}),
-    ],
-)  # fmt: skip
-def test_columns_of_a_dvl_are_proposed(tmp_path: Path, name: str, text: str, columns: dict[str, str]) -> None:
-    text = text.replace("{us}", str(T0_S * 10**6)).replace("{s}", str(T0_S))
-    write_csv(tmp_path, **{name: text}, compass=HEADINGS, usbl=FIX)
+BESIDE = {"dvl": DVL, "compass": HEADINGS, "usbl": FIX}
+PROPOSED = [  # files, their names and rows; their sensors, and the keys of the first: which name it has
+    ("a50", "time,vx,vy,status,time_of_validity", "200,1.5,0.5,0,{t}000000", "dvl", "time_unix_us:4 x:1 y:2"),
+    ("dvl_0", "timestamp,velocity[0],velocity[1]", "{t}000000,1.5,0.5", "dvl", "time_unix_us:0 x:1 y:2"),
+    ("1_vehicle_visual_odometry_0", "timestamp,velocity[0],velocity[1]", "{t}000000,1.5,0.5", "dvl",
+     "time_unix_us:0 x:1 y:2"),
+    ("DVL1000.bt", "dateTime,timestamp,velocityX,velocityY", "13/09/2020 14:26:40,{t}.5,1.5,0.5", "dvl",
+     "time_unix_s:1 x:2 y:3"),
+    ("nortek", "timestampPosix,velocityX,velocityY,xVelocityIsValid,yVelocityIsValid,varX", "{t},1.5,0.5,1,1,0", "dvl",
+     "time_unix_s:0 x:1 y:2 valid:3"),
+    ("Nortek_BT", "dateTime,velX,velY,timeVel1", "13/09/2020 12:27:{k:02},1.5,0.5,0.1", "dvl", "time_unix_s:0 x:1 y:2"),
+    ("plot", "receive time,header.stamp,/dvl/data.velocity.x,/dvl/data.velocity.y", "{t}.5,{t},1.5,0.5", "dvl",
+     "time_unix_s:1 x:2 y:3"),
+    ("log", "Time [s],Gyro,DVL fwd [m/s],DVL stbd [m/s]", "{t},1{k}.5,1.5,0.5", "compass dvl",
+     "time_unix_s:0 heading:1"),
+    ("log", "t [s],yaw_enu [rad]", "{t},0.{k}", "compass", "time_unix_s:0 heading:1"),
+    ("nav", "Time [s],ROV Easting [m],ROV Northing [m],Vessel Easting [m],Vessel Northing [m]", "{t},{e},{n},7,8",
+     "usbl", "time_unix_s:0 x:1 y:2"),
+    ("nav", "Time [s],Ship N,Ship E,ROV N,ROV E", "{t},7,8,{n},{e}", "usbl", "time_unix_s:0 x:4 y:3"),
+    ("nav", "Time [s],ROV E,ROV N,USBL E,USBL N", "{t},7,8,{e},{n}", "usbl", "time_unix_s:0 x:3 y:4"),
+    ("dykk", "Time [s],HiPAP Nord,HiPAP Øst", "{t},{n},{e}", "usbl", "time_unix_s:0 x:2 y:1"),
+    ("nav", "Time [s],USBL Hochwert,USBL Rechtswert", "{t},{n},{e}", "usbl", "time_unix_s:0 x:2 y:1"),
+    ("nav", "Time [s],ROV Lat (dd mm.mmm),ROV Lon (ddd mm.mmm)", "{t},45 00.{n} N,7 00.{e} E", "usbl",
+     "time_unix_s:0 lat_deg:1 lon_deg:2"),
+    ("ROV_track", "Time [s],Latitude,Longitude", "{t},45.{n},7.{e}", "usbl", "time_unix_s:0 lat_deg:1 lon_deg:2"),
+    ("pinpoint", "Time [s],Beacon Id,Range (m),Easting (m),Northing (m)", "{t},5,30,{e},2", "usbl",
+     "time_unix_s:0 x:3 y:4 target:1"),
+    ("sinaps_positions", "Time [s],remote_address,x,y,integrity", "{t},2,{e},2,120", "usbl",
+     "time_unix_s:0 x:2 y:3"),
+    ("position_acoustic_filtered", "Time [s],x,y,z", "{t},{e},2,5", "usbl", "time_unix_s:0 x:1 y:2"),
+    ("position_acoustic_raw position_acoustic_filtered", "Time [s],x,y", "{t},{e},2", "usbl", "time_unix_s:0 x:1 y:2"),
+]  # fmt: skip
 
-    assert columns.items() <= tomllib.loads(drafted(tmp_path))["dvl"]["columns"].items()
 
+@pytest.mark.parametrize(("files", "names", "row", "sensors", "keys"), PROPOSED)
+def test_columns_of_other_programs_are_proposed(tmp_path, files, names, row, sensors, keys):
+    rows = "".join(row.format(t=T0_S + k, e=500 + k, n=700 - k, k=k) + "\n" for k in range(30))
+    beside = {name: text for name, text in BESIDE.items() if name not in sensors}
+    write_csv(tmp_path, **beside, **dict.fromkeys(files.split(), f"{names}\n{rows}"))
 
-def test_a_gyro_of_a_survey_program_is_proposed_as_heading(tmp_path: Path) -> None:
-    rows = "".join(f"{T0_S + k},{10.5 + k},1.5,0.5\n" for k in range(20))
-    write_csv(tmp_path, log=f"Time [s],Gyro,DVL fwd [m/s],DVL stbd [m/s]\n{rows}", usbl=FIX)
+    stated = tomllib.loads(drafted(tmp_path))[sensors.split()[0]]
 
-    assert tomllib.loads(drafted(tmp_path))["compass"]["columns"]["heading"] == "Gyro"
-
-
-def test_a_yaw_that_is_named_for_its_axes_is_proposed_with_them(tmp_path: Path) -> None:
-    yaws = "".join(f"{T0_S + k},{0.1 * k:.1f}\n" for k in range(30))
-    write_csv(tmp_path, dvl=DVL, usbl=FIX, log=f"t [s],yaw_enu [rad]\n{yaws}")
-
-    found = tomllib.loads(drafted(tmp_path))["compass"]
-
-    assert found["columns"] == {"time_unix_s": "t [s]", "heading": "yaw_enu [rad]"}
-    assert found["convention"] == "ENU"
+    wanted = {key: names.split(",")[int(place)] for key, place in (one.split(":") for one in keys.split())}
+    assert stated["columns"] == wanted
+    assert stated["topic"] == f"/{files.split()[0]}"
+    assert "enu" not in names or stated["convention"] == "ENU"
 
 
 def test_times_since_power_on_are_times_in_the_unit_of_their_name(tmp_path: Path) -> None:
@@ -183,30 +200,6 @@ def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path
     assert tomllib.loads(written)["usbl"]["grid"] == "EPSG:32632"
 
 
-@pytest.mark.parametrize(
-    ("file", "names", "row", "columns"),
-    [
-        ("nav", "ROV Easting [m],ROV Northing [m],Vessel Easting [m],Vessel Northing [m]", "{e},{n},7,8", "x:0 y:1"),
-        ("nav", "Ship N,Ship E,ROV N,ROV E", "7,8,{n},{e}", "x:3 y:2"),
-        ("nav", "ROV E,ROV N,USBL E,USBL N", "7,8,{e},{n}", "x:2 y:3"),
-        ("dykk", "HiPAP Nord,HiPAP Øst", "{n},{e}", "x:1 y:0"),
-        ("nav", "USBL Hochwert,USBL Rechtswert", "{n},{e}", "x:1 y:0"),
-        ("nav", "ROV Lat (dd mm.mmm),ROV Lon (ddd mm.mmm)", "45 00.{n} N,7 00.{e} E", "lat_deg:0 lon_deg:1"),
-        ("ROV_track", "Latitude,Longitude", "45.{n},7.{e}", "lat_deg:0 lon_deg:1"),
-    ],
-)
-def test_positions_of_a_rov_are_proposed_as_fixes(
-    tmp_path: Path, file: str, names: str, row: str, columns: str
-) -> None:
-    fixes = "".join(f"{T0_S + k},{row.format(e=500 + k, n=700 - k)}\n" for k in range(30))
-    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, **{file: f"Time [s],{names}\n{fixes}"})
-
-    stated = tomllib.loads(drafted(tmp_path))["usbl"]
-
-    wanted = {key: names.split(",")[int(place)] for key, place in (one.split(":") for one in columns.split())}
-    assert stated["columns"] == {"time_unix_s": "Time [s]", **wanted}
-
-
 @pytest.mark.parametrize(("beside", "kind"), [("Target Name", "usbldr/usbl"), ("Note", "")])
 def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: str) -> None:
     write_csv(tmp_path, export=f"Time [s],{beside},Target Easting [m],Target Northing [m]\n{T0_S},ROV,1.5,2.5\n")
@@ -234,13 +227,6 @@ def test_the_depth_of_a_fix_is_no_depth_of_the_vehicle(tmp_path, file, names, ce
         np.testing.assert_allclose(log.tables["usbl"]["east_m"], 20.0)  # 25 m, 15 m below the head
 
 
-@pytest.mark.parametrize("flag", ["BT Valid", "Vel valid", "BT Lock"])
-def test_records_that_a_dvl_calls_invalid_are_left_out(tmp_path: Path, flag: str) -> None:
-    rows = f"Time [s],Fwd [m/s],Stbd [m/s],{flag}\n" + "".join(f"{T0_S + k},1.5,0.5,{k % 2}\n" for k in range(4))
-
-    assert logged_csv(tmp_path, "", dvl=rows).tables["dvl"]["valid"].tolist() == [False, True, False, True]
-
-
 NO_NUMBER = f"Time [s],Heading (deg)\n{T0_S},1 bar\n{T0_S + 1},\n{T0_S + 2},2 bar\n"
 OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
 
@@ -249,6 +235,7 @@ OF_APOS = "".join(f"{T0_S + k},M{k % 2},{45 + k % 2},7\n" for k in range(4))
     ("name", "text", "fault", "said"),
     [
         ("compass", NO_NUMBER, LogError, r'line 2: Heading \(deg\) is "1 bar", not a number$'),
+        ("depth", 'Time [s],Depth (m)\n1,"1,250"\n2,"1,251"\n', LogError, r'Depth \(m\) is "1,250", not a number'),
         ("usbl", 'Time [s],Position\n1,"45.1, 7.2"\n', LogError, r"in the cells of Position \(45.1, 7.2\); write each"),
         ("usbl", "Time [s],Position\n1,45-30.0N 007-12.0E\n", LogError, "several values in the cells of Position"),
         ("usbl", "Time [s],place\n1,POINT (7.2 45.1)\n", LogError, "several values in the cells of place"),
@@ -379,6 +366,8 @@ NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Headi
          {"compass.time_s": [0.0, 1.25, 2.5]}),
         ('[compass]\ncolumns = { time_unix_s = "1", heading = "4" }', "compass",
          "".join(f"{T0_S + k},{250_000_000 * k},imu,10\n" for k in range(3)), {"compass.time_s": [0.0, 1.25, 2.5]}),
+        ("", "nav", f'Time [s],Heading (deg),Depth (m)\n"{T0_S},000","10,0","1,250"\n"{T0_S + 1},000","10,1","1,2"\n',
+         {"compass.heading_deg": [10.0, 10.1], "depth.depth_m": [1.25, 1.2]}),
         ("", "usbl", "Chantier\nHeure;USBL East [m];USBL North [m]\n13.09.2020 12:26:40;597 402,12;4 983 000,5\n",
          {"usbl.east_m": [597402.12], "usbl.north_m": [4983000.5]}),
         (MINUTES, "gps", f"time,Lat (ddmm.mmmm),N/S,Lon (dddmm.mmmm),E/W\n{T0_S},4530.0000,S,00715.0000,E\n",
@@ -390,8 +379,8 @@ NANO = "UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second,UTC_Nano,Headi
         (OF_AUTOPILOT, "gps", f"time,lat,lon\n{T0_S},450000000,-70000000\n{T0_S + 1},450000360,-70000000\n",
          {"gps.lat_deg": pytest.approx([45.0, 45.000036]), "gps.lon_deg": pytest.approx([-7.0, -7.0])}),
     ],
-    ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "thousands",
-         "notations", "sides that are not stated", "minus signs", "ten millionths of degrees"],
+    ids=["units in cells",  "the heading that is true", "not magnetic", "nanoseconds", "ROS 2", "decimal commas",
+         "thousands", "notations", "sides that are not stated", "minus signs", "ten millionths of degrees"],
 )  # fmt: skip
 def test_values_are_those_that_names_and_cells_mean(tmp_path, toml, file, text, wanted):
     log = logged_csv(tmp_path, toml, **{file: text})
@@ -457,15 +446,17 @@ def test_the_line_that_the_refusal_of_two_vehicles_states_chooses_one(tmp_path: 
 
 @pytest.mark.parametrize(
     ("column", "words"),
-    [("Solution", ["Fixed", "Float"]), ("Mode", ["Survey", "Transit"]), ("Words", [f"word {k}x" for k in range(9)])],
-)
+    [("Solution", ["Fixed", "Float"]), ("Mode", ["Survey", "Transit"]), ("Words", [f"word {k}x" for k in range(9)]),
+     ("Words", ["AUTO"] * 10 + ["HOLD"] * 10), ("Words", ["good", "bad"])],
+)  # fmt: skip
 def test_words_that_change_from_row_to_row_may_be_no_devices(tmp_path: Path, column: str, words: list[str]) -> None:
-    rows = "".join(f"{T0_S + k},{words[k % len(words)]},{45 + 1e-5 * k},7\n" for k in range(10))
+    """They are of a state, too many, change seldom, or judge."""
+    rows = "".join(f"{T0_S + k},{words[k % len(words)]},{45 + 1e-5 * k},7\n" for k in range(20))
     write_csv(tmp_path, usbl=f"Time [s],{column},lat [deg],lon [deg]\n{rows}")
 
     log = read_log(tmp_path)
 
-    assert len(log.tables["usbl"]) == 10
+    assert len(log.tables["usbl"]) == 20
     assert not [one.text for one in log.findings if f"from {column}" in one.text]
 
 
@@ -542,13 +533,6 @@ def test_one_device_and_numbers_of_something_else_choose_nothing(tmp_path: Path,
 
     assert len(read_as(tmp_path, "").tables["dvl"]) == 20
     assert "/dvl holds no record of 30 (its devices: " in refusal(UsageError, read_as, tmp_path, "[dvl]\ndevice = 30")
-
-
-@pytest.mark.parametrize("words", [["AUTO"] * 10 + ["HOLD"] * 10, ["good", "bad"] * 10])
-def test_words_that_seldom_change_or_judge_name_no_device(tmp_path: Path, words: list[str]) -> None:
-    rows = "".join(f"{T0_S + k},{word},{k},0\n" for k, word in enumerate(words))
-
-    assert len(logged_csv(tmp_path, "", usbl=f"Time [s],Mode,East [m],North [m]\n{rows}").tables["usbl"]) == 20
 
 
 def test_init_keeps_the_columns_of_a_table_of_two_devices_as_comments(tmp_path: Path) -> None:
@@ -659,34 +643,6 @@ def test_columns_without_names_are_named_by_number(tmp_path, begin, row, columns
     assert (log.origin.lat_deg, log.origin.lon_deg) == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize("names", ["Date,Time,Time (full)", "Date,HH:MM:SS,HH:MM"])
-def test_of_two_columns_of_one_time_the_finer_one_counts(tmp_path: Path, names: str) -> None:
-    last = 1 if names.endswith("full)") else 0  # place of the one with seconds
-    pairs = [(f"12:26:{40 + k}", "12:26")[:: (1, -1)[last]] for k in range(4)]
-    rows = "".join(f"13.09.2020,{a},{b},{10.5 + k}\n" for k, (a, b) in enumerate(pairs))
-
-    log = read_log(saved(tmp_path / "compass.csv", f"{names},Heading (deg)\n{rows}"))
-
-    assert (log.start_ns, log.tables["compass"]["time_s"].tolist()) == (T0, [0.0, 1.0, 2.0, 3.0])
-
-
-def test_quoted_numbers_between_commas_may_have_decimal_commas(tmp_path: Path) -> None:
-    rows = "".join(f'"{T0_S + k},000","10,{k}","1,250"\n' for k in range(4))
-    log = read_log(saved(tmp_path / "compass.csv", f"Time [s],Heading (deg),Depth (m)\n{rows}"))
-
-    assert log.start_ns == T0
-    assert log.tables["compass"]["heading_deg"].tolist() == [10.0, 10.1, 10.2, 10.3]
-    assert log.tables["depth"]["depth_m"].tolist() == [1.25] * 4
-
-
-def test_quoted_numbers_whose_commas_may_part_thousands_are_refused(tmp_path: Path) -> None:
-    rows = "".join(f'{T0_S + k},"1,25{k}"\n' for k in range(4))
-
-    said = refusal(LogError, read_log, saved(tmp_path / "depth.csv", f"Time [s],Depth (m)\n{rows}"))
-
-    assert 'Depth (m) is "1,250", not a number' in said
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -706,14 +662,10 @@ def test_times_count_from_the_start_that_a_line_before_the_names_states(tmp_path
     assert [one.text for one in log.findings if "from which its times count" in one.text]
 
 
-@pytest.mark.parametrize("line", ["Start: 2020-09-13 12:26:40", "Exported: 2021-01-01 00:00:00"])
-def test_times_since_1970_and_other_moments_are_no_start(tmp_path: Path, line: str) -> None:
-    first = T0_S if line.startswith("Start") else 5
-    rows = "".join(f"{first + k},{10.5 + k}\n" for k in range(4))
+def test_another_moment_is_no_start(tmp_path: Path) -> None:
+    text = "Exported: 2021-01-01 00:00:00\nTime [s],Heading (deg)\n5,10.5\n6,11.5\n"
 
-    log = read_log(saved(tmp_path / "compass.csv", f"{line}\nTime [s],Heading (deg)\n{rows}"))
-
-    assert log.start_ns == first * SECOND
+    assert read_log(saved(tmp_path / "compass.csv", text)).start_ns == 5 * SECOND
 
 
 def test_a_union_in_an_arrow_file_is_left_out_and_dictionaries_are_read(tmp_path: Path) -> None:
@@ -747,28 +699,3 @@ def test_of_devices_that_differ_in_a_number_the_first_is_proposed_and_the_others
     stated = tomllib.loads(draft)["usbl"]["columns"]
     assert stated == {"time_unix_s": "Time [s]", "x": names[0], "y": names[1]}
     assert f"of several devices, the first ({names[2]}, {names[3]})" in draft
-
-
-@pytest.mark.parametrize(
-    ("name", "names", "cells", "wanted"),
-    [
-        ("pinpoint", "Beacon Id,Range (m),Easting (m),Northing (m)", "5,30,{k},2", {"x": "Easting (m)"}),
-        ("sinaps_positions", "remote_address,x,y,integrity", "2,{k},2,120", {"x": "x", "y": "y"}),
-        ("position_acoustic_filtered", "x,y,z", "{k},2,5", {"x": "x"}),
-    ],
-)
-def test_positions_of_acoustic_tables_are_proposed_as_fixes(tmp_path, name, names, cells, wanted):
-    fixes = "".join(f"{T0_S + k},{cells.format(k=k)}\n" for k in range(30))
-    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, **{name: f"Time [s],{names}\n{fixes}"})
-
-    stated = tomllib.loads(drafted(tmp_path))["usbl"]
-
-    assert stated["topic"] == f"/{name}"
-    assert wanted.items() <= stated["columns"].items()
-
-
-def test_of_the_raw_and_the_filtered_positions_of_a_system_the_raw_ones_are_proposed(tmp_path: Path) -> None:
-    fixes = "Time [s],x,y\n" + "".join(f"{T0_S + k},{k},2\n" for k in range(30))
-    write_csv(tmp_path, dvl=DVL, compass=HEADINGS, position_acoustic_filtered=fixes, position_acoustic_raw=fixes)
-
-    assert tomllib.loads(drafted(tmp_path))["usbl"]["topic"] == "/position_acoustic_raw"

@@ -108,24 +108,6 @@ def test_what_two_sensors_of_one_topic_have_in_common_is_said_once(tmp_path: Pat
 @pytest.mark.parametrize(
     ("name", "header"),
     [
-        ("compass", "azimuth_deg"),
-        ("compass", "Bearing [deg]"),
-        ("attitude", "course_deg"),
-        ("ins", "azimuth,roll,pitch"),
-        ("dive", "Azimuth (deg),Forward (m/s),Starboard (m/s)"),
-    ],
-)
-def test_the_direction_of_the_vehicle_is_its_heading(tmp_path: Path, name: str, header: str) -> None:
-    rows = "".join(f"{T + k},{30 + k}{',0.5' * header.count(',')}\n" for k in range(9))
-
-    log = logged_csv(tmp_path, "", **{name: f"Time [s],{header}\n{rows}"})
-
-    assert log.tables["compass"]["heading_deg"].tolist() == [30 + k for k in range(9)]
-
-
-@pytest.mark.parametrize(
-    ("name", "header"),
-    [
         ("replies", "Range [m],Bearing [deg],roll [deg],pitch [deg]"),
         ("replies", "Distance [m],Azimuth [deg],roll [deg],pitch [deg]"),
         ("replies", "R [m],azimuth_deg,elevation_deg,roll_deg"),
@@ -225,6 +207,19 @@ UNDERSTOOD = {  # what is understood: file, text, columns
     "units in cells": ("dive", "Forward,Starboard,Heading (deg)\n1500 mm/s,250 mm/s,30.5", AHEAD),
     "bottom track": ("dive", "Forward (m/s),Starboard (m/s),Bottom Track,Heading [deg]\n1,0,lost,9\n1,0,locked,9",
                      {"dvl.valid": [False, True]}),
+    **{flag: ("dive", f"Fwd [m/s],Stbd [m/s],{flag}\n1.5,0.5,0\n1.5,0.5,1", {"dvl.valid": [False, True]})
+       for flag in ("BT Valid", "Vel valid", "BT Lock")},
+    **{header: (name, f"{header}\n30\n31", {"compass.heading_deg": [30, 31]})
+       for name, header in (("compass", "azimuth_deg"), ("compass", "Bearing [deg]"), ("attitude", "course_deg"))},
+    "an azimuth beside a roll": ("ins", "azimuth,roll,pitch\n30,0.5,0.5", {"compass.heading_deg": [30]}),
+    "an azimuth beside velocities": ("dive", "Azimuth (deg),Forward (m/s),Starboard (m/s)\n30.5,1.5,0.25", AHEAD),
+    "a status beside satellites": ("gps", "Status,NSats,lat_deg,lon_deg\n1,9,1,2\n0,9,2,2\n2,9,3,2",
+                                   {"gps.lat_deg": [3]}),
+    "a status": ("gps", "Status,lat_deg,lon_deg\n1,1,2\n0,2,2\n3,3,2\n2,4,2", {"gps.lat_deg": [3, 4]}),
+    "kinds of fixes": ("gps", "Fix,lat_deg,lon_deg\nNo_Fix,1,2\n3D,2,2\n0,3,2\n1,4,2", {"gps.lat_deg": [2, 4]}),
+    "our own flag": ("dvl", "starboard_mps,forward_mps,sd_mps,valid\n0.1,1.5,0.02,1\n0.1,1.5,0.02,0",
+                     {"dvl.valid": [True, False], "dvl.sd_mps": [0.02, 0.02]}),
+    "our own sigma": ("compass", "heading_deg,sd_deg\n10,0.7\n11,0.7", {"compass.sd_deg": [0.7, 0.7]}),
     "German degrees": ("dive", "Vorwärts [m/s],Rechts [m/s],Steuerkurs (Grad)\n1.5,0.25,30.5", AHEAD),
     "a course beside velocities": ("dive", "Voraus [m/s],Steuerbord [m/s],Kurs (Grad)\n1.5,0.25,30.5", AHEAD),
     "gyrocompasses": ("dive", "Forward (m/s),Starboard (m/s),Gyro 1 [deg]\n1.5,0.25,30.5", AHEAD),
@@ -311,14 +306,6 @@ def test_times_of_day_without_a_date_get_that_of_each_file(tmp_path: Path) -> No
     assert "NO-DATE" not in codes(log)
 
 
-def test_columns_by_our_own_names_are_read_beside_a_time_of_another_name(tmp_path: Path) -> None:
-    dvl = timed("starboard_mps,forward_mps,sd_mps,valid\n0.1,1.5,0.02,1\n0.1,1.5,0.02,0")
-    log = logged_csv(tmp_path, "", dvl=dvl, compass=timed("heading_deg,sd_deg\n10,0.7\n11,0.7"))
-
-    assert list(log.tables["dvl"]["valid"]) == [True, False]
-    assert log.convention("compass", "sd_deg").value == 0.7
-
-
 @pytest.mark.parametrize(("name", "level"), [("Foo", "error"), ("Bar", "warning"), ("EKF", ""), ("Foo_m", "")])
 def test_a_position_that_no_sensor_uses_is_named(tmp_path: Path, name: str, level: str) -> None:
     text = timed(
@@ -401,18 +388,6 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
 
 
 @pytest.mark.parametrize(
-    ("names", "cells", "used"),
-    [("Status,NSats", "1,9 0,9 2,9", [3]), ("Status", "1 0 3 2", [3, 4]), ("Fix", "No_Fix 3D 0 1", [2, 4])],
-)
-def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, cells: str, used: list[int]) -> None:
-    rows = "\n".join(f"{cell},{k},2" for k, cell in enumerate(cells.split(), start=1))
-
-    log = logged_csv(tmp_path, "", gps=timed(f"{names},Latitude [deg],Longitude [deg]\n{rows}"))
-
-    assert log.tables["gps"]["lat_deg"].tolist() == used
-
-
-@pytest.mark.parametrize(
     ("name", "header", "cells", "why"),
     [
         ("nav", "Time [s],Heading [turn]", "1,1",
@@ -431,6 +406,10 @@ def test_what_a_gps_says_of_its_fixes_is_understood(tmp_path: Path, names: str, 
          'has "2026-01-01 02:00:00 CEST" in the first row of the column Time, which is neither a date and time nor a'),
         ("compass", "Time,Heading [deg]", "23:01.5,1",
          'has "23:01.5" in the first row of the column Time: minutes and seconds without the hour'),
+        ("compass", "DOY,Heading [deg]", "257.5185185,1",
+         'has a column DOY of days of a year, without the year; add a column "year"'),
+        ("compass", "Time,Heading [deg]", "257:12:26:40.5,1",
+         'has "257:12:26:40.5" in the first row of the column Time: a day of a year, without'),
         ("compass", "Time,Heading [deg]", ",1",
          "has a column Time of which neither a unit nor a date is known; write the unit"),
         ("compass", "gps_time,Heading [deg]", "1451260818.5,1",
