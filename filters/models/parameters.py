@@ -181,7 +181,7 @@ class Smoothing(NamedTuple):
     velocity: float = 0.0  # [-] beta: the share of the same, divided by the time since the fix before
 
 
-NOT_SMOOTHED = Smoothing(1.0)
+NOT_SMOOTHED = Smoothing(1.0)  # [-] each position is the fix
 
 
 @dataclass(frozen=True, slots=True)
