@@ -94,7 +94,10 @@ def _draft(path: Path, request: Request) -> Draft:
         again = [(examination, proposals), *again]
         fitting = [(one, read) for one, read in again if one and one.log is not None and "DVL-UNIT" not in _codes(one)]
         if fitting:
-            examination, proposals = min(fitting, key=lambda one: _unlike_fixes_m(one[0]))
+            usual, less = proposals, THRESHOLDS.clearly_better_ratio
+            examination, proposals = min(
+                fitting, key=lambda one: _unlike_fixes_m(one[0]) * (less if one[1] is usual else 1.0)
+            )
     of_ship: Mapping[str, object] = {}
     refused: Mapping[str, Proposal] = {}
     read = examination if examination is not None and examination.log is not None else None

@@ -407,16 +407,18 @@ def test_of_two_true_headings_the_sentence_chooses_one(tmp_path: Path, unit: str
 @pytest.mark.parametrize("names", ["q[0],q[1],q[2],q[3]", "q_0,q_1,q_2,q_3", "qw,qx,qy,qz"])
 def test_quaternions_and_microseconds_of_an_autopilot_are_proposed(tmp_path: Path, names: str) -> None:
     """A folder of ulog2csv: half a heading's sine and cosine turn north to the bow; the vehicle's clock times all."""
-    half = np.radians(np.arange(30) + 100) / 2
+    turned = np.radians(np.arange(30) + 100)
+    half, north_m, east_m = turned / 2, np.cumsum(np.cos(turned)), np.cumsum(np.sin(turned))
+    lat, lon = 45 + 9e-6 * north_m, 7 + 9e-6 * east_m / np.cos(np.radians(45))
     rows = [f"{30_000_000 + k * 10**6}" for k in range(30)]
     turns = [f"{t},{t},{np.cos(h):.6f},0,0,{np.sin(h):.6f}\n" for t, h in zip(rows, half, strict=True)]
-    places = [f"{t},{(T0_S + k) * 10**6},{450_000_000 + 90 * k},70000000\n" for k, t in enumerate(rows)]
+    places = [f"{t},{(T0_S + k) * 10**6},{round(lat[k] * 1e7)},{round(lon[k] * 1e7)}\n" for k, t in enumerate(rows)]
     write_csv(
         tmp_path / "dive",
         vehicle_attitude_0=f"timestamp,timestamp_sample,{names}\n{''.join(turns)}",
         vehicle_gps_position_0=f"timestamp,time_utc_usec,lat,lon\n{''.join(places)}",
         dvl="timestamp,vx,vy,vz\n" + "".join(f"{t},1,0,0\n" for t in rows),
-        usbl="timestamp,lat,lon\n" + "".join(f"{t},{45 + 9e-6 * k:.7f},7\n" for k, t in enumerate(rows)),
+        usbl="timestamp,lat,lon\n" + "".join(f"{t},{lat[k]:.7f},{lon[k]:.7f}\n" for k, t in enumerate(rows)),
     )
 
     draft = drafted(tmp_path / "dive")
