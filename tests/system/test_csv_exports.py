@@ -250,7 +250,7 @@ def test_one_table_of_all_sensors_is_replayed_with_gaps_held_values_or_tables_si
 
 
 @pytest.mark.long
-def test_init_states_no_axes_that_the_names_of_columns_contradict(dive, tmp_path):
+def test_init_states_no_convention_that_the_names_of_columns_contradict(dive, tmp_path):
     names = METRIC | {
         sensor: METRIC[sensor] | {f"{name} Longitude [deg]": lambda table: -table["lon_deg"]}
         for sensor, name in (("usbl", "USBL"), ("gps", "GPS"))
@@ -260,10 +260,10 @@ def test_init_states_no_axes_that_the_names_of_columns_contradict(dive, tmp_path
     output_of("init", tmp_path / "log", "-o", tmp_path / "found.toml")
     text = (tmp_path / "found.toml").read_text(encoding="utf-8")
 
-    (line,) = [line for line in text.splitlines() if "axes =" in line]
-    assert line.startswith('# axes = "SFU"')
-    assert "but PFD fits the fixes better; the names of its columns say how it was read" in line
-    assert "\n# mount_deg = " in text  # it belongs to the other axes
+    (line,) = [line for line in text.splitlines() if "the names of its columns say how it was read" in line]
+    assert line.startswith('# convention = "compass"')
+    assert "but ENU fits the fixes better" in line
+    assert "\n# mount_deg = " in text  # it belongs to the other convention
     said = findings(tmp_path / "log", "--config", str(tmp_path / "found.toml"))
     assert "KEY-UNUSED" not in said
     assert "its longitudes have the wrong sign" in said["MAP-FRAME"]["text"]

@@ -280,7 +280,7 @@ def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:
         ("usbl_b", "2027-01-01 00:00:00Z,-3.5,1e2\n2027-01-01 00:00:01Z,-3.6,1e2\n",
          "so its columns are 1, 2, ...; name them with the key columns of the sensor's section"),
         ("dvl_002", "when,forward,sideways\n1,2,3\n", "its columns match no sensor (when, forward, sideways)"),
-        ("ship_compass", "Time [s],Heading [mil]\n1,2\n", "has a column Heading [mil] without a known unit"),
+        ("ship_compass", "Time [s],Heading [turn]\n1,2\n", "has a column Heading [turn] without a known unit"),
     ],
 )  # fmt: skip
 def test_a_table_of_a_sensor_that_cannot_be_read_beside_the_one_that_is_read_is_a_loss(tmp_path, name, text, why):
