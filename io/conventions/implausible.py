@@ -15,7 +15,16 @@ import pandas as pd
 
 from usbldr.filters.types import Array, Mask, Truth, Vector
 from usbldr.io.conventions.displaced import Fixes, false_velocities
-from usbldr.io.conventions.repeats import copied_fixes, interpolated_fixes, noisy, runs, some_runs, stuck, sudden_zeros
+from usbldr.io.conventions.repeats import (
+    copied_fixes,
+    extrapolated_fixes,
+    interpolated_fixes,
+    noisy,
+    runs,
+    some_runs,
+    stuck,
+    sudden_zeros,
+)
 from usbldr.io.conventions.spikes import heading_jumps, heading_spikes, velocity_spikes, without_jumps
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -156,7 +165,14 @@ def _usbl(records: Records, tables: Tables) -> Judged:
         f"lie on the line between the fixes before and after: the table was resampled; {LEFT_OUT}; export the fixes as "
         "they were measured"
     )
-    return records.without(between), [*copies, *_stretch_finding("USBL-INTERPOLATED", records, between, text)]
+    found = [*copies, *_stretch_finding("USBL-INTERPOLATED", records, between, text)]
+    records = records.without(between)
+    beyond = extrapolated_fixes(records.time_s, records.values)
+    text = (
+        "go on along a straight line at constant speed from the fixes before: software extrapolated, as if no reply "
+        f"came; {LEFT_OUT}"
+    )
+    return records.without(beyond), [*found, *_stretch_finding("USBL-EXTRAPOLATED", records, beyond, text)]
 
 
 CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] = {

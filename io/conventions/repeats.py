@@ -20,6 +20,7 @@ REPEATS_OVER_CHANCE = 10.0  # [-] repeated fixes over those that rounding explai
 LINE_M = 0.01  # [m] off the line between neighbours: a fifth of the wavelength at 30 kHz, less than any fix scatters
 KINK_M = 0.05  # [m] median of those off the line, the same wavelength: fixes scatter by more, rounding by less
 ON_LINE_SHARE = 0.3  # [-] of fixes that are interpolated: a third if two of three rows are beside a measured one
+MOST_EXTRAPOLATED = 0.5  # [-] of the fixes: if more lie on lines, the fixes may have no noise
 CORNER_FIXES = 2  # [fixes] off the line in a row: a measured one, or the two beside it
 CORNER_SHARE = 0.9  # [-] of the runs off the line that are as short: a turn and an outlier are longer
 MIN_MOVING_MPS = 0.2  # [m/s] a slower vehicle can come to rest between two records
@@ -97,12 +98,40 @@ def copied_fixes(fixes_m: Array) -> Mask:
     the shares of pairs with one equal coordinate.
     """
     same = repeated(fixes_m)
-    equal = fixes_m[1:] == fixes_m[:-1]
-    fresh = int(np.sum(~same)) - 1
-    east, north = (np.count_nonzero(column & ~same[1:]) + 1.0 for column in equal.T)  # pairs with one equal coordinate
-    by_rounding = len(same) * east * north / (fresh + 2.0) ** 2
-    implausible = fresh >= MIN_FRESH_FIXES and same.sum() >= max(MIN_REPEATS, REPEATS_OVER_CHANCE * by_rounding)
-    return same if implausible else np.zeros_like(same)
+    return same if _beyond_rounding(fixes_m[1:] == fixes_m[:-1]) else np.zeros_like(same)
+
+
+def _beyond_rounding(equal: Mask) -> bool:
+    """Tell whether both coordinates of fixes are equal to those expected more often than rounding explains, (n, 2)."""
+    same = np.all(equal, axis=1)
+    fresh = int(np.sum(~same))
+    east, north = (np.count_nonzero(column & ~same) + 1.0 for column in equal.T)  # one equal coordinate
+    by_rounding = (len(same) + 1) * east * north / (fresh + 2.0) ** 2
+    return fresh >= MIN_FRESH_FIXES and int(same.sum()) >= max(MIN_REPEATS, REPEATS_OVER_CHANCE * by_rounding)
+
+
+def extrapolated_fixes(time_s: Vector, fixes_m: Array) -> Mask:
+    """Return which fixes (n, 2), in order of time, go on along a line at constant speed from those before, (n,).
+
+    Software goes on so if no reply comes. Four on a line are none by chance, if rounding does not explain them.
+    """
+    found = np.zeros(len(time_s), dtype=np.bool_)
+    near = np.abs(_off_line_m(time_s, fixes_m)) <= LINE_M
+    on_line = np.all(near, axis=1)
+    if on_line.mean() > MOST_EXTRAPOLATED or not _beyond_rounding(near):
+        return found
+    first, end = runs(on_line)
+    on_line = some_runs(on_line, end - first > 1)
+    found[1:-1] = on_line
+    found[2:] |= on_line
+    return found
+
+
+def _off_line_m(time_s: Vector, fixes_m: Array) -> Array:
+    """Return how far fixes (n, 2) lie from the line at constant speed between the one before and after, (n - 2, 2)."""
+    both_s = np.maximum(time_s[2:] - time_s[:-2], np.finfo(float).tiny)  # stamps may be equal
+    share = ((time_s[1:-1] - time_s[:-2]) / both_s)[:, None]
+    return fixes_m[1:-1] - fixes_m[:-2] - share * (fixes_m[2:] - fixes_m[:-2])
 
 
 def interpolated_fixes(time_s: Vector, fixes_m: Array) -> Mask:
@@ -113,10 +142,7 @@ def interpolated_fixes(time_s: Vector, fixes_m: Array) -> Mask:
     between = np.zeros(len(time_s), dtype=np.bool_)
     if len(time_s) < MIN_FRESH_FIXES:
         return between
-    both_s = np.maximum(time_s[2:] - time_s[:-2], np.finfo(float).tiny)  # stamps may be equal
-    share = ((time_s[1:-1] - time_s[:-2]) / both_s)[:, None]
-    line_m = fixes_m[:-2] + share * (fixes_m[2:] - fixes_m[:-2])
-    off_m = np.linalg.norm(fixes_m[1:-1] - line_m, axis=1)
+    off_m = np.linalg.norm(_off_line_m(time_s, fixes_m), axis=1)
     off_line = off_m > LINE_M
     if not off_line.any() or np.median(off_m[off_line]) < KINK_M:
         return between

@@ -154,6 +154,34 @@ def test_of_fixes_that_a_table_interpolates_each_is_used_once(dive: Log, apart_s
     assert np.abs(kept_s[:, None] - fix_s).min(axis=1).max() <= apart_s
 
 
+@pytest.mark.parametrize("runs", [{150: 8, 170: 3, 400: 12}, {150: 8, 880: 20}], ids=["in the dive", "to its end"])
+def test_fixes_that_software_extrapolates_are_left_out(dive: Log, runs: dict[int, int]) -> None:
+    fixes = dive.tables["usbl"]
+    time_s, fix_m = fixes["time_s"].to_numpy(), fixes[PLACE].to_numpy(copy=True)
+    extrapolated = np.zeros(len(time_s), dtype=bool)
+    for first_s, number in runs.items():
+        first = int(np.searchsorted(time_s, first_s))
+        rows = slice(first, first + number)
+        extrapolated[rows] = True
+        fix_m[rows] = fix_m[first - 1] + (time_s[rows] - time_s[first - 1])[:, None] * (0.31, -0.54)
+    fix_m[20] = [np.interp(time_s[20], time_s[[19, 21]], near) for near in fix_m[[19, 21]].T]  # by chance
+    log = changed(dive, "usbl", PLACE, fix_m)
+
+    assert found(log) == ["USBL-EXTRAPOLATED"]
+    assert lost(log) == {"usbl": time_s[extrapolated].tolist()}
+
+
+@pytest.mark.parametrize("step_m", [0.1, 1.0, 5.0])
+def test_fixes_that_rounding_puts_on_lines_are_not_extrapolated(dive: Log, step_m: float) -> None:
+    time_s = np.arange(0.0, 900.0, 1.0)
+    slow_m = 20.0 * np.sin(time_s[:, None] / (150.0, 110.0)) + np.random.default_rng(0).normal(0, 0.4, (900, 2))
+    fixes = dive.tables["usbl"]
+    table = pd.DataFrame({name: np.interp(time_s, fixes["time_s"], fixes[name]) for name in fixes})
+    table[PLACE] = np.round(slow_m / step_m) * step_m
+
+    assert "USBL-EXTRAPOLATED" not in found(with_table(dive, "usbl", table))
+
+
 @pytest.mark.parametrize(
     ("sd_m", "digits", "apart_s"),
     [(0.03, 9, 1.0), (0.0, 9, 1.0), (0.0, 2, 0.2)],
@@ -167,6 +195,16 @@ def test_fixes_of_a_vehicle_on_a_line_are_not_interpolated(dive: Log, sd_m: floa
     fixes = dive.tables["usbl"]
     table = pd.DataFrame({name: np.interp(time_s, fixes["time_s"], fixes[name]) for name in fixes})
     table[PLACE] = np.round(straight + noise_m, digits)
+
+    assert found(with_table(dive, "usbl", table)) == []
+
+
+def test_fixes_without_noise_on_legs_and_turns_are_not_extrapolated(dive: Log) -> None:
+    time_s = np.arange(0.0, 900.0, 1.0)
+    course = np.cumsum(np.where(time_s % 90 < 60, 0.0, 0.5))
+    fixes = dive.tables["usbl"]
+    table = pd.DataFrame({name: np.interp(time_s, fixes["time_s"], fixes[name]) for name in fixes})
+    table[PLACE] = 0.8 * np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0)
 
     assert found(with_table(dive, "usbl", table)) == []
 
