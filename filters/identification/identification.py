@@ -141,10 +141,12 @@ class Identification:
         if smoothing == NOT_SMOOTHED:
             return ""
         how = "a filter that also estimates a velocity" if smoothing.velocity else "a weighted mean"
+        how += f", in which a new fix has a weight of {smoothing.position:.0%}"
+        if smoothing.last:
+            how = f"the mean of the last {smoothing.last}"
         return (
-            f"software smoothed the USBL fixes by {how}, in which a new fix has a weight of {smoothing.position:.0%}: "
-            "they lag behind the vehicle; replay computes the fixes before they were smoothed; switch the filter "
-            "of the USBL software off, or record unfiltered fixes"
+            f"software smoothed the USBL fixes by {how}: they lag behind the vehicle; replay computes the fixes before "
+            "they were smoothed; switch the filter of the USBL software off, or record unfiltered fixes"
         )
 
     @property

@@ -29,6 +29,7 @@ from usbldr.filters.replay.dead_reckoning import without_smoothing
 from usbldr.filters.types import Timeline
 
 LAGS = 0.25, 0.5, 1.0, 2.0, 4.0, 8.0  # [fixes] tried first: with 8, fixes follow a manoeuvre after half a minute
+MOST_FIXES = 17  # of a mean with equal weights: its lag is 8 fixes
 FINER = 4  # [-] times is the best lag searched in steps of a third of those before: to 1 %
 ROUNDS = 2  # of noise and lag in turn: in a transit each takes off most of what is left of the error
 SD_SCALES = 0.25, 1.0, 4.0  # [-] on stated sigmas of the fixes, which may be wrong
@@ -59,7 +60,7 @@ def likeliest_smoothing(
     present = frozenset(keys_of(timeline, stated)) - {COMPASS_CLOCK}
     scaled = [replace(stated, usbl_sd_scale=scale * stated.usbl_sd_scale) for scale in SD_SCALES]
     members = [Member(parameters, present) for parameters in scaled]
-    possible = [_likeliest(timeline, members, kind) for kind in (mean_of_last, by_kalman)]
+    possible = [_likeliest(timeline, members, kind) for kind in (weighted_mean, by_kalman, mean_of_last)]
     most_walk_m = CONTRADICTED * stated.process.position_m
     for _ in range(ROUNDS):
         possible = [_refined(timeline, fitted, found, most_walk_m) for found in possible if found.lag]
@@ -87,9 +88,15 @@ def _in_time(member: Member) -> Member:
     )
 
 
-def mean_of_last(lag: float) -> Smoothing:
+def weighted_mean(lag: float) -> Smoothing:
     """Return the smoothing by a weighted mean that lags behind by so many fixes."""
     return Smoothing(1 / (1 + lag))
+
+
+def mean_of_last(lag: float) -> Smoothing:
+    """Return the smoothing by a mean of the last fixes, with equal weights, that lags behind by half their number."""
+    last = round(1 + 2 * lag)
+    return Smoothing(1 / last, last=last)
 
 
 def by_kalman(lag: float) -> Smoothing:
@@ -106,9 +113,11 @@ def _likeliest(timeline: Timeline, members: Sequence[Member], kind: Callable[[fl
         found = fix_likelihoods(without_smoothing(timeline, smoothing), members).log_likelihood
         return float(found.max()) + log_density(timeline, smoothing)
 
-    value = {lag: log_likelihood(lag) for lag in (0.0, *LAGS)}
+    equal = kind is mean_of_last
+    tried = (np.arange(1, MOST_FIXES) / 2).tolist() if equal else LAGS
+    value = {lag: log_likelihood(lag) for lag in (0.0, *tried)}
     best, step = max(value, key=value.__getitem__), LAGS[1] / LAGS[0]
-    for _ in range(FINER if best else 0):
+    for _ in range(FINER if best and not equal else 0):
         step **= 1 / 3
         value |= {lag: log_likelihood(lag) for lag in (best * step**n for n in (-2, -1, 1, 2))}
         best = max(value, key=value.__getitem__)

@@ -175,10 +175,14 @@ class SensorChange(NamedTuple):
 
 
 class Smoothing(NamedTuple):
-    """Software predicts each position from the ones before, and takes shares of how far the fix lies from it."""
+    """Software predicts each position from the ones before, and takes shares of how far the fix lies from it.
+
+    Or each position is the mean of the last fixes.
+    """
 
     position: float  # [-] alpha: the share that the position takes; 1: it is the fix
     velocity: float = 0.0  # [-] beta: the share of the same, divided by the time since the fix before
+    last: int = 0  # fixes with equal weights; 0: weights decrease by 1 - alpha with each fix since
 
 
 NOT_SMOOTHED = Smoothing(1.0)  # [-] each position is the fix

@@ -208,7 +208,14 @@ def without_smoothing(timeline: Timeline, smoothing: Smoothing) -> Timeline:
     """Return the timeline with the fixes from which software made those recorded; the first one is as it is."""
     if smoothing == NOT_SMOOTHED:
         return timeline
-    alpha, beta = smoothing
+    fix_m = _before_mean(timeline, smoothing.last) if smoothing.last else _before_filter(timeline, smoothing)
+    away_m = None if timeline.fix_away_m is None else timeline.fix_away_m + fix_m - timeline.fix_m
+    return replace(timeline, fix_m=fix_m, fix_away_m=away_m)
+
+
+def _before_filter(timeline: Timeline, smoothing: Smoothing) -> Array:
+    """Return the fixes, (F, 2), from which a filter with constant gains made those recorded; the first is as it is."""
+    alpha, beta, _ = smoothing
     recorded, dt_s = timeline.fix_m @ [1, 1j], np.diff(timeline.fix_time_s)
     position, mps = complex(recorded[0]), 0j
     fixes = [position]
@@ -218,9 +225,29 @@ def without_smoothing(timeline: Timeline, smoothing: Smoothing) -> Timeline:
         fixes.append(predicted + innovation)
         position = output
         mps += beta * innovation / after_s if after_s else 0.0
-    fix_m = np.array(fixes).view(np.float64).reshape(-1, 2)
-    away_m = None if timeline.fix_away_m is None else timeline.fix_away_m + fix_m - timeline.fix_m
-    return replace(timeline, fix_m=fix_m, fix_away_m=away_m)
+    return np.array(fixes).view(np.float64).reshape(-1, 2)
+
+
+def _before_mean(timeline: Timeline, last: int) -> Array:
+    """Return the fixes, (F, 2), of which each recorded one is the mean of the last ones.
+
+    The means leave open the place of every n-th fix: it is where each of these n series lies around dead reckoning as
+    the others do.
+    """
+    if len(timeline.fix_m) < 2 * last:
+        return timeline.fix_m
+    fix_m = timeline.fix_m.copy()
+    fix_m[last - 1] = last * fix_m[last - 1] - fix_m[: last - 1].sum(axis=0)
+    fix_m[last:] = last * np.diff(timeline.fix_m[last - 1 :], axis=0)
+    for series in range(last):
+        fix_m[series::last] = np.cumsum(fix_m[series::last], axis=0)
+    off_m = fix_m - columns_at(timeline.fix_time_s, timeline.time_s, displacement_m(timeline))
+    summed_m = np.cumsum(np.vstack([np.zeros(2), off_m]), axis=0)
+    around_m = (summed_m[last:] - summed_m[:-last]) / last
+    middle = (last - 1) // 2
+    aside_m = off_m[middle : middle + len(around_m)] - around_m
+    of_series = np.array([np.median(aside_m[(series - middle) % last :: last], axis=0) for series in range(last)])
+    return fix_m - (of_series - of_series.mean(axis=0))[np.arange(len(fix_m)) % last]
 
 
 def without_changes(timeline: Timeline, changed: Sequence[SensorChange]) -> Timeline:

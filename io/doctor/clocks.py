@@ -12,13 +12,15 @@ from usbldr.filters.errors import LogError
 from usbldr.filters.identification.dr_usbl_fit import MIN_FIXES, fit_rotation, fix_points, segment_numbers
 from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
-from usbldr.filters.replay.dead_reckoning import freed
+from usbldr.filters.models.parameters import NOT_SMOOTHED
+from usbldr.filters.replay.dead_reckoning import freed, without_smoothing
 from usbldr.filters.types import Array, Mask, Timeline
 from usbldr.io.doctor.gross_errors import AS_READ, SingleError, single_error_findings
 from usbldr.io.doctor.interpretations import (
     HandednessEvidence,
     InterpretationResult,
     compare_interpretations,
+    flipped,
     reinterpret,
     white_noise_m,
 )
@@ -37,7 +39,8 @@ def correct_clock_offset(
 ) -> tuple[float, InterpretationResult, Timeline]:
     """Return the offset of the fixes' clock, 0 unless significant, with result and timeline once corrected.
 
-    An offset longer than any acoustic delay is no latency; uncorrected, it looks like a rotated DVL.
+    An offset longer than any acoustic delay is no latency; uncorrected, it looks like a rotated DVL. Fixes that
+    software smoothed are late without one: then the result is by the fixes before.
     """
     group = segment_numbers(timeline, timeline.fix_time_s)
     lines = [reinterpret(log, timeline, flips) for flips in {result.best.flips, result.as_read.flips}]
@@ -53,6 +56,10 @@ def correct_clock_offset(
     corrected = compare_interpretations(log, shifted, sources) if late_s else None
     if corrected is None or corrected.best.residual_m > most_m:
         return 0.0, result, timeline
+    there = explained_by(log, flipped(log, timeline, corrected.best.flips), corrected) if late_s > 0 else None
+    smoothing = there.conclude().parameters.smoothing if there else NOT_SMOOTHED
+    if smoothing != NOT_SMOOTHED:
+        return 0.0, compare_interpretations(log, without_smoothing(timeline, smoothing), sources) or result, timeline
     return late_s, corrected, shifted
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -16,7 +17,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.models.parameters import Parameters
-from usbldr.filters.types import Timeline
+from usbldr.filters.types import Timeline, Vector
 from usbldr.io.doctor import clocks
 from usbldr.io.doctor.clocks import sensor_clock_error
 from usbldr.io.doctor.cross_check import convention_warnings, cross_check
@@ -67,14 +68,21 @@ def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path
     assert "TRUTH-CLOCK" not in found
 
 
+@pytest.mark.parametrize(
+    ("how", "weight"),
+    [
+        ("a weight of 20%", lambda age: 0.8**age * np.where(age == age.max(), 1.0, 0.2)),
+        ("the mean of the last 11:", lambda age: age < 11),
+    ],
+)
 @pytest.mark.long
-def test_smoothed_fixes_are_named_and_no_clock_of_the_truth_is(tmp_path: Path) -> None:
-    place_m = dict[str, float]()
-
+def test_smoothed_fixes_are_named_and_no_clock_is(tmp_path: Path, how: str, weight: Callable[[Vector], Vector]) -> None:
     def smooth(axis: str) -> Callable[[Mapping[str, Any]], float]:
+        fixes_m = list[float]()
+
         def mean(values: Mapping[str, Any]) -> float:
-            place_m[axis] = 0.8 * place_m.get(axis, float(values[axis])) + 0.2 * float(values[axis])
-            return place_m[axis]
+            fixes_m.insert(0, float(values[axis]))
+            return float(np.average(fixes_m, weights=weight(np.arange(len(fixes_m)))))
 
         return mean
 
@@ -83,9 +91,11 @@ def test_smoothed_fixes_are_named_and_no_clock_of_the_truth_is(tmp_path: Path) -
     log = written(tmp_path, rows)
     found = findings(log)
 
-    assert "a weight of 20%" in found["USBL-SMOOTHED"]["text"]
+    assert how in found["USBL-SMOOTHED"]["text"]
     assert {"TRUTH-CLOCK", "USBL-LATENCY", "CLOCK-OFFSET"}.isdisjoint(found)
-    assert "USBL-SMOOTHED" in replayed(log, "-f", "adf")
+    warnings = replayed(log, "-f", "adf")
+    assert "USBL-SMOOTHED" in warnings
+    assert "CLOCK-OFFSET" not in warnings
 
 
 @pytest.mark.parametrize(("topic", "section", "ahead_s"), [("/dvl", "dvl", 18.0), ("/imu", "compass", -18.0)])
