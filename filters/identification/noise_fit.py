@@ -19,7 +19,6 @@ import numpy as np
 
 from usbldr.filters.estimators.gaussian_bank import GaussianBank, Projection
 from usbldr.filters.estimators.mode_updates import collapse
-from usbldr.filters.identification.identification import CONTRADICTED, STRONG_ODDS
 from usbldr.filters.identification.newton import maximise
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.noise import TO_SD, BankNoise, Gaussian
@@ -119,8 +118,8 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
 
     The prior is about the ``given`` parameters; the search may start at those of the member, too. The random walk of
     dead reckoning grows or stays. Before it grows, what scatters is tried as an error of the fixes that lasts for
-    seconds, as the roll of a ship gives it, and as a slow one, if the evidence for this is strong: in a short log the
-    two are one another. If dead reckoning is at fault, a slow error remains as given.
+    seconds, as the roll of a ship gives it, and as a slow one, which in a short log is as likely: then each has its
+    share of the variance.
     """
 
     def searched(about: Parameters, among: Sequence[TunableParameter], start: Parameters) -> _Found:
@@ -131,15 +130,14 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
             start,
         )
 
-    still = [one for one in USBL if one.name not in GROWING]
     found = searched(given, USBL, member.parameters)
     if found.parameters.process.position_m > given.process.position_m:
+        still = [one for one in USBL if one.name not in GROWING]
         waves = replace(given, errors=replace(given.errors, usbl_bias_s=WAVES_S))
-        slow = searched(given, still, given)
-        slow = slow._replace(value=slow.value - math.log(STRONG_ODDS))
-        found = max(found, slow, searched(waves, still, waves), key=lambda one: one.value)
-    if found.parameters.process.position_m > CONTRADICTED * given.process.position_m:
-        found = searched(given, [one for one in USBL if one.name not in CORRELATED], given)
+        walk = searched(given, [one for one in USBL if one.name not in CORRELATED], given)
+        found = max(
+            searched(waves, still, waves), _both(walk, searched(given, still, given)), key=lambda one: one.value
+        )
     return _grown(given, found.parameters, [one for one in USBL if one.name in GROWING])
 
 
@@ -148,6 +146,21 @@ class _Found(NamedTuple):
 
     parameters: Parameters
     value: float  # log posterior, but for a constant
+
+
+def _both(walk: _Found, slow: _Found) -> _Found:
+    """Return the likelier of two explanations with the mean of their variances, weighted by how likely they are.
+
+    Whether dead reckoning walks, or fixes share a slow error, is open if their likelihoods are alike.
+    """
+    likelier, less = (walk, slow) if walk.value > slow.value else (slow, walk)
+    share = 1 / (1 + math.exp(less.value - likelier.value))
+    of_both = [(one.parameters.process.position_m, one.parameters.errors.usbl_bias_m) for one in (likelier, less)]
+    position_m, bias_m = np.sqrt(np.array([share, 1 - share]) @ np.square(of_both)).tolist()
+    known = likelier.parameters
+    errors = replace(known.errors, usbl_bias_m=bias_m, usbl_bias_s=slow.parameters.errors.usbl_bias_s)
+    mixed = replace(known, process=replace(known.process, position_m=position_m), errors=errors)
+    return _Found(mixed, likelier.value)
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:

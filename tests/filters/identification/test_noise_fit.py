@@ -23,11 +23,13 @@ from usbldr.filters.identification.noise_fit import (
 from usbldr.filters.identification.usbl_likelihood import Member, fix_likelihoods
 from usbldr.filters.models.noise import Contamination, Gaussian, Mixture
 from usbldr.filters.models.parameters import Parameters, ProcessNoise, SensorErrors, Start
+from usbldr.filters.replay.run import run
 from usbldr.filters.types import Array, Outage, Timeline
+from usbldr.filters.windows import columns_at
 from usbldr.io.reading.epochs import timeline
 from usbldr.io.scenarios.shipped import find_scenario
 from usbldr.io.scenarios.simulated_log import simulated_log
-from weaving import DIVE, Faults, weaving_dive
+from weaving import DIVE, Faults, mean_nees, weaving_dive
 
 STATED = ProcessNoise(0.005, 0.001, 0.02, 0.02)
 PLAIN = Parameters(process=STATED, dvl=Gaussian(), usbl=Gaussian(), start=Start(0.0, 0.0, 0.5))
@@ -217,23 +219,30 @@ def test_gross_errors_are_found_with_their_share_and_size(share: float, sd_m: fl
 
 
 @pytest.mark.parametrize(("slow_m", "walk_m"), [(3.0, 0.0), (0.0, 0.3)])
-def test_a_slow_error_of_the_fixes_is_no_walk_of_dead_reckoning(slow_m: float, walk_m: float) -> None:
+def test_a_slow_error_of_the_fixes_and_a_walk_of_dead_reckoning_share_what_scatters(slow_m: float, walk_m: float):
     """An error of 150 s has eight values in 20 minutes, which a random walk may have by chance."""
-    found: list[Parameters] = []
+    found, nees = list[Parameters](), list[float]()
     for seed in range(6):
         line, rng = weaving_dive(Faults(), seed=seed, seconds=1200), np.random.default_rng(seed)
-        dt_s = np.diff(line.fix_time_s, prepend=line.fix_time_s[0])
+        clean, dt_s = run("adf", line, PLAIN), np.diff(line.fix_time_s, prepend=line.fix_time_s[0])
         error_m = [rng.normal(0.0, slow_m, 2)]
         for kept in np.exp(-dt_s[1:] / 150.0):
             error_m.append(kept * error_m[-1] + slow_m * np.sqrt(1 - kept**2) * rng.normal(size=2))
-        error_m += np.cumsum(walk_m * np.sqrt(dt_s)[:, None] * rng.normal(size=(len(dt_s), 2)), axis=0)
-        found.append(usbl_noise(replace(line, fix_m=line.fix_m + error_m), replace(PLAIN, usbl=Contamination())))
+        walked_m = np.cumsum(walk_m * np.sqrt(dt_s)[:, None] * rng.normal(size=(len(dt_s), 2)), axis=0)
+        line = replace(line, fix_m=line.fix_m + error_m + walked_m)
+        found.append(usbl_noise(line, replace(PLAIN, usbl=Contamination())))
+        track = run("adf", line, replace(found[-1], calibrate=("usbl-bias",)))
+        moved_m = columns_at(track.time_s, line.fix_time_s, walked_m)
+        mean = np.column_stack([clean.mean[:, :-2], clean.position_m + moved_m])
+        nees.append(mean_nees(track, replace(clean, mean=mean)) / 2)
 
-    walks_m = [one.process.position_m for one in found]
-    assert sum((walk == STATED.position_m) == (walk_m == 0) for walk in walks_m) >= 5
-    assert np.median(walks_m) == pytest.approx(walk_m or STATED.position_m, rel=0.2)
-    if slow_m:
-        assert np.median([one.errors.usbl_bias_m for one in found]) == pytest.approx(slow_m, rel=0.3)
+    walks_m, slow_sds_m = zip(*[(one.process.position_m, one.errors.usbl_bias_m) for one in found], strict=True)
+    assert np.median(walks_m) == pytest.approx(walk_m or STATED.position_m, rel=0.2 if walk_m else 1.0)
+    assert np.median(slow_sds_m) == pytest.approx(slow_m or PLAIN.errors.usbl_bias_m, rel=0.3)
+    open_dive = 1 if walk_m else 0
+    assert 2 * STATED.position_m < walks_m[open_dive] < 0.2
+    assert slow_sds_m[open_dive] > 2.0
+    assert sum(one < 3.0 for one in nees) >= 5
 
 
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
