@@ -29,9 +29,9 @@ def main() -> None:
     found = [judged(simulate_survey(scenario, seed), STATED, known) for seed in range(options.seeds)]
     error = np.array([fit.values for _, fit in found]) - scenario.true_values
     own = np.sqrt(np.mean((error / [fit.sd for _, fit in found]) ** 2, axis=0))
-    print(f"{'':20}{'RMS error':>12}{'planned':>12}{'over sigma':>12}  hardly separated from")
+    print(f"{'':20}{'RMS error':>12}{'planned':>12}{'over sigma':>12}  not separated from")
     for name, rms, one, ratio in zip(NAMES, np.sqrt(np.mean(error**2, axis=0)), plan, own, strict=True):
-        print(f"{name:20}{rms:12.5f}{one.sd:12.5f}{ratio:12.2f}  {one.rival}")
+        print(f"{name:20}{rms:12.5f}{one.sd:12.5f}{ratio:12.2f}  {', '.join(one.rivals)}")
     before_m, after_m = np.median([(one.before.cep50_m, one.after.cep50_m) for one, _ in found], axis=0)
     print(dict(Counter(one.result for one, _ in found)), f"CEP50 {before_m:.2f} m before, {after_m:.2f} m after")
 

@@ -24,29 +24,34 @@ from usbldr.filters.usbl_survey.calibration import (
     expected_cov,
     halves,
 )
-from usbldr.filters.usbl_survey.geometry import NAMES, PLACE, UsblSurvey, placed
+from usbldr.filters.usbl_survey.geometry import NAMES, UsblSurvey, placed
 
 SETTLED_SHARE = 0.25  # of the noise of one fix: an error this small adds 3 % to its scatter
-RELATED = 0.5  # by judgement: a correlation that makes another error the likely cause
+RELATED = 0.25  # of an error's variance: others that, if known, halve its sigma are what it is not separated from
+MOST_RELATED = 3  # others that halve it: on a circle, pitch needs heading, forward arm and latency of position
 UNCHANGED = 0.5  # of the usual sigma before: nothing is known
 MAX_FALSE_SHARE = 0.3  # by judgement: so many false fixes are a fault of their own
 DISAGREEMENT = 31.3  # chi-square of 11 differences, 1 in 1000
 MADE_WORSE = 1.1  # by judgement: the scatter after over before
 GENERAL_LEG = "run a box around the transponder at a distance of about its depth, both ways, and pass above it"
 STATE_CLOCKS = "state --latency-sd if the clocks are synchronised"
+BOTH_WAYS = "run legs at a horizontal distance of about the depth, both ways"
 AT_OTHER_SPEED = f"run a leg at another speed, or stop, or {STATE_CLOCKS}"
-LEGS: Mapping[tuple[str, str], str] = {
-    ("mount_heading_deg", "arm_forward_m"): "run straight legs towards the transponder and away from it",
-    ("scale", "depth_m"): "run a leg at another horizontal distance, or state --transponder-depth",
-    ("mount_roll_deg", "arm_starboard_m"): "run legs at a horizontal distance of about the depth, both ways",
-    ("mount_pitch_deg", "arm_forward_m"): "run legs at a horizontal distance of about the depth, both ways",
-    ("attitude_latency_s", "mount_heading_deg"): "turn to both sides",
-    ("position_latency_s", "arm_forward_m"): AT_OTHER_SPEED,
-    ("position_latency_s", "mount_heading_deg"): AT_OTHER_SPEED,
-    ("position_latency_s", ""): f"run a leg at speed, or {STATE_CLOCKS}",
-    ("attitude_latency_s", ""): f"turn, or wait for a sea that rolls the ship, or {STATE_CLOCKS}",
+LEGS: Mapping[frozenset[str], str] = {
+    frozenset(names): leg
+    for *names, leg in (
+        ("mount_heading_deg", "arm_forward_m", "run straight legs towards the transponder and away from it"),
+        ("scale", "depth_m", "run a leg at another horizontal distance, or state --transponder-depth"),
+        ("mount_roll_deg", "arm_starboard_m", BOTH_WAYS),
+        ("mount_pitch_deg", "arm_forward_m", BOTH_WAYS),
+        ("attitude_latency_s", "mount_heading_deg", "turn to both sides"),
+        ("position_latency_s", "arm_forward_m", AT_OTHER_SPEED),
+        ("position_latency_s", "mount_heading_deg", AT_OTHER_SPEED),
+        ("position_latency_s", f"run a leg at speed, or {STATE_CLOCKS}"),
+        ("attitude_latency_s", f"turn, or wait for a sea that rolls the ship, or {STATE_CLOCKS}"),
+    )
 }
-"""What separates two errors, in either order, or settles one that no other is like."""
+"""What separates two errors, or determines one that no other is like."""
 
 
 class Scatter(NamedTuple):
@@ -66,7 +71,7 @@ class Parameter(NamedTuple):
     sd: float
     effect_m: float  # of its sigma, on a fix at the median range
     open: bool
-    rival: str  # the parameter that it is hardly distinguished from, if it is open
+    rivals: tuple[str, ...]  # the open parameters that it is not separated from
     leg: str  # what would settle it
 
 
@@ -149,16 +154,44 @@ def described(survey: UsblSurvey, fit: Installation) -> list[Parameter]:
     effects = sd * effects_m(survey)
     range_sd_m, angle_sd_rad, _ = fit.noise_sd
     noise_m = float(np.hypot(range_sd_m, angle_sd_rad * np.median(survey.range_m)))
-    unchanged = sd > UNCHANGED * PRIOR_SD
-    correlation = np.abs(fit.cov / np.outer(sd, sd)) - np.eye(len(sd))
-    correlation[:, PLACE.start : PLACE.stop - 1] = 0.0  # east and north follow from all others
-    found: list[Parameter] = []
-    for k, name in enumerate(NAMES):
-        value, unsettled = float(fit.values[k]), bool(effects[k] > SETTLED_SHARE * noise_m or unchanged[k])
-        rival = NAMES[int(np.argmax(correlation[k]))] if unsettled and correlation[k].max() > RELATED else ""
-        leg = LEGS.get((name, rival)) or LEGS.get((rival, name), GENERAL_LEG) if unsettled else ""
-        found.append(Parameter(name, value, float(sd[k]), float(effects[k]), unsettled, rival, leg))
+    unsettled = (effects > SETTLED_SHARE * noise_m) | (sd > UNCHANGED * PRIOR_SD)
+    groups = _groups(fit.cov / np.outer(sd, sd), np.flatnonzero(unsettled).tolist())
+    rows = zip(NAMES, fit.values.tolist(), sd.tolist(), effects.tolist(), strict=True)
+    return [Parameter(*row, bool(one), *groups.get(row[0], ((), ""))) for row, one in zip(rows, unsettled, strict=True)]
+
+
+def _groups(correlation: Array, unsettled: list[int]) -> dict[str, tuple[tuple[str, ...], str]]:
+    """Return the names of the others that each open parameter is not separated from, and the legs that separate them.
+
+    East and north of the transponder follow from all others: they determine none.
+    """
+    together = {k: {k} for k in unsettled}
+    causes = [k for k in unsettled if NAMES[k] not in ("east_m", "north_m")]
+    for k in unsettled:
+        joined = set().union(*(together[j] for j in (k, *_related(correlation, k, causes))))
+        together |= dict.fromkeys(joined, joined)
+    found: dict[str, tuple[tuple[str, ...], str]] = {}
+    for k, group in together.items():
+        names = {NAMES[j] for j in group}
+        legs = [leg for pair, leg in LEGS.items() if pair <= names and len(pair) == min(len(names), 2)]
+        found[NAMES[k]] = tuple(NAMES[j] for j in sorted(group - {k})), "; ".join(dict.fromkeys(legs)) or GENERAL_LEG
     return found
+
+
+def _related(correlation: Array, k: int, causes: list[int]) -> list[int]:
+    """Return the fewest of the causes that would halve the sigma of a parameter if they were known; none if none do."""
+    chosen: list[int] = []
+
+    def left(known: list[int]) -> float:  # of its variance
+        of = correlation[k, known]
+        return 1.0 - float(of @ np.linalg.solve(correlation[np.ix_(known, known)], of))
+
+    others = [j for j in causes if j != k]
+    while len(chosen) < min(MOST_RELATED, len(others)):
+        chosen.append(min((j for j in others if j not in chosen), key=lambda j: left([*chosen, j])))
+        if left(chosen) < RELATED:
+            return chosen
+    return []
 
 
 def decided(

@@ -43,7 +43,10 @@ LEG_HEADING = (
     "drive the ship around the vehicle during the dive, or for longer, or survey a transponder that lies still"
 )
 LEG_TILT = "record the vertical of the fixes and the vehicle's depth, and dive on all sides of the head"
-RIVALS = {"mount_heading_deg": ("heading of the compass", LEG_HEADING), "scale": ("scale of the DVL", LEG_HEADING)}
+RIVALS = {
+    "mount_heading_deg": (("heading of the compass",), LEG_HEADING),
+    "scale": (("scale of the DVL",), LEG_HEADING),
+}
 SOUND_MPS = 1500.0  # of usual sea water, to state a scale as a speed
 
 
@@ -143,8 +146,8 @@ def _parameters(
         prior_sd, moves_m = (RANGE_SD, slant_m) if name == "scale" else (ANGLE_SD_DEG, math.radians(slant_m))
         effect_m = sd * moves_m
         unsettled = sd > UNCHANGED * prior_sd or effect_m > SETTLED_SHARE * noise_m
-        rival, leg = RIVALS.get(name, ("", LEG_TILT)) if unsettled else ("", "")
-        rows.append(Parameter(name, value, sd, effect_m, unsettled, rival, leg))
+        rivals, leg = RIVALS.get(name, ((), LEG_TILT)) if unsettled else ((), "")
+        rows.append(Parameter(name, value, sd, effect_m, unsettled, rivals, leg))
     return tuple(rows)
 
 

@@ -144,12 +144,16 @@ def notes(found: Calibration) -> list[str]:
 
 def states(parameters: Sequence[Parameter]) -> list[str]:
     """Return which parameters are open, and what would settle them."""
-    names: dict[str, list[str]] = {}
+    groups: dict[tuple[str, frozenset[str]], list[str]] = {}  # by leg, and all that are not separated
     for one in parameters:
         if one.open:
-            rival = f"cannot be separated from {name_of(one.rival)}; " if one.rival else ""
-            names.setdefault(f"open: {rival}{one.leg}", []).append(name_of(one.name))
-    return [f"{', '.join(named)}: {text}" for text, named in names.items()]
+            groups.setdefault((one.leg, frozenset({one.name, *one.rivals} if one.rivals else ())), []).append(one.name)
+    lines: list[str] = []
+    for (leg, together), names in groups.items():
+        others = ", ".join(map(name_of, sorted(together.difference(names)))) or "each other"
+        apart = f"cannot be separated from {others}; " if together else ""
+        lines.append(f"{', '.join(map(name_of, names))}: open: {apart}{leg}")
+    return lines
 
 
 def page(found: Calibration, figures: Sequence[Block]) -> Page:

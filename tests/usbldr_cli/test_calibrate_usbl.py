@@ -106,7 +106,11 @@ def test_a_circle_is_open_and_leaves_its_keys_as_stated(tmp_path):
     run("simulate", "survey-circle", "-o", tmp_path / "circle")
     done = run("calibrate-usbl", tmp_path / "circle", "--write", tmp_path / "found.toml")
     assert done.return_value == 1
-    assert "heading of the head: open: cannot be separated from latency of position" in done.output
+    assert (
+        "heading of the head, forward arm, latency of position: open: cannot be separated from each other"
+        in done.output
+    )
+    assert "run straight legs towards the transponder and away from it; " in done.output
     written = (tmp_path / "found.toml").read_text()
     assert "heading of the head is left as stated" in written
     assert "mount_deg" not in written
@@ -143,7 +147,7 @@ def test_a_plan_is_also_json_and_has_no_other_files(tmp_path):
     plan = json.loads(output_of("calibrate-usbl", "survey-circle", "--plan", "--json"))
     found = {one["name"]: one for one in plan["parameters"]}
     assert f"{found['scale']['sd']:.5f}" in shown
-    assert (found["scale"]["open"], found["scale"]["rival"]) == (True, "depth_m")
+    assert (found["scale"]["open"], found["scale"]["rivals"]) == (True, ["mount_roll_deg", "depth_m"])
     assert (plan["scenario"], found["scale"]["value"]) == ("survey-circle", 0.99)
     for option in ("--write", "--output"):
         refused = run("calibrate-usbl", "survey-circle", "--plan", option, tmp_path / "new").exception
@@ -201,7 +205,7 @@ def test_a_ship_that_rests_without_depths_leaves_the_head_open_and_says_what_wou
     assert (code, content["result"]) == (1, "open")
     heading = found["mount_heading_deg"]
     assert heading["open"]
-    assert heading["rival"] == "heading of the compass"
+    assert heading["rivals"] == ["heading of the compass"]
     assert "drive the ship around" in heading["leg"]
     assert found["mount_roll_deg"]["open"]
 
