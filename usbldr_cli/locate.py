@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape
 
 import click
 
-from usbldr.filters.errors import UsageError, printable
+from usbldr.filters.errors import UsageError, listed, printable
 from usbldr_cli.options.completion import LOG
 from usbldr_cli.options.output_files import refuse_file, write_file
 from usbldr_cli.options.verbosity import verbose_option
@@ -33,11 +33,10 @@ ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
 )
 @click.option(
     "--clock",
-    "clock_s",
-    type=float,
-    default=0.0,
-    metavar="SECONDS",
-    help="How far the clock of these times is ahead.  [default: 0]",
+    "clock",
+    default="0",
+    metavar="SECONDS|PHOTO=TIME",
+    help="How far the clock of these times is ahead, or the time that a photo of a clock shows.  [default: 0]",
 )
 @click.option(
     "-o",
@@ -68,7 +67,7 @@ def locate(
     place: str,
     log: str | None,
     lever_m: tuple[float, float, float],
-    clock_s: float,
+    clock: str,
     output: tuple[Path, ...],
     opening_deg: tuple[float, float] | None,
     geotag: Path | None,
@@ -100,7 +99,9 @@ def locate(
     if geotag is not None and (smoothed.origin is None or not Path(place).is_dir()):
         why = "--at is no folder of photos" if smoothed.origin is not None else f"{run} has no latitudes"
         raise UsageError(f"--geotag: {why}")
-    time_ns, own = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock_s)
+    time_ns, own, untimed = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock)
+    if untimed:
+        click.echo(f"usbldr: left out, without a time (EXIF DateTimeOriginal): {listed(untimed, 3)}", err=True)
     found = located(smoothed, time_ns, lever_m, opening_deg)
     if opening_deg is not None and not found["altitude_m"].notna().any():
         click.echo("usbldr: no footprint: the log has no altitude at these times (of its DVL)", err=True)

@@ -19,16 +19,17 @@ TAKEN, SUBSECOND, ZONE, EXIF = 36867, 37521, 36881, 34665  # fixed: tags of EXIF
 NAME = "name"  # column of what was taken
 
 
-def sample_times(place: str, log: Path, start_ns: int, clock_s: float) -> tuple[Nanoseconds, pd.DataFrame]:
+def sample_times(place: str, log: Path, start_ns: int, clock: str) -> tuple[Nanoseconds, pd.DataFrame, list[str]]:
     """Return the times (n,) of a file NAME.csv, of a folder of photos, or of a topic of the run's log.
 
-    With them comes what the file holds besides, by the name of the photo, or by the number of the row from 1.
-    ``clock_s`` is how far the clock that stamped them is ahead; ``start_ns`` is where time_s of a table counts from.
-    Raises LogError if there are no times, UsageError if nothing has that name.
+    With them come what the file holds besides, by the name of the photo, or by the number of the row from 1, and the
+    photos without a time. ``clock`` is how many seconds the clock that stamped them is ahead, or PHOTO=TIME: what a
+    photo of the folder shows. ``start_ns`` is where time_s of a table counts from.
+    Raises LogError if there are no times, UsageError if nothing has that name, or if the clock cannot be read.
     """
-    path = Path(place)
+    path, untimed = Path(place), list[str]()
     if path.is_dir():
-        time_ns, columns = _photos(path)
+        time_ns, columns, untimed = _photos(path)
     elif path.is_file():
         time_ns, columns = _table(path, start_ns)
         columns = columns.set_axis(range(1, len(columns) + 1))
@@ -39,7 +40,23 @@ def sample_times(place: str, log: Path, start_ns: int, clock_s: float) -> tuple[
         raise UsageError(f"{place} is no file and no folder, and the log {log} with such a topic is gone (--log)")
     if not len(time_ns):
         raise LogError(f"{place} holds nothing with a time")
-    return time_ns - round(clock_s * 1e9), columns
+    return time_ns - _ahead_ns(clock, path), columns, untimed
+
+
+def _ahead_ns(clock: str, folder: Path) -> int:
+    photo, shows, shown = clock.rpartition("=")
+    try:
+        if not shows:
+            return round(float(clock) * 1e9)
+        shown_ns = pd.to_datetime(shown, utc=True, format="ISO8601").as_unit("ns").value
+    except (ValueError, OverflowError) as err:
+        raise UsageError(
+            f"--clock {clock}: neither seconds nor PHOTO=TIME, with a time as 2026-01-31T12:00:00"
+        ) from err
+    taken_ns = _taken_ns(folder / photo)
+    if taken_ns is None:
+        raise UsageError(f"--clock: {folder / photo} is no photo with a time (EXIF DateTimeOriginal)")
+    return taken_ns - shown_ns
 
 
 def _table(path: Path, start_ns: int) -> tuple[Nanoseconds, pd.DataFrame]:
@@ -81,17 +98,17 @@ def _topic(name: str, log: Path) -> Nanoseconds:
     return records.columns.get(stamp, records.received_ns).astype(np.int64)
 
 
-def _photos(folder: Path) -> tuple[Nanoseconds, pd.DataFrame]:
-    """Return when the photos of a folder were taken, by EXIF; without a zone their times are UTC."""
+def _photos(folder: Path) -> tuple[Nanoseconds, pd.DataFrame, list[str]]:
+    """Return when the photos of a folder were taken, by EXIF, and those that do not say it; UTC without a zone."""
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PHOTOS)
     if not files:
         raise LogError(f"no photo in this folder ({', '.join(PHOTOS)})", path=folder)
     times = {file.name: _taken_ns(file) for file in files}
-    untimed = [name for name, time_ns in times.items() if time_ns is None]
-    if untimed:
+    timed = {name: time_ns for name, time_ns in times.items() if time_ns is not None}
+    untimed = [name for name in times if name not in timed]
+    if not timed:
         raise LogError(f"no time (EXIF DateTimeOriginal) in {listed(untimed, 1)}", path=folder)
-    time_ns = np.array([found for found in times.values() if found is not None], dtype=np.int64)
-    return time_ns, pd.DataFrame(index=list(times))
+    return np.array(list(timed.values()), dtype=np.int64), pd.DataFrame(index=list(timed)), untimed
 
 
 def _taken_ns(file: Path) -> int | None:

@@ -115,18 +115,23 @@ def test_rows_of_a_table_keep_their_columns_in_every_format(dive, tmp_path):
 
 
 def test_photos_are_timed_by_exif_and_the_clock(dive, tmp_path):
-    """Taken 100.25 s after the start by a clock of UTC+2 that is 7 s ahead."""
+    """Taken 100.25 s after the start by a clock of UTC+2 that is 7 s ahead, as it says itself or a photo shows."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
     image, exif = Image.new("RGB", (4, 4)), Image.Exif()
+    image.save(folder / "two.jpg")
+    untimed = str(run("locate", dive, "--at", folder).exception)
+    assert untimed == f"{folder}: no time (EXIF DateTimeOriginal) in two.jpg"
     exif.get_ifd(34665).update({36867: "2026:01:01 02:01:47", 37521: "25", 36881: "+02:00"})
-    (tmp_path / "photos").mkdir()
-    image.save(tmp_path / "photos" / "one.jpg", exif=exif)
-    output_of("locate", dive, "--at", tmp_path / "photos", "--clock", 7, "-o", tmp_path / "found.csv")
-    found = pd.read_csv(tmp_path / "found.csv")
-    assert list(found.name) == ["one.jpg"]
-    assert found.time_ns[0] == 1_767_225_600_000_000_000 + 100_250_000_000
-    image.save(tmp_path / "photos" / "two.jpg")
-    untimed = str(run("locate", dive, "--at", tmp_path / "photos").exception)
-    assert untimed == f"{tmp_path / 'photos'}: no time (EXIF DateTimeOriginal) in two.jpg"
+    image.save(folder / "one.jpg", exif=exif)
+    for clock in ("7", "one.jpg=2026-01-01T00:01:40.25Z", "one.jpg=2026-01-01 00:01:40.250"):
+        done = run("locate", dive, "--at", folder, "--clock", clock, "-o", tmp_path / "found.csv", "--force")
+        assert done.stderr == "usbldr: left out, without a time (EXIF DateTimeOriginal): two.jpg\n"
+        found = pd.read_csv(tmp_path / "found.csv")
+        assert list(found.name) == ["one.jpg"]
+        assert found.time_ns[0] == 1_767_225_600_000_000_000 + 100_250_000_000
+    for clock, fault in (("two.jpg=2026-01-01", "two.jpg is no photo"), ("noon", "neither"), ("nan", "neither")):
+        assert fault in str(run("locate", dive, "--at", folder, "--clock", clock).exception)
 
 
 @pytest.mark.long
