@@ -1,4 +1,4 @@
-"""Errors of `usbldr calibrate-usbl` on simulated surveys, and their ratio to its sigmas (docs/calibrate_usbl.md).
+"""Errors of `usbldr calibrate-usbl` on simulated surveys, and their ratio to its sigmas (docs/usbl_installation.md).
 
 $ python benchmarks/survey_errors.py survey-box --seeds 100
 """

@@ -24,7 +24,8 @@ HEADING = NAMES.index("mount_heading_deg")  # fixed
 STARTS_DEG = tuple(range(0, 360, 45))  # of the mount's heading: within a quarter turn of any
 FITTED = 4  # of the starts, those of the lowest costs: a transponder below has a mirror image
 FIRST_ROUNDS = 15  # of Gauss-Newton steps from each start, by judgement: ten are usual
-MAX_ROUNDS = 400  # of the steps after, and of searches for false fixes
+MAX_ROUNDS = 400  # of the steps after
+FALSE_ROUNDS = 12  # of searches for false fixes: one or two are usual; with wrong axes or headings they find no end
 MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
 MIN_FIXES = 40  # four for each parameter that a pattern can settle
 FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
@@ -87,22 +88,22 @@ def calibrated(survey: UsblSurvey, stated: Vector, known: Known, starts: bool = 
 def _without_false(survey: UsblSurvey, fit: Installation, known: Known) -> Installation:
     """Fit again without the false fixes until they are the same: many of them widen all sigmas, and look good then."""
     converged = False
-    for _ in range(MAX_ROUNDS):
+    for _ in range(FALSE_ROUNDS):
         r = residuals(survey, fit.values)
         good: Mask = ~np.any(np.abs(r) > FALSE_SIGMAS * _median_sds(r), axis=1)
         good &= np.isfinite(r[:, :2]).all(axis=1)
         if np.array_equal(good, fit.good):
+            if converged:
+                return _with_covariance(survey.part(good), fit, known)
             break
         if int(good.sum()) < MIN_FIXES:
             raise LogError(f"{int(good.sum())} of {len(good)} fixes agree with each other; {MIN_FIXES} are needed")
         fit, converged = _fitted(survey.part(good), fit, known)
         fit = replace(fit, good=good)
-    if not converged:
-        raise LogError(
-            "the fit of the USBL's installation does not converge; check head, heading_topic and axes, "
-            "and if most fixes are false"
-        )
-    return _with_covariance(survey.part(fit.good), fit, known)
+    raise LogError(
+        "the fit of the USBL's installation does not converge; check head, heading_topic, their conventions and axes, "
+        "and if most fixes are false"
+    )
 
 
 def expected_cov(survey: UsblSurvey, fit: Installation, known: Known) -> Array:

@@ -32,7 +32,9 @@ MOST_RELATED = 3  # others that halve it: on a circle, pitch needs heading, forw
 UNCHANGED = 0.5  # of the usual sigma before: nothing is known
 MAX_FALSE_SHARE = 0.3  # by judgement: so many false fixes are a fault of their own
 DISAGREEMENT = 31.3  # chi-square of 11 differences, 1 in 1000
+MAX_PERCENT = 20.0  # of the slant range, by judgement: 8 deg along each axis, and no USBL is so bad
 MADE_WORSE = 1.1  # by judgement: the scatter after over before
+ABOVE_SIGMAS = 3.0  # of a depth below zero: 1 in 700 by chance; a fix upside down fits nearly as well
 GENERAL_LEG = "run a box around the transponder at a distance of about its depth, both ways, and pass above it"
 STATE_CLOCKS = "state --latency-sd if the clocks are synchronised"
 BOTH_WAYS = "run legs at a horizontal distance of about the depth, both ways"
@@ -168,7 +170,7 @@ def _groups(correlation: Array, unsettled: list[int]) -> dict[str, tuple[tuple[s
     together = {k: {k} for k in unsettled}
     causes = [k for k in unsettled if NAMES[k] not in ("east_m", "north_m")]
     for k in unsettled:
-        joined = set().union(*(together[j] for j in (k, *_related(correlation, k, causes))))
+        joined = set[int]().union(*(together[j] for j in (k, *_related(correlation, k, causes))))
         together |= dict.fromkeys(joined, joined)
     found: dict[str, tuple[tuple[str, ...], str]] = {}
     for k, group in together.items():
@@ -200,6 +202,13 @@ def decided(
     """Return the verdict; above ``most``, two halves of the fixes give different installations."""
     false_share = 1.0 - float(good.mean())
     verdict = partial(Verdict, parameters, before, after, false_share, disagreement)
+    depth = next((one for one in parameters if one.name == "depth_m"), None)
+    if depth is not None and depth.value < -ABOVE_SIGMAS * depth.sd:
+        above = "the head, or the surface if its depth is stated"
+        return verdict("bad", f"the transponder lies {-depth.value:.1f} m above {above}: check the third of axes")
+    if after.drms_percent > MAX_PERCENT:
+        why = f"calibrated fixes still scatter by {after.drms_percent:.0f} % of their range: check axes and headings"
+        return verdict("bad", why)
     if false_share > MAX_FALSE_SHARE:
         return verdict("bad", f"{false_share:.0%} of the fixes are false")
     if disagreement > most:

@@ -287,7 +287,7 @@ def test_no_plain_number_of_a_module_is_left_out_unless_it_is_fixed(folder: str)
 
 
 def test_the_page_of_the_calibration_names_the_keys_that_each_command_writes() -> None:
-    page = (ROOT / "docs" / "calibrate_usbl.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "usbl_installation.md").read_text(encoding="utf-8")
     rows = page.split("section: keys that it writes |\n|---|---|\n")[1].split("\n\n")[0].splitlines()
     cells = [row.split("|")[2].strip().split(": ") for row in rows]
     by_section = {

@@ -263,6 +263,28 @@ def test_a_transponder_that_moves_is_bad():
     assert found.after.cep50_m > 1.4 * judged(survey, STATED, KNOWN)[0].after.cep50_m
 
 
+@pytest.mark.parametrize(
+    ("sides", "why"),
+    [((1, 1, -1), "m above the head, or the surface if its depth is stated: check the third of axes"),
+     ((-1, 1, 1), "% of their range: check axes and headings")],
+)  # fmt: skip
+def test_axes_that_are_stated_mirrored_are_bad(sides, why):
+    """The vertical mirrored is a transponder in the air and a tilt of the wrong sign; starboard fits nowhere."""
+    survey = simulate_survey(BOX, 500)
+    direction = survey.direction * np.array(sides)
+    mirrored = replace(survey, direction=direction, bearing_rad=np.arctan2(direction[:, 0], direction[:, 1]))
+    found, _ = judged(mirrored, STATED, KNOWN)
+    assert found.result == "bad"
+    assert why in found.why
+
+
+def test_headings_that_are_stated_in_another_convention_do_not_search_for_ever():
+    survey = simulate_survey(BOX, 500)
+    attitude_deg = survey.ship.attitude_deg * [-1, 1, 1] + [90, 0, 0]
+    with pytest.raises(LogError, match="does not converge; check head, heading_topic"):
+        calibrated(replace(survey, ship=survey.ship._replace(attitude_deg=attitude_deg)), STATED, KNOWN)
+
+
 @pytest.mark.parametrize(("after_m", "result"), [(1.0, "good"), (1.2, "bad")])
 def test_a_calibration_that_scatters_more_than_none_is_bad(after_m, result):
     before, after = (Scatter(metres, metres, metres, metres) for metres in (1.0, after_m))
