@@ -62,7 +62,9 @@ class Scatter(NamedTuple):
     drms_m: float
     cep50_m: float
     cep95_m: float
-    drms_percent: float  # of the slant range, or of the horizontal one without depths; NaN without a known head
+    drms_percent: float  # each as a share of the slant range, or of the horizontal one without depths
+    cep50_percent: float
+    cep95_percent: float  # NaN without a known head
 
 
 class Parameter(NamedTuple):
@@ -133,9 +135,8 @@ def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:
 def scatter_of(off_m: Array, range_m: Vector) -> Scatter:
     """Return the scatter of offsets east and north, (n, 2), of fixes at these ranges, (n,)."""
     distance = np.hypot(off_m[:, 0], off_m[:, 1])
-    drms, share = (float(np.sqrt(np.mean(one**2))) for one in (distance, distance / np.maximum(range_m, 1e-6)))
-    cep50, cep95 = np.quantile(distance, [0.5, 0.95])
-    return Scatter(drms, float(cep50), float(cep95), 100 * share)
+    sizes = (distance, 100 * distance / np.maximum(range_m, 1e-6))
+    return Scatter(*(float(of) for one in sizes for of in (np.sqrt(np.mean(one**2)), *np.quantile(one, [0.5, 0.95]))))
 
 
 def effects_m(survey: UsblSurvey) -> Vector:

@@ -116,15 +116,22 @@ def tables(found: Calibration) -> tuple[Table, Table]:
     verdict = found.verdict
     rows = tuple((name_of(one.name), *cells(one)) for one in verdict.parameters)
     reach = f"moves a fix at {found.slant_m:.0f} m by"
-    heads = ("median (CEP50)", "DRMS", "2 DRMS", "CEP95", "DRMS of slant range")
-    columns = (
-        [f"{metres:.2f} m" for metres in (one.cep50_m, one.drms_m, 2 * one.drms_m, one.cep95_m)]
-        + [f"{one.drms_percent:.2f} %"]
+    scatters = (
+        [
+            f"{factor * metres:.2f} m ({factor * percent:.2f} %)"
+            for factor, metres, percent in (
+                (1, one.cep50_m, one.cep50_percent),
+                (1, one.drms_m, one.drms_percent),
+                (2, one.drms_m, one.drms_percent),
+                (1, one.cep95_m, one.cep95_percent),
+            )
+        ]
         for one in (verdict.before, verdict.after)
     )
+    heads = ("median (CEP50)", "DRMS", "2 DRMS", "CEP95")
     return (
         Table("installation", ("value", "sigma", f"sigma {reach}"), rows),
-        Table("scatter of the fixes", ("before", "after"), tuple(zip(heads, *columns, strict=True))),
+        Table("scatter (of slant range)", ("before", "after"), tuple(zip(heads, *scatters, strict=True))),
     )
 
 

@@ -132,6 +132,7 @@ def test_the_scatter_is_that_of_the_residuals():
     off = np.hypot(*(place - true).T)
     assert scatter.drms_m == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.01)
     assert scatter.drms_percent == pytest.approx(100 * np.sqrt(np.mean((off / np.hypot(*away.T)) ** 2)), rel=0.01)
+    assert scatter.cep95_percent == pytest.approx(100 * np.quantile(off / np.hypot(*away.T), 0.95), rel=0.01)
     assert fix_statistics(time_s, place, None, ALL, circling()).scatter is None
 
 

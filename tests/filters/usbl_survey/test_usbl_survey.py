@@ -287,7 +287,7 @@ def test_headings_that_are_stated_in_another_convention_do_not_search_for_ever()
 
 @pytest.mark.parametrize(("after_m", "result"), [(1.0, "good"), (1.2, "bad")])
 def test_a_calibration_that_scatters_more_than_none_is_bad(after_m, result):
-    before, after = (Scatter(metres, metres, metres, metres) for metres in (1.0, after_m))
+    before, after = (Scatter(*(metres,) * 6) for metres in (1.0, after_m))
     assert decided((), before, after, np.ones(100, dtype=bool), 0.0, 31.3).result == result
 
 
