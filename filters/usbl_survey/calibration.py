@@ -75,12 +75,11 @@ def calibrated(survey: UsblSurvey, stated: Vector, known: Known, starts: bool = 
     usable = np.isfinite(residuals(survey, assumed(survey, stated))[:, :2]).all(axis=1).sum()
     if usable < MIN_FIXES:
         raise LogError(f"{usable} fixes have the ship's position and attitude; at least {MIN_FIXES} are needed")
-    begun: list[Installation] = []
-    for turn_deg in STARTS_DEG if starts else ():
-        turned = stated.copy()
-        turned[HEADING] += turn_deg
-        begun.append(_begun(survey, assumed(survey, turned)))
-    begun = sorted(begun, key=lambda fit: cost(survey, fit, known))[:FITTED] or [_begun(survey, stated)]
+    begun = [_begun(survey, stated)]
+    if starts:
+        turns = np.outer(STARTS_DEG, np.arange(len(NAMES)) == HEADING)
+        begun = [_begun(survey, assumed(survey, stated + turn)) for turn in turns]
+        begun = sorted(begun, key=lambda fit: cost(survey, fit, known))[:FITTED]
     fits = [_fitted(survey, one, known, FIRST_ROUNDS)[0] for one in begun]
     return _without_false(survey, min(fits, key=lambda fit: cost(survey, fit, known)), known)
 
@@ -182,13 +181,8 @@ def _with_noise(survey: UsblSurvey, values: Vector, weights: Array, fit: Install
 
 def _derivatives(survey: UsblSurvey, values: Vector) -> Array:
     """Return the derivatives of the residuals by the parameters, (n, 3, 11)."""
-    columns: list[Array] = []
-    for number, step in enumerate(STEP):
-        ahead, behind = values.copy(), values.copy()
-        ahead[number] += step
-        behind[number] -= step
-        columns.append((residuals(survey, ahead) - residuals(survey, behind)) / (2 * step))
-    return np.stack(columns, axis=-1)
+    moved = [residuals(survey, values + step) - residuals(survey, values - step) for step in np.diag(STEP)]
+    return np.stack(moved, axis=-1) / (2 * STEP)
 
 
 def _with_covariance(survey: UsblSurvey, fit: Installation, known: Known) -> Installation:

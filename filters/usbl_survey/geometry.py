@@ -116,8 +116,7 @@ def attitude_matrix(heading_deg: Vector, pitch_deg: Vector, roll_deg: Vector) ->
 
 def mount_matrix(values: Vector) -> Array:
     """Return the matrix (3, 3) that turns a vector of the head to the ship's axes; ``values`` by NAMES."""
-    roll, pitch, heading = values[:3]
-    return attitude_matrix(np.array([heading]), np.array([pitch]), np.array([roll]))[0]
+    return attitude_matrix(*values[2::-1, None])[0]
 
 
 def seen_from_head(survey: UsblSurvey, values: Vector) -> Array:

@@ -116,22 +116,14 @@ def tables(found: Calibration) -> tuple[Table, Table]:
     verdict = found.verdict
     rows = tuple((name_of(one.name), *cells(one)) for one in verdict.parameters)
     reach = f"moves a fix at {found.slant_m:.0f} m by"
+    shown = {"median (CEP50)": (1, 1), "DRMS": (1, 0), "2 DRMS": (2, 0), "CEP95": (1, 2)}  # factor, place in Scatter
     scatters = (
-        [
-            f"{factor * metres:.2f} m ({factor * percent:.2f} %)"
-            for factor, metres, percent in (
-                (1, one.cep50_m, one.cep50_percent),
-                (1, one.drms_m, one.drms_percent),
-                (2, one.drms_m, one.drms_percent),
-                (1, one.cep95_m, one.cep95_percent),
-            )
-        ]
+        [f"{k * one[at]:.2f} m ({k * one[at + 3]:.2f} %)" for k, at in shown.values()]
         for one in (verdict.before, verdict.after)
     )
-    heads = ("median (CEP50)", "DRMS", "2 DRMS", "CEP95")
     return (
         Table("installation", ("value", "sigma", f"sigma {reach}"), rows),
-        Table("scatter (of slant range)", ("before", "after"), tuple(zip(heads, *scatters, strict=True))),
+        Table("scatter (of slant range)", ("before", "after"), tuple(zip(shown, *scatters, strict=True))),
     )
 
 
