@@ -128,12 +128,12 @@ def message(store: Any, name: str, ns: int, rng: Any) -> Any:
 
 def by_usbldr(file: Path, whole: bool = False) -> Callable[[], int]:
     from usbldr.io.decoding.collected import read_whole
-    from usbldr.io.formats.detect import open_log
+    from usbldr.io.formats.detect import open_reader
 
-    open_log(file).topics()  # the imports
+    open_reader(file).topics()  # the imports
 
     def read() -> int:
-        log = open_log(file)
+        log = open_reader(file)
         topics = log.topics()
         wanted = {topic: STAMP + paths for topic, (_, paths) in SENSORS.items()}
         if whole:

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* What a bank may have at most; Python reads these numbers from the module. MAX_DEPTH: steps that a move changes. */
-enum { LANES = 8, MAX_STATES = 24, MAX_MODES = 9, MAX_COLUMNS = 10, MAX_DEPTH = 4, HEADER = 8 };
+enum { LANES = 8, MAX_STATES = 24, MAX_MODES = 9, MAX_COLUMNS = 10, MAX_DEPTH = 4 };
 
 /* The states that a function may depend on, by name: encoding.py ARGUMENTS. */
 enum { PSI, U, V_FORWARD, R, X, Y, SCALE, MOUNT, CURRENT_EAST, CURRENT_NORTH, LATENCY, BIAS_EAST, BIAS_NORTH,

@@ -37,7 +37,7 @@ TOO_FAST = "no vehicle moves there and back so fast"
 BY_FIXES = "the fixes show that the vehicle did not move there and back so"
 
 
-class Records(NamedTuple):
+class TimedRecords(NamedTuple):
     """Records of a table, in order of time."""
 
     topic: str
@@ -56,18 +56,18 @@ class Records(NamedTuple):
             good = good & table["valid"].to_numpy(dtype=np.bool_)
         return cls(topic, good, time_s, values) if good.all() else cls(topic, good, time_s[good], values[good])
 
-    def without(self, some: Mask) -> "Records":
+    def without(self, some: Mask) -> "TimedRecords":
         """Leave out some of the records."""
         if not some.any():
             return self
         good = self.good.copy()
         good[good] = ~some
-        return Records(self.topic, good, self.time_s[~some], self.values[~some])
+        return TimedRecords(self.topic, good, self.time_s[~some], self.values[~some])
 
 
 Tables = Mapping[str, pd.DataFrame]
 SpikesOf = Callable[..., Vector]  # of times and values: how far each is off, with what is reached in a second
-Judged = tuple[Records, list[Finding]]  # the records of a table that may be measurements, and what is to be said
+Judged = tuple[TimedRecords, list[Finding]]  # the records of a table that may be measurements, and what is to be said
 
 
 def without_implausible(log: Log) -> Log:
@@ -79,7 +79,7 @@ def without_implausible(log: Log) -> Log:
     for role, (columns, judge) in CHECKS.items():
         if role not in tables:
             continue
-        records = Records.of(provenance[role].topic, tables[role], columns)
+        records = TimedRecords.of(provenance[role].topic, tables[role], columns)
         kept, findings = judge(records, tables)
         found += findings
         before = records.values if kept.good is records.good else records.values[kept.good[records.good]]
@@ -108,7 +108,7 @@ def _of_kept_gps(log: Log, tables: Tables) -> Truth | None:
     return truth.only(~np.isin(truth.time_s, left_out_s)) if len(left_out_s) else truth
 
 
-def _dvl(records: Records, tables: Tables) -> Judged:
+def _dvl(records: TimedRecords, tables: Tables) -> Judged:
     zero = sudden_zeros(records.time_s, records.values)
     text = f"are exactly 0 between records at speed: the DVL has no lock then, although it calls them valid; {LEFT_OUT}"
     found = _stretch_finding("DVL-ZERO", records, zero, text)
@@ -121,7 +121,7 @@ def _dvl(records: Records, tables: Tables) -> Judged:
     return records.without(displaced), [*found, *stuck_found, *held, *spikes, *steps]
 
 
-def _without_held(records: Records, tables: Tables) -> Judged:
+def _without_held(records: TimedRecords, tables: Tables) -> Judged:
     copied = copied_fixes(records.values)
     if not copied.any() or not noisy(records.values[~copied]):
         return records, []
@@ -130,11 +130,13 @@ def _without_held(records: Records, tables: Tables) -> Judged:
     return records.without(copied), _stretch_finding("DVL-HELD", records, copied, text)
 
 
-def _fixes(tables: Tables, role: str, records: Records) -> Fixes | None:
+def _fixes(tables: Tables, role: str, records: TimedRecords) -> Fixes | None:
     """Return the fixes beside velocities, with these records of a sensor; None if a sensor has less than two."""
     if not {"dvl", "compass", "usbl"} <= tables.keys():
         return None
-    of = {name: Records.of("", tables[name], CHECKS[name][0]) for name in ("dvl", "compass", "usbl")} | {role: records}
+    of = {name: TimedRecords.of("", tables[name], CHECKS[name][0]) for name in ("dvl", "compass", "usbl")} | {
+        role: records
+    }
     if min(len(one.time_s) for one in of.values()) < 2:
         return None
     dvl, usbl, headings_rad = of["dvl"], of["usbl"], np.unwrap(np.radians(of["compass"].values[:, 0]))
@@ -143,14 +145,14 @@ def _fixes(tables: Tables, role: str, records: Records) -> Fixes | None:
     return Fixes.beside(usbl.time_s, usbl.values, stated_m2, (dvl.time_s, dvl.values, yaw_rad))
 
 
-def _compass(records: Records, tables: Tables) -> Judged:
+def _compass(records: TimedRecords, tables: Tables) -> Judged:
     records, found = _without_stuck(records, tables, "headings")
     records, spikes = _without_false_spikes("compass", records, heading_spikes, "deg", tables)
     records, jumps = _without_jumps(records)
     return records, [*found, *spikes, *jumps]
 
 
-def _without_copies(records: Records, tables: Tables, code: str, left_out: str) -> Judged:
+def _without_copies(records: TimedRecords, tables: Tables, code: str, left_out: str) -> Judged:
     copied = copied_fixes(records.values)
     if not noisy(records.values[~copied]):  # at rest, fixes without noise are equal
         copied = _while_moving(copied, records.time_s, tables)
@@ -158,7 +160,7 @@ def _without_copies(records: Records, tables: Tables, code: str, left_out: str) 
     return records.without(copied), _stretch_finding(code, records, copied, text)
 
 
-def _usbl(records: Records, tables: Tables) -> Judged:
+def _usbl(records: TimedRecords, tables: Tables) -> Judged:
     records, copies = _without_copies(records, tables, "USBL-REPEATED", LEFT_OUT)
     between = interpolated_fixes(records.time_s, records.values)
     text = (
@@ -175,7 +177,7 @@ def _usbl(records: Records, tables: Tables) -> Judged:
     return records.without(beyond), [*found, *_stretch_finding("USBL-EXTRAPOLATED", records, beyond, text)]
 
 
-CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] = {
+CHECKS: Mapping[str, tuple[Sequence[str], Callable[[TimedRecords, Tables], Judged]]] = {
     "dvl": (("starboard_mps", "forward_mps"), _dvl),  # first: it shows when the vehicle is at rest
     "compass": (("heading_deg",), _compass),
     "usbl": (("east_m", "north_m"), _usbl),
@@ -188,7 +190,7 @@ CHECKS: Mapping[str, tuple[Sequence[str], Callable[[Records, Tables], Judged]]] 
 }
 
 
-def _without_stuck(records: Records, tables: Tables, what: str) -> Judged:
+def _without_stuck(records: TimedRecords, tables: Tables, what: str) -> Judged:
     equal = stuck(records.time_s, records.values)
     frozen = _while_moving(equal, records.time_s, tables)
     if what == "headings":
@@ -212,7 +214,7 @@ def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
     """Return the records (n,) of runs in which the DVL does not show a vehicle at rest."""
     if "dvl" not in tables or not repeats.any():
         return repeats
-    dvl = Records.of("", tables["dvl"], CHECKS["dvl"][0])
+    dvl = TimedRecords.of("", tables["dvl"], CHECKS["dvl"][0])
     first, end = runs(repeats)
     begin, stop = (np.searchsorted(dvl.time_s, time_s[at]) for at in (np.maximum(first - 1, 0), end - 1))
     count = np.maximum(stop - begin, 1)
@@ -221,7 +223,7 @@ def _while_moving(repeats: Mask, time_s: Vector, tables: Tables) -> Mask:
     return some_runs(repeats, (stop == begin) | ~(speed < REST_MPS))
 
 
-def _stretch_finding(code: str, records: Records, which: Mask, text: str) -> list[Finding]:
+def _stretch_finding(code: str, records: TimedRecords, which: Mask, text: str) -> list[Finding]:
     """Report some of the records, if any: how many, in which stretches."""
     if not which.any():
         return []
@@ -235,7 +237,7 @@ def _stretch_finding(code: str, records: Records, which: Mask, text: str) -> lis
     return [Finding(code, whole, records.topic, start_s, length_s, "s")]
 
 
-def _without_false_spikes(role: str, records: Records, spikes_of: SpikesOf, unit: str, tables: Tables) -> Judged:
+def _without_false_spikes(role: str, records: TimedRecords, spikes_of: SpikesOf, unit: str, tables: Tables) -> Judged:
     """Leave out spikes that no vehicle can follow, and those that one can if the fixes show that this one did not."""
     others, possible = _without_spikes(records, partial(spikes_of, reached=0.0), unit, BY_FIXES)
     if not possible:
@@ -247,7 +249,7 @@ def _without_false_spikes(role: str, records: Records, spikes_of: SpikesOf, unit
     return others, possible
 
 
-def _without_spikes(records: Records, spikes_of: SpikesOf, unit: str, why: str) -> Judged:
+def _without_spikes(records: TimedRecords, spikes_of: SpikesOf, unit: str, why: str) -> Judged:
     """Leave out spikes as long as there are any: where they are dense, some show once their neighbours are gone."""
     count, worst = len(records.values), (0.0, 0.0)
     for _ in range(SPIKE_PASSES):
@@ -267,7 +269,7 @@ def _without_spikes(records: Records, spikes_of: SpikesOf, unit: str, why: str) 
     return records, [Finding("SPIKES", text, records.topic, time_s, size, unit)]
 
 
-def _without_jumps(records: Records) -> Judged:
+def _without_jumps(records: TimedRecords) -> Judged:
     """Turn the headings beside the longest stretch to fit it; the compass has one constant error then."""
     heading_deg = records.values[:, 0]
     rows, jump_deg = heading_jumps(records.time_s, heading_deg)

@@ -11,7 +11,7 @@ import numpy as np
 from usbldr.filters.frames import convergence_rad, rotated
 from usbldr.filters.types import Array, Vector
 from usbldr.filters.windows import columns_at, integrated
-from usbldr.io.conventions.implausible import Records
+from usbldr.io.conventions.implausible import TimedRecords
 from usbldr.io.conventions.time_series import bracketing, unwrap
 from usbldr.io.log import Log
 from usbldr.io.messages.layouts import blocks
@@ -37,7 +37,7 @@ def headings_on_plane(log: Log) -> Log:
     if log.origin is None or not {"dvl", "compass", source} <= log.tables.keys() or not log.provenance[source].geodetic:
         return log
     table = log.tables["compass"]
-    headings = Records.of("", table, ["heading_deg"])
+    headings = TimedRecords.of("", table, ["heading_deg"])
     if not len(headings.values):
         return log
     known_s, moved_m = _displacement_m(log, headings)
@@ -53,9 +53,9 @@ def headings_on_plane(log: Log) -> Log:
     return replace(log, tables=tables, provenance=provenance)
 
 
-def _offsets_m(log: Log, source: str, headings: Records, known_s: Vector, moved_m: Array) -> tuple[Vector, Array]:
+def _offsets_m(log: Log, source: str, headings: TimedRecords, known_s: Vector, moved_m: Array) -> tuple[Vector, Array]:
     """Return times (k,) and what to add to displacements before and after each, east and north, (k + 1, 2)."""
-    fixes, start = Records.of("", log.tables[source], ["east_m", "north_m"]), log.parameters.start
+    fixes, start = TimedRecords.of("", log.tables[source], ["east_m", "north_m"]), log.parameters.start
     if source == "gps" and start is not None:
         return np.empty(0), np.array([[start.east_m, start.north_m]])
     if not len(fixes.values):
@@ -69,9 +69,9 @@ def _offsets_m(log: Log, source: str, headings: Records, known_s: Vector, moved_
     return fixes.time_s[count:], medians_m
 
 
-def _displacement_m(log: Log, headings: Records) -> tuple[Vector, Array]:
+def _displacement_m(log: Log, headings: TimedRecords) -> tuple[Vector, Array]:
     """Return times (n,) and the displacement dead-reckoned since the first DVL record, (n, 2)."""
-    dvl = Records.of("", log.tables["dvl"], ["starboard_mps", "forward_mps"])
+    dvl = TimedRecords.of("", log.tables["dvl"], ["starboard_mps", "forward_mps"])
     if len(dvl.values) < 2:
         return np.zeros(1), np.zeros((1, 2))
     clockwise = unwrap(np.radians(headings.values[:, 0]), 2 * np.pi)

@@ -16,7 +16,7 @@ from usbldr.filters.frames import wrapped
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.models.parameters import DEGREES, ProcessNoise
 from usbldr.filters.types import Indices, Vector
-from usbldr.io.conventions.implausible import Records, without_implausible
+from usbldr.io.conventions.implausible import TimedRecords, without_implausible
 from usbldr.io.conventions.repeats import runs
 from usbldr.io.findings import Finding
 from usbldr.io.log import Log
@@ -62,7 +62,7 @@ def with_shown_noise(log: Log) -> Log:
     for role, sensor in SENSORS.items():
         if role not in tables:
             continue
-        records = Records.of(log.provenance[role].topic, tables[role], sensor.columns)
+        records = TimedRecords.of(log.provenance[role].topic, tables[role], sensor.columns)
         sd = tables[role][sensor.sd].to_numpy(dtype=float)
         known = sd if records.good.all() else sd[records.good]
         factor = _shown_factor(records, known, sensor)
@@ -75,7 +75,7 @@ def with_shown_noise(log: Log) -> Log:
     return replace(log, tables=tables, findings=(*log.findings, *findings)) if findings else log
 
 
-def _shown_factor(records: Records, sd: Vector, sensor: _Sensor) -> Vector:
+def _shown_factor(records: TimedRecords, sd: Vector, sensor: _Sensor) -> Vector:
     """Return by what factor the noise of n records exceeds their sigma (n,), (n,); 1 if not notably."""
     blocks = len(sd) // BLOCK
     if not blocks:
@@ -90,7 +90,7 @@ def _shown_factor(records: Records, sd: Vector, sensor: _Sensor) -> Vector:
     return own[np.minimum(np.arange(len(sd)) // BLOCK, blocks - 1)]
 
 
-def _block_factors(records: Records, sd: Vector, sensor: _Sensor, first: Indices) -> Vector:
+def _block_factors(records: TimedRecords, sd: Vector, sensor: _Sensor, first: Indices) -> Vector:
     """Return the factor of B blocks, by the first record of each, (B,); NaN if none of its records states a sigma."""
     rows = first[:, None] + np.arange(BLOCK)
     interval_s, change = np.diff(records.time_s[rows]), np.diff(records.values[rows], axis=1)
@@ -107,7 +107,7 @@ def _block_factors(records: Records, sd: Vector, sensor: _Sensor, first: Indices
     return found
 
 
-def _finding(records: Records, sd: Vector, factor: Vector, unit: str) -> Finding:
+def _finding(records: TimedRecords, sd: Vector, factor: Vector, unit: str) -> Finding:
     raised, shown = factor > 1, factor * sd
     first, end = runs(raised)
     worst, longest = int(np.argmax(np.where(raised, shown, 0.0))), int(np.argmax(end - first))

@@ -130,7 +130,7 @@ def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]
     if path.is_dir():
         from usbldr.io.formats.folder_log import folder_log
 
-        return folder_log(path, lambda file: open_log(file, known), apart)
+        return folder_log(path, lambda file: open_reader(file, known), apart)
 
     def matching() -> Reader | None:
         return next((reader for of in FORMATS.values() if (reader := of(path, head, known)) is not None), None)
@@ -141,10 +141,10 @@ def _reader(path: Path, head: bytes, known: Definitions, apart: Collection[Path]
             return reader
     from usbldr.io.formats.concatenated import concatenated_log
 
-    return concatenated_log(path, lambda copy: open_log(copy, known)) or matching() or _within(path, head, known)
+    return concatenated_log(path, lambda copy: open_reader(copy, known)) or matching() or _within(path, head, known)
 
 
-def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] = ()) -> Reader:
+def open_reader(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] = ()) -> Reader:
     """Return the reader that fits; raise LogError for a missing, empty or unknown file.
 
     ``apart``: real paths of files that a folder leaves out, because they are read in their own right.
@@ -158,7 +158,7 @@ def open_log(path: Path, known: Definitions = SHIPPED, apart: Collection[Path] =
         if not place and (compression := compression_of(head)):
             from usbldr.io.formats.compressed_log import compressed_log
 
-            return compressed_log(path, {path: compression}, lambda copies: open_log(copies[0], known))
+            return compressed_log(path, {path: compression}, lambda copies: open_reader(copies[0], known))
         reader = _reader(path, head, known, apart)
         if reader is not None:
             return reader

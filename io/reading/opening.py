@@ -14,7 +14,7 @@ import msgspec
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.definitions import with_folders
 from usbldr.io.file_access.open_file import opened, real_path
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.instruments.nmea_log import carried_sentences
 from usbldr.io.messages.configured import configured_columns, time_units_ns
 from usbldr.io.messages.roles import ROLES
@@ -179,7 +179,7 @@ def _first_ns(part: LogPart) -> int:
 
 def _opened(path: Path, configuration: Configuration, request: Request, joined: Collection[Path]) -> Reader:
     """Open one file; name the columns of its tables as the configuration does, find the sentences in topics of text."""
-    reader = open_log(path, with_folders(request.msg_path), joined)
+    reader = open_reader(path, with_folders(request.msg_path), joined)
     stated = configured_columns(configuration, request.topics)
     reader = reader.with_columns(stated) if stated and isinstance(reader, NamedColumns) else reader
     sentences = carried_sentences(reader)

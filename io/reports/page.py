@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 from usbldr.filters.errors import printable
-from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.report_text import TextTable
 
 
 class Labelled(NamedTuple):
@@ -55,12 +55,12 @@ class Plot(NamedTuple):
     text: str = ""
 
 
-Block: TypeAlias = str | Table | Labelled | Bullets | Code | Picture | Plot
+Block: TypeAlias = str | TextTable | Labelled | Bullets | Code | Picture | Plot
 """A part of a section; a plain sentence may hold code between backticks."""
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PageSection:
     """Blocks under a title, "" for those at the beginning of the page."""
 
     title: str
@@ -73,7 +73,7 @@ class Page:
 
     title: str
     verdict: str
-    sections: tuple[Section, ...]
+    sections: tuple[PageSection, ...]
 
 
 def markdown(page: Page) -> str:
@@ -90,7 +90,7 @@ def _block(block: Block) -> str:
     match block:
         case str():
             return _sentence(block)
-        case Table():
+        case TextTable():
             return markdown_table(block)
         case Labelled(lines):
             return "\n".join(f"* **{plain(label)}**: {plain(text)}" for label, text in lines)
@@ -109,7 +109,7 @@ def _sentence(text: str) -> str:
     return re.sub(r"(`[^`]*`)|\*", lambda found: found[1] or r"\*", plain(text))
 
 
-def markdown_table(table: Table) -> str:
+def markdown_table(table: TextTable) -> str:
     """Return a table as Markdown, with columns of numbers to the right."""
     rows = [(table.title, *table.heads), *table.rows]
     lines = [[plain(cell).replace("|", r"\|").replace("*", r"\*") for cell in row] for row in rows]

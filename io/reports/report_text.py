@@ -20,7 +20,7 @@ ORDERS = {"validity": "used at their time of validity", "arrival": "used when th
 TRUTHS = {"gps": "GPS", "slam": "SLAM, not GPS", "simulated": "simulated", "other": "other than GPS"}
 
 
-class Table(NamedTuple):
+class TextTable(NamedTuple):
     """A title, column heads and rows of text; the first column labels its row."""
 
     title: str
@@ -100,7 +100,7 @@ def aid_text(windows: Sequence[TimeWindow]) -> str:
     return f"GPS fixes used as measurements from {windows_text(windows)} of the log, which are not scored"
 
 
-def error_table(report: ErrorReport) -> Table:
+def error_table(report: ErrorReport) -> TextTable:
     """Return the error of east, north and their length, evo's statistics first."""
     heads = ("rmse", "mean", "median", "std", "min", "max", "p95", "bias", "final")
     h = report.horizontal
@@ -110,13 +110,13 @@ def error_table(report: ErrorReport) -> Table:
         rows.append((name, *metres(*numbers), ""))
     numbers = (h.rmse_m, h.mean_m, h.median_m, h.std_m, h.min_m, h.max_m, h.p95_m)
     rows.append(("horizontal", *metres(*numbers), "", *metres(h.final_m)))
-    return Table("error in m", heads, tuple(rows))
+    return TextTable("error in m", heads, tuple(rows))
 
 
 BOUND_NAMES = {False: "bound", True: "smoother bound"}  # by whether the track is smoothed
 
 
-def method_table(run: Run) -> Table:
+def method_table(run: Run) -> TextTable:
     """Return the method beside raw fixes and dead reckoning, and the bound of any filter and any smoother."""
     heads = ("|east|", "|north|", "horizontal", "rmse", "CEP50", "CEP95", "max", "epochs", "coverage")
     apart = run.scored.report is not None and run.scored.report.mostly_shift
@@ -137,7 +137,7 @@ def method_table(run: Run) -> Table:
         for smooth, name in BOUND_NAMES.items():
             east, north, rmse = metres(*run.bound.metrics(smooth).values())
             rows.append((name, east, north, "", rmse, *[""] * (len(heads) - 4)))
-    return Table("mean error in m", heads, tuple(rows))
+    return TextTable("mean error in m", heads, tuple(rows))
 
 
 RELATIVE = (
@@ -146,14 +146,14 @@ RELATIVE = (
 )
 
 
-def relative_table(report: ErrorReport) -> Table:
+def relative_table(report: ErrorReport) -> TextTable:
     """Return the relative errors by the length of the segments."""
     heads = ("mean [%]", "rms [%]", "p95 [%]", "segments")
     rows: list[tuple[str, ...]] = []
     for one in report.relative:
         percent = (f"{value:.2f}" for value in (one.mean_percent, one.rms_percent, one.p95_percent))
         rows.append((f"{one.length_m:g} m", *percent, f"{one.segments}"))
-    return Table("drift over", heads, tuple(rows))
+    return TextTable("drift over", heads, tuple(rows))
 
 
 INFLUENCE = (
@@ -162,7 +162,7 @@ INFLUENCE = (
 COMPASS_POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
-def influence_table(run: Run) -> Table:
+def influence_table(run: Run) -> TextTable:
     """Return the fixes that moved the track most, with their innovations and outcomes."""
     heads = ("time [s]", "shift [m]", "direction", "innovation [m]", "outcome")
     rows = [
@@ -176,7 +176,7 @@ def influence_table(run: Run) -> Table:
         )
         for fix in most_influential(run.scored.trajectory)
     ]
-    return Table("fix", heads, tuple(rows))
+    return TextTable("fix", heads, tuple(rows))
 
 
 LEAVE_ONE_OUT_NOTE = (
@@ -186,7 +186,7 @@ LEAVE_ONE_OUT_NOTE = (
 )
 
 
-def leave_one_out_table(run: Run) -> Table:
+def leave_one_out_table(run: Run) -> TextTable:
     """Return the effect of leaving out each of some fixes, the largest first."""
     heads = ("time [s]", "largest shift [m]", "at [s]", "mean shift [m]", "change of mean error [m]")
     rows = [
@@ -200,7 +200,7 @@ def leave_one_out_table(run: Run) -> Table:
         )
         for one in sorted(run.without_fixes, key=lambda one: -one.largest_shift_m)
     ]
-    return Table("without fix", heads, tuple(rows))
+    return TextTable("without fix", heads, tuple(rows))
 
 
 def metres(*values_m: float) -> tuple[str, ...]:

@@ -15,12 +15,12 @@ from usbldr.io.provenance import convention_text
 from usbldr.io.reader import utc
 from usbldr.io.reports.estimate_text import in_unit, with_sigma
 from usbldr.io.reports.health_text import fix_text, health_lines
-from usbldr.io.reports.page import Code, Labelled, Page, Picture, Plot, Section, bullets, labelled, markdown
+from usbldr.io.reports.page import Code, Labelled, Page, PageSection, Picture, Plot, bullets, labelled, markdown
 from usbldr.io.reports.report_text import (
     INFLUENCE,
     LEAVE_ONE_OUT_NOTE,
     RELATIVE,
-    Table,
+    TextTable,
     context,
     error_table,
     influence_table,
@@ -48,19 +48,19 @@ def run_page(run: Run, figures: Sequence[Picture | Plot]) -> Page:
     usbl = [("USBL fixes", text)] if (text := fix_text(run)) else []
     findings = tuple((finding.code, finding.text) for finding in run.log.findings)
     sections = (
-        Section("", (Labelled((*summary_lines(run), *context(run))),)),
-        Section("Warnings", bullets(run.warnings)),
-        Section("Errors", errors),
-        Section("Figures", tuple(figures)),
-        Section("Health", labelled([*health_lines(run), *usbl])),
-        Section("Relative errors", relative),
-        Section("Sensor errors", (CALIBRATION, table) if (table := calibration_table(run)).rows else ()),
-        Section("Influential fixes", (INFLUENCE, fixes) if fixes.rows else ()),
-        Section("Fixes left out", (LEAVE_ONE_OUT_NOTE, leave_one_out_table(run)) if left_out else ()),
-        Section("How the log was read", (_sensors(run), Labelled(_origin(run)))),
-        Section("Findings", labelled(findings)),
+        PageSection("", (Labelled((*summary_lines(run), *context(run))),)),
+        PageSection("Warnings", bullets(run.warnings)),
+        PageSection("Errors", errors),
+        PageSection("Figures", tuple(figures)),
+        PageSection("Health", labelled([*health_lines(run), *usbl])),
+        PageSection("Relative errors", relative),
+        PageSection("Sensor errors", (CALIBRATION, table) if (table := calibration_table(run)).rows else ()),
+        PageSection("Influential fixes", (INFLUENCE, fixes) if fixes.rows else ()),
+        PageSection("Fixes left out", (LEAVE_ONE_OUT_NOTE, leave_one_out_table(run)) if left_out else ()),
+        PageSection("How the log was read", (_sensors(run), Labelled(_origin(run)))),
+        PageSection("Findings", labelled(findings)),
         provenance_section(run.made),
-        Section("How to read this", bullets(_definitions(run))),
+        PageSection("How to read this", bullets(_definitions(run))),
     )
     return Page(f"{run.label} on {run.log.path.name}", run.verdict, sections)
 
@@ -93,7 +93,7 @@ CALIBRATION = (
 )
 
 
-def calibration_table(run: Run) -> Table:
+def calibration_table(run: Run) -> TextTable:
     """Return the estimated sensor errors with their sigmas, the sigma that was assumed before, and the evidence."""
     assumed = assumed_sd(run.identification.parameters.errors)
     odds = {found.name: one.log_odds for one in run.identification.evidence for found in one.estimates}
@@ -103,27 +103,29 @@ def calibration_table(run: Run) -> Table:
         found = with_sigma(factor * float(error.value[-1]), factor * float(error.sd[-1]))
         evidence = f"{odds[error.name]:+.1f}" if error.name in odds else ""
         rows.append((error.title, found, f"{factor * assumed[error.name]:.3g}", unit, evidence))
-    return Table("sensor error", ("estimate", "sigma before", "unit", "evidence"), tuple(rows))
+    return TextTable("sensor error", ("estimate", "sigma before", "unit", "evidence"), tuple(rows))
 
 
-def provenance_section(made: RunProvenance) -> Section:
+def provenance_section(made: RunProvenance) -> PageSection:
     """Return the command that repeats a report, what it read, and versions."""
     used = machine()
     libraries = ", ".join(f"{name} {number}" for name, number in used["libraries"].items())
     place = f"{used['platform']['system']} {used['platform']['machine']}, kernel {used['kernel']}"
     versions = f"usbldr {made_by()['tool']['version']}, Python {used['python']}, {libraries}; {place}"
     files = tuple((one.role, one.file, one.sha256) for one in made.inputs)
-    table = (Table("input", ("file", "sha256"), files, numbers=False),) if files else ()
+    table = (TextTable("input", ("file", "sha256"), files, numbers=False),) if files else ()
     command = (Code(shlex.join(made.command)),) if made.command else ()
-    return Section("How this was made", (*command, *table, Labelled((("versions", versions),))))
+    return PageSection("How this was made", (*command, *table, Labelled((("versions", versions),))))
 
 
-def _sensors(run: Run) -> Table:
+def _sensors(run: Run) -> TextTable:
     rows: list[tuple[str, ...]] = []
     for role, p in run.log.provenance.items():
         conventions = "; ".join(map(convention_text, p.conventions))
         rows.append((role, p.topic, p.type, f"{p.used} of {p.messages}", p.chosen_by, conventions))
-    return Table("sensor", ("topic", "type", "records used", "chosen by", "conventions"), tuple(rows), numbers=False)
+    return TextTable(
+        "sensor", ("topic", "type", "records used", "chosen by", "conventions"), tuple(rows), numbers=False
+    )
 
 
 def _origin(run: Run) -> tuple[tuple[str, str], ...]:

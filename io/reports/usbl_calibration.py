@@ -15,8 +15,8 @@ from usbldr.io.conventions.usbl_head import SHIP, SHIP_HEADING
 from usbldr.io.geodesy import to_geodetic
 from usbldr.io.log import Log
 from usbldr.io.reading.usbl_survey import SurveyLog
-from usbldr.io.reports.page import Block, Bullets, Page, Section
-from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.page import Block, Bullets, Page, PageSection
+from usbldr.io.reports.report_text import TextTable
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance, made_by, provenance_content
 from usbldr.io.settings.configuration import parse_configuration
@@ -111,7 +111,7 @@ def cells(one: Parameter) -> tuple[str, str, str]:
     return value, sd, f"{one.effect_m:.3f} m"
 
 
-def tables(found: Calibration) -> tuple[Table, Table]:
+def tables(found: Calibration) -> tuple[TextTable, TextTable]:
     """Return the errors of the installation, and the scatter of the fixes before and after."""
     verdict = found.verdict
     rows = tuple((name_of(one.name), *cells(one)) for one in verdict.parameters)
@@ -122,8 +122,8 @@ def tables(found: Calibration) -> tuple[Table, Table]:
         for one in (verdict.before, verdict.after)
     )
     return (
-        Table("installation", ("value", "sigma", f"sigma {reach}"), rows),
-        Table("scatter (of slant range)", ("before", "after"), tuple(zip(shown, *scatters, strict=True))),
+        TextTable("installation", ("value", "sigma", f"sigma {reach}"), rows),
+        TextTable("scatter (of slant range)", ("before", "after"), tuple(zip(shown, *scatters, strict=True))),
     )
 
 
@@ -163,9 +163,9 @@ def page(found: Calibration, figures: Sequence[Block]) -> Page:
         f"USBL calibration: {found.log.path.name}",
         summary(found),
         (
-            Section("", (found.measured + ".", installation, Bullets(tuple(notes(found))))),
-            Section("Scatter", (scatter, judged)),
-            Section("Figures", tuple(figures)),
+            PageSection("", (found.measured + ".", installation, Bullets(tuple(notes(found))))),
+            PageSection("Scatter", (scatter, judged)),
+            PageSection("Figures", tuple(figures)),
             provenance_section(found.provenance),
         ),
     )
@@ -227,10 +227,10 @@ def calibrated_configuration(found: Calibration) -> str:
     return text
 
 
-def plan_table(planned: Sequence[Parameter]) -> Table:
+def plan_table(planned: Sequence[Parameter]) -> TextTable:
     """Return the sigmas that a planned survey will reach."""
     rows = tuple((name_of(one.name), *cells(one)[1:]) for one in planned)
-    return Table("installation", ("sigma", "moves a fix by"), rows)
+    return TextTable("installation", ("sigma", "moves a fix by"), rows)
 
 
 def plan_content(scenario: str, fixes: int, planned: Sequence[Parameter]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from commands import run
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 
 # file -> messages counted (the collection's expected.json), and words that the page must hold
 ZOO: dict[str, tuple[int, str]] = {
@@ -85,7 +85,7 @@ def test_info_says_which_sensor_a_replay_would_miss(zoo: Path) -> None:
 
 
 def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:
-    log = open_log(zoo / "08_test_bad_schema.mcap")
+    log = open_reader(zoo / "08_test_bad_schema.mcap")
     readable = [topic for topic in log.topics() if not topic.problem]
 
     read = read_whole(log, {topic.name: topic.fields[:1] for topic in readable})
@@ -94,7 +94,7 @@ def test_a_bad_definition_leaves_the_other_topics_readable(zoo: Path) -> None:
 
 
 def test_log_time_is_arrival_and_publish_time_is_not(zoo: Path) -> None:
-    log = open_log(zoo / "09_test_publish_vs_log_time.mcap")
+    log = open_reader(zoo / "09_test_publish_vs_log_time.mcap")
     (topic,) = log.topics()
     with (zoo / "09_test_publish_vs_log_time.mcap").open("rb") as file:
         messages = [message for _, _, message in make_reader(file).iter_messages()]

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from damaged_formats import FORMATS
 from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reader import Reader
 
 MARKERS = ("<!-- make fuzz: begin -->", "<!-- make fuzz: end -->")
@@ -36,7 +36,7 @@ def read(path: Path, form: str) -> Read:
     wanted, timed = FORMATS[form].wanted, FORMATS[form].times_checked
     rows: dict[str, set[tuple[float, ...]]] = {topic: set() for topic in wanted}
     try:
-        log = open_log(path)
+        log = open_reader(path)
         present = [topic for topic in log.topics() if topic.name in wanted]
         names = {topic.key: topic.name for topic in present if all(map(topic.has, wanted[topic.name]))}
         unread = any(topic.problem for topic in present)  # a problem is reported
@@ -66,13 +66,13 @@ def recorded(form: str) -> Iterator[tuple[Path, Path, bytes, list[int]]]:
     with tempfile.TemporaryDirectory() as name:
         file = FORMATS[form].write(Path(name))
         path = file.parent if FORMATS[form].folder else file
-        yield file, path, file.read_bytes(), count(open_log(path), form)
+        yield file, path, file.read_bytes(), count(open_reader(path), form)
 
 
 def attempt(path: Path, form: str) -> tuple[list[int], bool]:
     """Return how many records are read, and whether a loss is said, or why nothing can be read."""
     try:
-        log = open_log(path)
+        log = open_reader(path)
         found = count(log, form)
         return found, any(finding.lost_data for finding in log.findings()) or any(one.problem for one in log.topics())
     except UsbldrError:

@@ -233,6 +233,11 @@ def test_a_signature_is_that_of_the_function(call: str) -> None:
     assert arguments == "..." or {*names} - {one.split("=")[0] for one in stated} <= optional
 
 
+@pytest.mark.parametrize(("name", "fields"), re.findall(r"`([A-Z]\w+)\(((?:[a-z_]+(?:, )?)+)\)`", PAGE))
+def test_a_value_is_made_of_the_fields_that_the_page_names(name: str, fields: str) -> None:
+    assert {*fields.split(", ")} <= {*inspect.signature(getattr(usbldr, name)).parameters}
+
+
 @pytest.mark.parametrize(("name", "cell"), re.findall(r"^\| `([A-Z]\w+)` \| (.*) \|$", PAGE, re.MULTILINE))
 def test_what_a_type_holds_are_its_attributes(name: str, cell: str) -> None:
     kind = getattr(usbldr, name)

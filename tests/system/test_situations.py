@@ -41,7 +41,7 @@ from recordings import (
 )
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 from usbldr.io.recordings.mcap_log import McapLog
@@ -60,7 +60,7 @@ def test_what_may_not_be_read_is_named(tmp_path: Path, folder: bool, monkeypatch
 
     monkeypatch.setattr(Path, "iterdir" if folder else "open", refuse)  # a superuser may read all
 
-    assert refusal(LogError, open_log, log) == f"{log}: cannot be read (Permission denied)"
+    assert refusal(LogError, open_reader, log) == f"{log}: cannot be read (Permission denied)"
 
 
 def test_memory_goes_by_what_is_wanted_and_not_by_the_file(tmp_path: Path) -> None:

@@ -98,10 +98,10 @@ def topics(role: str | None = None, also: Iterable[str] = ("none",)) -> Words:
             return []
         found: list[str] = []
         with suppress(Exception), _patience():  # whatever is wrong with the log, the command itself will say
-            from usbldr.io.formats.detect import open_log
+            from usbldr.io.formats.detect import open_reader
             from usbldr.io.messages.registry import message_layout_of
 
-            known = open_log(Path(log).expanduser()).topics()
+            known = open_reader(Path(log).expanduser()).topics()
             found = [topic.name for topic in known if role is not None and message_layout_of(role, topic) is not None]
             found = found or [topic.name for topic in known]
         return [*found, *also]

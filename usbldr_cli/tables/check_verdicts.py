@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 from usbldr.filters.errors import CheckError, LogError, listed, printable
 from usbldr.filters.evaluation.metrics import Direction
 from usbldr.filters.replay.methods import METHODS
-from usbldr.io.reports.page import Page, Plot, Section, labelled
-from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.page import Page, PageSection, Plot, labelled
+from usbldr.io.reports.report_text import TextTable
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance, provenance_content
 from usbldr.io.settings.regression_baseline import BaselineRow, Metric, RegressionBaseline, usual_direction
@@ -80,13 +80,13 @@ def compare_metric(name: str, metric: Metric, new: float | None, another_log: bo
     return MetricChange(name, metric.value, new, metric.limit, direction, verdict)
 
 
-def table(checked: Sequence[CheckedRow]) -> Table:
+def table(checked: Sequence[CheckedRow]) -> TextTable:
     """Return every metric under the name of its row."""
     rows: list[tuple[str, ...]] = []
     for one in checked:
         rows.append((one.row.name, *("" for _ in HEADS)))
         rows += [(f"  {c.metric}", *_cells(c)) for c in one.changes]
-    return Table("row, metric", HEADS, tuple(rows))
+    return TextTable("row, metric", HEADS, tuple(rows))
 
 
 def _cells(c: MetricChange) -> tuple[str, ...]:
@@ -183,18 +183,18 @@ def page(baseline: RegressionBaseline, checked: Sequence[CheckedRow], figures: S
     failed = [(name, c) for name, c in every if c.verdict in FAILURES]
     reported = (f"{text}.",) if (text := values_text(baseline)) else ()
     sections = (
-        Section("", (*reported, *labelled(notes(checked)))),
-        Section("Failures", (_flat(failed),) if failed else ()),
-        Section("Figures", tuple(figures)),
-        Section("Metrics", (_flat(every),)),
+        PageSection("", (*reported, *labelled(notes(checked)))),
+        PageSection("Failures", (_flat(failed),) if failed else ()),
+        PageSection("Figures", tuple(figures)),
+        PageSection("Metrics", (_flat(every),)),
         provenance_section(RunProvenance(given_command())),
     )
     return Page(f"usbldr check {baseline.file.name}", summary(checked), sections)
 
 
-def _flat(changes: Sequence[tuple[str, MetricChange]]) -> Table:
+def _flat(changes: Sequence[tuple[str, MetricChange]]) -> TextTable:
     """Return metrics with the names of their rows."""
-    return Table("metric", ("row", *HEADS), tuple((c.metric, name, *_cells(c)) for name, c in changes))
+    return TextTable("metric", ("row", *HEADS), tuple((c.metric, name, *_cells(c)) for name, c in changes))
 
 
 def checked_rows(baseline: RegressionBaseline, jobs: Mapping[str, Sequence[Job]], where: Executor) -> list[CheckedRow]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from usbldr.filters.errors import printable
 from usbldr.filters.evaluation.error_report import Window
-from usbldr.io.reports.page import Block, Page, Picture, Plot, Section, labelled
-from usbldr.io.reports.report_text import ORDERS, TRUTHS, Table, aid_text, window_text
+from usbldr.io.reports.page import Block, Page, PageSection, Picture, Plot, labelled
+from usbldr.io.reports.report_text import ORDERS, TRUTHS, TextTable, aid_text, window_text
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance
 from usbldr_cli.runs.seed_table import (
@@ -48,7 +48,7 @@ SPECIAL = str.maketrans(
 )
 
 
-def error_table(rows: Sequence[ComparisonRow]) -> Table:
+def error_table(rows: Sequence[ComparisonRow]) -> TextTable:
     """Return the errors of a log's rows, each with its difference to the first."""
     first = rows[0]
     columns = {"|east|": "mean_abs_east_m", "|north|": "mean_abs_north_m", "horizontal": "mean_horizontal_m"}
@@ -65,10 +65,10 @@ def error_table(rows: Sequence[ComparisonRow]) -> Table:
         for row in rows
         if row.good
     )
-    return Table("mean error, m", heads, body)
+    return TextTable("mean error, m", heads, body)
 
 
-def health_table(rows: Sequence[ComparisonRow]) -> Table:
+def health_table(rows: Sequence[ComparisonRow]) -> TextTable:
     """Return runs, medians, divergence, consistency and cost of a log's rows; empty columns are left out."""
     heads = ("runs", "median horiz.", "diverged", "ESS", "NEES", "sigmas", "time")
     body: list[tuple[str, ...]] = []
@@ -92,7 +92,7 @@ def health_table(rows: Sequence[ComparisonRow]) -> Table:
         )
     columns = [k for k in range(len(heads) + 1) if k == 0 or any(line[k] for line in body)]
     rows_shown = tuple(tuple(line[k] for k in columns) for line in body)
-    return Table("per run", tuple(heads[k - 1] for k in columns[1:]), rows_shown)
+    return TextTable("per run", tuple(heads[k - 1] for k in columns[1:]), rows_shown)
 
 
 def context(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
@@ -162,7 +162,7 @@ def render(rows: Sequence[ComparisonRow], colour: bool = False) -> str:
     return "\n".join([*blocks, pairs([("note", LEGEND)]), "", title(filled(overall(rows)), colour)])
 
 
-def short_table(rows: Sequence[ComparisonRow]) -> Table:
+def short_table(rows: Sequence[ComparisonRow]) -> TextTable:
     """Return the mean horizontal error of each method on each log, a line for each log."""
     labels = tuple(dict.fromkeys(row.label for row in rows))
     body: list[tuple[str, ...]] = []
@@ -170,7 +170,7 @@ def short_table(rows: Sequence[ComparisonRow]) -> Table:
         cells = {row.label: _number(row, "mean_horizontal_m") if row.good else "failed" for row in group}
         name = log if len(log) <= NAME_LETTERS else f"…{log[1 - NAME_LETTERS :]}"
         body.append((name, *(cells.get(label, "") for label in labels)))
-    return Table("mean horizontal error, m", labels, tuple(body))
+    return TextTable("mean horizontal error, m", labels, tuple(body))
 
 
 def short_notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
@@ -190,7 +190,7 @@ def short_notes(rows: Sequence[ComparisonRow]) -> list[tuple[str, str]]:
 
 def page(rows: Sequence[ComparisonRow], figures: Sequence[Picture | Plot], made: RunProvenance) -> Page:
     """Return the page of a comparison with its figures, and how it was made."""
-    sections: list[Section] = []
+    sections: list[PageSection] = []
     groups = grouped(rows)
     for log, group in groups.items():
         blocks: list[Block] = [*labelled(context(group))]
@@ -199,11 +199,11 @@ def page(rows: Sequence[ComparisonRow], figures: Sequence[Picture | Plot], made:
         blocks += labelled(notes(group))
         if len(groups) > 1:
             blocks.append(f"{best_method_sentence(group)}.")
-        sections.append(Section(log, tuple(blocks)))
-    sections.append(Section("Figures", tuple(figures)))
+        sections.append(PageSection(log, tuple(blocks)))
+    sections.append(PageSection("Figures", tuple(figures)))
     sections.append(provenance_section(made))
     sections.append(
-        Section("How to read this", (LEGEND, "Every number is in `compare.json` under its name in `report.json`."))
+        PageSection("How to read this", (LEGEND, "Every number is in `compare.json` under its name in `report.json`."))
     )
     return Page("Comparison", overall(rows), tuple(sections))
 
@@ -251,7 +251,7 @@ def latex(rows: Sequence[ComparisonRow]) -> str:
     )
 
 
-def tabular(table: Table) -> str:
+def tabular(table: TextTable) -> str:
     """Return a table as a LaTeX tabular: labels to the left, numbers to the right."""
     head, *body = ([_escaped(cell) for cell in line] for line in ((table.title, *table.heads), *table.rows))
     lines = [f"\\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}", r"\toprule", f"{' & '.join(head)} \\\\", r"\midrule"]

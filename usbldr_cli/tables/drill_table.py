@@ -3,8 +3,8 @@
 import textwrap
 from collections.abc import Sequence
 
-from usbldr.io.reports.page import Labelled, Page, Picture, Plot, Section
-from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.page import Labelled, Page, PageSection, Picture, Plot
+from usbldr.io.reports.report_text import TextTable
 from usbldr.io.reports.run_page import provenance_section
 from usbldr.io.reports.run_provenance import RunProvenance
 from usbldr_cli.runs.drill_rows import DrillReport, DrillRow, mean_response, overall, worst_first
@@ -21,7 +21,7 @@ LEGEND = (
 )
 
 
-def drill_table(rows: Sequence[DrillRow], name_columns: int | None = NAME) -> Table:
+def drill_table(rows: Sequence[DrillRow], name_columns: int | None = NAME) -> TextTable:
     """Return one line for each filter and drill, worst drill first; a long name is cut to ``name_columns``."""
     body: list[tuple[str, ...]] = []
     last = ""
@@ -31,7 +31,7 @@ def drill_table(rows: Sequence[DrillRow], name_columns: int | None = NAME) -> Ta
         )
         body.append(("" if row.drill.name == last else name, *_cells(row)))
         last = row.drill.name
-    return Table("faults, m", HEADS, tuple(body))
+    return TextTable("faults, m", HEADS, tuple(body))
 
 
 def _cells(row: DrillRow) -> tuple[str, ...]:
@@ -62,10 +62,10 @@ def number(value: float | None) -> str:
     return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:.0f}"
 
 
-def usual_table(rows: Sequence[ComparisonRow]) -> Table:
+def usual_table(rows: Sequence[ComparisonRow]) -> TextTable:
     """Return the errors without faults."""
     body = tuple((row.label, number(row.mean("mean_horizontal_m")), number(row.mean("nees_mean"))) for row in rows)
-    return Table("undamaged, m", ("error", "NEES"), body)
+    return TextTable("undamaged, m", ("error", "NEES"), body)
 
 
 def finding_lines(rows: Sequence[DrillRow]) -> list[tuple[str, str]]:
@@ -94,10 +94,10 @@ def page(report: DrillReport, figures: Sequence[Picture | Plot], made: RunProven
     rows, usual = report.rows, report.usual
     reported = (*finding_lines(rows), *_failures(rows), *notes(usual))
     sections = (
-        Section("", (Labelled(tuple(context(usual))),)),
-        Section("Errors", (usual_table(usual), drill_table(rows, None), LEGEND)),
-        Section("Findings", (Labelled(reported),)),
-        Section("Figures", tuple(figures)),
+        PageSection("", (Labelled(tuple(context(usual))),)),
+        PageSection("Errors", (usual_table(usual), drill_table(rows, None), LEGEND)),
+        PageSection("Findings", (Labelled(reported),)),
+        PageSection("Figures", tuple(figures)),
         provenance_section(made),
     )
     return Page(f"Drills on {usual[0].log}", overall(rows), sections)

@@ -11,7 +11,7 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.models.noise import TO_SD
 from usbldr.filters.types import Mask, Vector
-from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.report_text import TextTable
 from usbldr.io.reports.run_directory import REPORT
 
 NOTABLE_SIGMAS = 3.0  # of a dive's own sigma and the spread of all: 1 in 1000 by chance
@@ -44,7 +44,7 @@ def read_dives(folders: Sequence[Path]) -> list[DiveFixes]:
     return sorted(found, key=lambda dive: dive.start_utc)
 
 
-def fleet_table(dives: Sequence[DiveFixes]) -> Table:
+def fleet_table(dives: Sequence[DiveFixes]) -> TextTable:
     """Return a row for each dive; * marks noise that is larger than that of the dives together."""
     axes = NOISE[:2] if any(one.statistics["range_m"] for one in dives) else NOISE[2:]
     noises = {f"{part} {axis.replace('_', ' ')}": _cells(dives, axis, part) for axis in axes for part in PARTS}
@@ -59,7 +59,7 @@ def fleet_table(dives: Sequence[DiveFixes]) -> Table:
         )
         for k, dive in enumerate(dives)
     ]
-    return Table("run", ("start", "fixes", "good", *noises, "DRMS m", "CEP95 m", "DRMS %"), tuple(body))
+    return TextTable("run", ("start", "fixes", "good", *noises, "DRMS m", "CEP95 m", "DRMS %"), tuple(body))
 
 
 def worse(dives: Sequence[DiveFixes]) -> list[str]:

@@ -5,7 +5,14 @@ from collections.abc import Sequence
 
 from usbldr.filters.replay.methods import METHODS
 from usbldr.io.reports.health_text import health_lines
-from usbldr.io.reports.report_text import Table, context, error_table, leave_one_out_table, method_table, relative_table
+from usbldr.io.reports.report_text import (
+    TextTable,
+    context,
+    error_table,
+    leave_one_out_table,
+    method_table,
+    relative_table,
+)
 from usbldr.io.reports.run import Run
 
 WIDTH = 100  # [columns] of a usual terminal window
@@ -29,7 +36,7 @@ def render(run: Run, colour: bool = False) -> str:
     return "\n".join(blocks)
 
 
-def aligned(table: Table) -> str:
+def aligned(table: TextTable) -> str:
     """Return a table as text: labels to the left, numbers to the right."""
     lines = [(table.title, *table.heads), *table.rows]
     label = max(LABEL, *(len(line[0]) + 1 for line in lines))

@@ -42,7 +42,7 @@ from table_recordings import WRITERS, Tables, as_csv, as_netcdf
 from usbldr.filters.errors import UsageError
 from usbldr.io.conventions.clock_parts import PartsError
 from usbldr.io.conventions.clock_steps import examined
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.log import Log
 from usbldr.io.reading.read import Request, read_log
 from usbldr.io.reading.survey import survey
@@ -235,7 +235,9 @@ def test_a_clock_that_goes_back_makes_two_parts(container: str, cut: int, back_n
         with pytest.raises(PartsError, match=r"part 1: .*; part 2: ") as stopped:
             read_log(log)
         found = survey(log, Request())
-        spans = [topic.last_ns - topic.first_ns for topic in open_log(log).topics() if topic.last_ns and topic.first_ns]
+        spans = [
+            topic.last_ns - topic.first_ns for topic in open_reader(log).topics() if topic.last_ns and topic.first_ns
+        ]
         parts = [read_log(log, Request(part=part)) for part in ("1", "2", "joined")]
 
     assert stopped.value.exit_code == 2

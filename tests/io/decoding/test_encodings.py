@@ -20,7 +20,7 @@ from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.columns import DefinitionError
 from usbldr.io.decoding.json_messages import JsonDecoder, schema_of
 from usbldr.io.decoding.protobuf import ProtobufDecoder
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
 
@@ -256,13 +256,13 @@ def test_an_import_that_the_file_lacks_is_named(tmp_path: Path) -> None:
     alone = FileDescriptorSet(file=[DESCRIPTORS.file[0]]).SerializeToString()
     file = write(tmp_path / "dive.mcap", ("foxglove.LocationFix", "protobuf", "protobuf", alone), [b""])
 
-    (topic,) = open_log(file).topics()
+    (topic,) = open_reader(file).topics()
 
     assert topic.problem.startswith("the definition of its type foxglove.LocationFix is not valid (")
 
 
 def test_the_fields_of_a_ships_protobuf_log_are_found(field_logs: Path) -> None:
-    reader = open_log(field_logs / "reader_zoo" / "11_test.mcap")
+    reader = open_reader(field_logs / "reader_zoo" / "11_test.mcap")
     topic = max(reader.topics(), key=lambda topic: topic.count)
 
     records = read_whole(reader, {topic.name: ["timestamp"]})[topic.name]

@@ -11,7 +11,7 @@ from logs import read_as, refusal
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
 
@@ -69,7 +69,7 @@ def test_a_copy_that_is_compressed_and_compressed_files_that_are_no_csv_are_pass
     saved(folder / "cut.gz", gzip.compress(b"a,b\n")[:5])
     saved(folder / ".hidden.csv.gz", gzip.compress(b"time_ns,heading_deg\n1,2\n"))
 
-    log = open_log(folder)
+    log = open_reader(folder)
 
     assert log.format == "CSV folder"
     assert {topic.name: topic.count for topic in log.topics()} == dict.fromkeys(("/dvl", "/gps", "/nav/compass"), COUNT)
@@ -87,14 +87,14 @@ def test_what_a_compressed_file_lacks_is_reported_with_its_name_and_an_error_if_
     assert cut[0].startswith("dvl.csv.gz: the gzip data end early, at byte ")
     file.write_bytes(whole[:12])
     with pytest.raises(LogError, match=r"dvl.csv.gz: is damaged: no gzip data could be decompressed"):
-        open_log(tmp_path / "dive")
+        open_reader(tmp_path / "dive")
 
 
 def test_a_wrong_cell_is_named_with_the_compressed_file(tmp_path: Path) -> None:
     folder = write_csv(tmp_path / "dive", dvl="time_ns,forward_mps,starboard_mps\n1,x,3")
     file = packed(folder, "dvl.csv")
 
-    said = refusal(LogError, read_whole, open_log(folder), {"/dvl": ["forward_mps"]})
+    said = refusal(LogError, read_whole, open_reader(folder), {"/dvl": ["forward_mps"]})
     assert said == f'{file}: line 2: forward_mps is "x", not a number'
 
 
@@ -104,4 +104,4 @@ def test_a_file_that_decompresses_to_too_much_is_named(tmp_path: Path, monkeypat
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match=r"big.csv.gz: .*--limits 10 raises the limits tenfold"):
-        open_log(folder)
+        open_reader(folder)

@@ -20,7 +20,7 @@ from recordings import SECOND, T0, saved, saved_lines, sentence, short_dive, wri
 from speed.bombs import in_mcap_in_file
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reader import Records
 from usbldr.io.reading.opening import Request
@@ -48,11 +48,11 @@ def test_a_log_in_any_compression_is_the_log_itself(tmp_path: Path, form: str, e
     file = write(tmp_path)
     whole, pack = file.read_bytes(), PACK[ending]
     packed = tmp_path / f"{file.name}.{ending}"
-    log = open_log(file)
+    log = open_reader(file)
 
     for content in (pack(whole), pack(whole[:700]) + pack(whole[700:]), pack(whole) + bytes(512)):  # frames, zeros
         packed.write_bytes(content)
-        found = open_log(packed)
+        found = open_reader(packed)
         assert found.topics() == log.topics()
         (topic,) = wanted
         assert same(read_whole(found, wanted)[topic], read_whole(log, wanted)[topic])
@@ -64,7 +64,7 @@ def test_a_zstd_file_that_begins_with_a_frame_to_skip_is_read(tmp_path: Path) ->
     file = write_mcap(tmp_path / "a.mcap", dive())
     packed = saved(tmp_path / "a.zst", b"\x50\x2a\x4d\x18\4\0\0\0size", zstandard.compress(file.read_bytes()))
 
-    assert open_log(packed).topics() == open_log(file).topics()
+    assert open_reader(packed).topics() == open_reader(file).topics()
 
 
 def test_a_run_names_the_file_that_the_user_has(tmp_path: Path) -> None:
@@ -98,11 +98,11 @@ def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> N
     size = len(packed)
 
     file.write_bytes(packed[:-9])
-    (finding, *_) = open_log(file).findings()
+    (finding, *_) = open_reader(file).findings()
     assert finding.text == f"the gzip data end early, at byte {size - 9} of {size - 9}: what precedes is read"
 
     file.write_bytes(packed[:-5] + bytes([packed[-5] ^ 1]) + packed[-4:])
-    (finding, *_) = open_log(file).findings()
+    (finding, *_) = open_reader(file).findings()
     assert finding.text.startswith(f"the gzip data are damaged at byte {size} of {size} (Error -3 while decompressing")
 
 
@@ -120,7 +120,7 @@ def test_the_finding_says_how_far_the_file_was_decompressed(tmp_path: Path) -> N
 def test_what_cannot_be_decompressed_is_named(tmp_path: Path, content: bytes, text: str) -> None:
     file = saved(tmp_path / "dive.mcap.zst", content)
 
-    assert refusal(LogError, open_log, file).startswith(f"{file}: {text}")
+    assert refusal(LogError, open_reader, file).startswith(f"{file}: {text}")
 
 
 def test_a_disk_that_is_full_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,7 +131,7 @@ def test_a_disk_that_is_full_is_one_sentence(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr("usbldr.io.limits.UnpackingBudget.take_record", full)
     with pytest.raises(LogError, match=r"dvl.csv.gz: cannot be copied into .* \(No space left on device\); TMPDIR"):
-        open_log(file)
+        open_reader(file)
 
 
 TRUTH = "timestamp,x,y\n" + "".join(f"{T0 / 1e9 + k},{2 * k},{3 * k}\n" for k in range(20))
@@ -183,14 +183,14 @@ def test_the_limits_of_the_contents_follow_from_the_size_of_the_compressed_file(
     monkeypatch.setenv(VARIABLE, "0.01")
     monkeypatch.setattr("usbldr.io.limits.UNPACKED_RATIO", 2_000_000)  # by its own size the copy could have 600 MB
 
-    assert "too much for its size" in refusal(LogError, open_log(file).topics)
+    assert "too much for its size" in refusal(LogError, open_reader(file).topics)
 
 
 def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     file = saved(tmp_path / "dvl.csv.gz", gzip.compress(DVL.encode()))
-    log = open_log(file)
+    log = open_reader(file)
 
     assert len(list((tmp_path / "temporary").iterdir())) == 1
     del log
@@ -203,11 +203,11 @@ def test_frames_without_end_are_refused(tmp_path, compress, monkeypatch):
     file = saved(tmp_path / "a.csv.z", compress(b"") * 1500)
     monkeypatch.setenv(VARIABLE, "0.01")
 
-    assert "holds too many frames for its size" in refusal(LogError, open_log, file)
+    assert "holds too many frames for its size" in refusal(LogError, open_reader, file)
 
 
 def test_frames_of_several_compressions_are_read(tmp_path: Path) -> None:
     rows = gzip.compress("".join(f"{T0 + k},{k}\n" for k in range(9)).encode())
     file = saved(tmp_path / "compass.csv", zstandard.compress(b"time_ns,heading_deg\n"), rows)
 
-    assert [topic.count for topic in open_log(file).topics()] == [9]
+    assert [topic.count for topic in open_reader(file).topics()] == [9]

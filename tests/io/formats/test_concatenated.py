@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from damage import attempt, count, recorded
 from damaged_formats import FORMATS
 from recordings import short_dive, write_bag, write_mcap
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 
 CONTAINERS = [form for form in FORMATS if form.startswith(("MCAP ", "bag", "rosbag2", "Parquet", "HDF5", ".mat"))]
 SEARCHED = ("MCAP ", "bag", "rosbag2", "Parquet", "HDF5")  # known by a mark that is found behind other bytes
@@ -27,7 +27,7 @@ junk = st.binary(min_size=1, max_size=600).map(
 def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -> None:
     with recorded(form) as (file, path, whole, once):
         file.write_bytes(bytes(zeros if form in CONTAINERS else 0).join([whole] * copies))
-        log = open_log(path)
+        log = open_reader(path)
 
         at_same_times = form == ".alog"  # values of one time are one record
         assert at_same_times or count(log, form) == [copies * number for number in once]
@@ -41,7 +41,7 @@ def test_bytes_around_a_recording_are_named_and_the_recording_is_read(form: str,
     with recorded(form) as (file, path, whole, once):
         file.write_bytes(other + whole if before and form.startswith(SEARCHED) else whole + other)
 
-        log = open_log(path)
+        log = open_reader(path)
         assert count(log, form) == once
         assert any(finding.lost_data for finding in log.findings())
 
@@ -74,7 +74,7 @@ CAPTURES = [".tlog", "PD0", "PD4", "PD5", "PD6", "JSON lines", ".lsf", "NMEA", "
 def test_a_capture_that_begins_within_a_record_is_read_from_the_next_one(form: str, data: st.DataObject) -> None:
     """Of the other formats all is read, or the loss is said; none is taken for another."""
     with recorded(form) as (file, _, whole, once):
-        log = open_log(file)
+        log = open_reader(file)
         kind, total = log.format, sum(topic.count for topic in log.topics())
         lost = data.draw(st.integers(1, len(whole) // 2))
         file.write_bytes(whole[lost:])
@@ -82,7 +82,7 @@ def test_a_capture_that_begins_within_a_record_is_read_from_the_next_one(form: s
 
         assert all(a <= b for a, b in zip(found, once, strict=True))
         if form in CAPTURES:
-            log, expected = open_log(file), total * (len(whole) - lost) / len(whole) - 10  # [records] of all sizes
+            log, expected = open_reader(file), total * (len(whole) - lost) / len(whole) - 10  # [records] of all sizes
             assert log.format == kind
             assert expected <= sum(topic.count for topic in log.topics()) <= total
         else:
@@ -95,10 +95,10 @@ def test_an_object_within_a_record_whose_beginning_is_lost_is_no_record() -> Non
         counts: list[int] = []
         for begun in (b"", b'{"id": 1}, {"id": 2}], ' + first[1:] + b"\n", b'e}, {"id": 2}], ' + first[1:] + b"\n"):
             file.write_bytes(begun + rest)
-            counts.append(sum(topic.count for topic in open_log(file).topics()))
+            counts.append(sum(topic.count for topic in open_reader(file).topics()))
 
         assert counts[0] == counts[1] == counts[2]
-        assert any(finding.code == "UNDECODED" for finding in open_log(file).findings())
+        assert any(finding.code == "UNDECODED" for finding in open_reader(file).findings())
 
 
 @pytest.mark.parametrize("form", [".tlog", ".BIN", "PD0", "PD4", "PD5", ".lsf"])
@@ -108,7 +108,7 @@ def test_the_first_byte_that_is_lost_is_named(form: str, share: float) -> None:
     with recorded(form) as (file, path, whole, _):
         at = round(share * len(whole))
         file.write_bytes(whole[:at] + whole[at + 7 :])
-        log = open_log(path)
+        log = open_reader(path)
         count(log, form)
         places = [int(place) for one in log.findings() for place in re.findall(r"from byte (\d+) on", one.text)]
 
@@ -118,7 +118,7 @@ def test_the_first_byte_that_is_lost_is_named(form: str, share: float) -> None:
 def test_recordings_of_several_formats_in_one_file_are_read(tmp_path: Path) -> None:
     one, other = write_mcap(tmp_path / "a.mcap", short_dive()), write_bag(tmp_path / "a.bag", short_dive())
     one.write_bytes(one.read_bytes() + other.read_bytes())
-    log = open_log(one)
+    log = open_reader(one)
 
     assert log.format == "MCAP + ROS 1 bag"
     assert {topic.name: topic.count for topic in log.topics()} == {"/dvl": 22, "/imu": 22, "/usbl": 22}

@@ -14,7 +14,7 @@ from logs import refusal
 from recordings import SECOND, T0, saved, sentence, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.definitions import SHIPPED
-from usbldr.io.formats.detect import BEGIN_BYTES, open_log
+from usbldr.io.formats.detect import BEGIN_BYTES, open_reader
 from usbldr.io.formats.detect import FORMATS as FORMATS_READ
 
 CONVERTED = "line ends were converted by git or a text transfer, which destroys it; copy it again in binary mode"
@@ -30,9 +30,9 @@ FORMATS = (
 @pytest.mark.parametrize("name", ["dive", "dive.csv", "dive.mcap"])
 def test_a_file_is_what_it_holds_whatever_its_name(form: str, name: str) -> None:
     with recorded(form) as (file, _, _, _):
-        log = open_log(file)
+        log = open_reader(file)
         kind, topics = log.format, len(log.topics())
-        renamed = open_log(file.rename(file.with_name(name)))
+        renamed = open_reader(file.rename(file.with_name(name)))
 
         assert (renamed.format, len(renamed.topics())) == (kind, topics)
 
@@ -62,7 +62,7 @@ NOISE = np.random.default_rng(0).integers(0, 256, 40_000, dtype=np.uint8).tobyte
     ],
 )
 def test_lines_of_records_are_read_behind_anything_else(tmp_path: Path, before: bytes, line: str, topic: str) -> None:
-    log = open_log(saved(tmp_path / "dive.log", before, f"{line}\n" * 2000))
+    log = open_reader(saved(tmp_path / "dive.log", before, f"{line}\n" * 2000))
 
     assert {one.name: one.count for one in log.topics()}[topic] == 2000
     assert any(one.text.startswith("dive.log: ") for one in log.findings())
@@ -70,7 +70,7 @@ def test_lines_of_records_are_read_behind_anything_else(tmp_path: Path, before: 
 
 def test_what_holds_no_records_anywhere_stays_unknown(tmp_path: Path) -> None:
     for head in (STARTED, NOISE):
-        assert "unknown format" in refusal(LogError, open_log, saved(tmp_path / "dive.log", head * 4))
+        assert "unknown format" in refusal(LogError, open_reader, saved(tmp_path / "dive.log", head * 4))
 
 
 def matlab_4() -> bytes:
@@ -130,7 +130,7 @@ ECHO = "is what ros2 topic echo prints; read the recording that it came from, or
 def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, sentence: str) -> None:
     file = saved(tmp_path / "dive.mcap", content)
 
-    assert refusal(LogError, open_log, file) == f"{file}: {sentence}"
+    assert refusal(LogError, open_reader, file) == f"{file}: {sentence}"
 
 
 @pytest.mark.parametrize("name", ["usbl.tar", "usbl.tar.gz", "usbl.tgz"])
@@ -140,19 +140,19 @@ def test_an_archive_of_tables_is_no_table(tmp_path: Path, name: str) -> None:
         archive.add(folder / "dvl.csv", "dvl.csv")
 
     said = "is a tar archive; unpack it first (tar -xf)"
-    assert refusal(LogError, open_log, folder / name) == f"{folder / name}: {said}"
-    (lost,) = open_log(folder).findings()
+    assert refusal(LogError, open_reader, folder / name) == f"{folder / name}: {said}"
+    (lost,) = open_reader(folder).findings()
     assert lost.text == f"{name} is not read: {said}"
 
 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
-    assert refusal(LogError, open_log, tmp_path / "gone.mcap") == f"{tmp_path / 'gone.mcap'}: no such file or folder"
+    assert refusal(LogError, open_reader, tmp_path / "gone.mcap") == f"{tmp_path / 'gone.mcap'}: no such file or folder"
 
 
 def test_a_folder_without_text_is_an_error_that_lists_its_content(tmp_path: Path) -> None:
     (tmp_path / "dive.pdf").write_bytes(b"%PDF\0")
 
-    assert refusal(LogError, open_log, tmp_path) == (
+    assert refusal(LogError, open_reader, tmp_path) == (
         f"{tmp_path}: this folder holds no recording and no CSV file with a header (it holds dive.pdf); "
         f"usbldr reads {FORMATS}"
     )
@@ -161,7 +161,7 @@ def test_a_folder_without_text_is_an_error_that_lists_its_content(tmp_path: Path
 def test_the_end_mark_of_dos_is_no_line(tmp_path: Path) -> None:
     """Also where texts were joined by `copy a.csv + b.csv`."""
     header, rows = "time_ns,forward_mps,starboard_mps\n", [f"{T0 + k * SECOND},1.0,0.5\n" for k in range(40)]
-    log = open_log(saved(tmp_path / "dvl.csv", header, *rows[:20], "\x1a", header, *rows[20:], "\x1a"))
+    log = open_reader(saved(tmp_path / "dvl.csv", header, *rows[:20], "\x1a", header, *rows[20:], "\x1a"))
 
     assert [topic.count for topic in log.topics()] == [40]
     assert not any(finding.lost_data for finding in log.findings())

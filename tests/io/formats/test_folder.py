@@ -18,7 +18,7 @@ from recordings import SECOND, T0, saved_lines, sentence, short_dive, write_csv,
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.filters.errors import LogError
 from usbldr.io import session
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.messages.roles import choose_roles
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.read import read_log
@@ -84,7 +84,7 @@ def test_a_table_of_a_sensor_without_rows_is_named(tmp_path: Path, writer: Calla
     dvl = {"time_ns": time_ns, "starboard_mps": k, "forward_mps": k}
     log = writer(tmp_path, {"dvl": dvl, "gps": {"time_ns": time_ns[:0], "lat_deg": k[:0], "lon_deg": k[:0]}})
 
-    (lost,) = (one for one in choose_roles(log, open_log(log).topics(), {}, {}).findings if one.topic == "/gps")
+    (lost,) = (one for one in choose_roles(log, open_reader(log).topics(), {}, {}).findings if one.topic == "/gps")
 
     assert lost.lost_data
     assert "has no records" in lost.text
@@ -95,7 +95,7 @@ def test_a_table_without_rows_is_not_asked_for_its_unit(tmp_path: Path, writer: 
     none = np.empty(0)
     log = writer(tmp_path, {"dvl": {"utc": none, "forward_mps": none, "starboard_mps": none}})
 
-    (topic,) = open_log(log).topics()
+    (topic,) = open_reader(log).topics()
 
     assert topic.problem.removeprefix("dvl").removeprefix(".csv") == " has no rows"
 
@@ -138,14 +138,14 @@ def test_a_backup_or_a_link_is_passed_over_unless_it_is_all_there_is(folder: Pat
     if ".gz" in name:
         (folder / "gps.csv").rename(folder / "gps.csv.gz")
 
-    log = open_log(folder)
+    log = open_reader(folder)
 
     (passed_over,) = log.findings()
     assert passed_over.text == f"not read of this folder, as backups of its files or links to them: {name}"
     assert not passed_over.lost_data
     assert [topic.count for topic in log.topics()] == [COUNT] * 3
     (folder / name).rename(folder / "fixes.bak")
-    assert len(open_log(folder).topics()) == 3 + ("latest" not in name)
+    assert len(open_reader(folder).topics()) == 3 + ("latest" not in name)
 
 
 def test_what_is_no_text_before_a_table_is_named(folder: Path) -> None:
@@ -176,7 +176,7 @@ def test_a_recording_of_any_format_beside_a_dive_is_read_or_named(folder: Path, 
         for definitions in file.parent.glob("IMC.xml"):
             (folder / definitions.name).write_bytes(definitions.read_bytes())
 
-    log = open_log(folder)
+    log = open_reader(folder)
 
     read = {topic.name: topic.count for topic in log.topics()}
     named = " ".join(finding.text for finding in log.findings() if finding.lost_data)
@@ -202,11 +202,11 @@ def test_a_file_like_a_sensor_is_named_unless_its_ending_rules_it_out(folder: Pa
     (folder / "runs" / "dive-cpf").mkdir(parents=True)
     (folder / "runs" / "dive-cpf" / "report.json").write_text("{}", encoding="utf-8")
     (folder / "runs" / "dive-cpf" / "fixes.csv").write_text(GPS, encoding="utf-8")
-    assert open_log(folder).findings() == ()
+    assert open_reader(folder).findings() == ()
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     (folder / name).write_bytes(GPS.encode() if name.endswith(".csv") else b"PK\3\4" if name.endswith("x") else b"\1\2")
 
-    (lost,) = open_log(folder).findings()
+    (lost,) = open_reader(folder).findings()
 
     assert lost.text.startswith(f"{name.split('/')[0]} is not read: ")
     assert why in lost.text
@@ -217,7 +217,7 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(f
     parquet.write_table(pa.table({"time_ns": TIMES, "depth_m": [1.0] * COUNT}), folder / "depth.pq")
     (folder / "profile.svp").write_bytes(b"\1\2")
 
-    log = open_log(folder)
+    log = open_reader(folder)
 
     said = [("not read of this folder: profile.svp; --with FILE adds one", False)]
     assert [(f.text, f.lost_data) for f in log.findings()] == said
@@ -235,7 +235,7 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(f
 )  # fmt: skip
 def test_a_file_named_for_a_sensor_that_the_log_lacks_is_named_and_asked_for(folder, file, text, why):
     (folder / file).write_text(text, encoding="ascii")
-    lost_beside = [one.lost_data for one in open_log(folder).findings()]  # of the stem of gps.csv, or another one
+    lost_beside = [one.lost_data for one in open_reader(folder).findings()]  # of the stem of gps.csv, or another one
     (folder / "gps.csv").unlink()
 
     (said,) = [one for one in read_log(folder).findings if one.code in ("NOT-READ", "TOPIC-UNREAD")]
@@ -254,7 +254,7 @@ def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:
     for k in range(3):
         parquet.write_table(table[100 * k : 100 * k + 100], folder / "gps.parquet" / f"part-0000{k}.parquet")
 
-    log, alone = read_log(folder), open_log(folder / "gps.parquet")
+    log, alone = read_log(folder), open_reader(folder / "gps.parquet")
 
     assert log.provenance["gps"].used == COUNT
     np.testing.assert_allclose(log.tables["gps"]["lat_deg"], 45 + np.arange(COUNT) / 1e5, atol=1e-9)
@@ -262,13 +262,13 @@ def test_a_folder_named_parquet_is_one_table_in_parts(folder: Path) -> None:
     assert [(topic.name, topic.count) for topic in alone.topics()] == [("/gps", COUNT)]
     write_csv(folder / "gps.parquet", dvl=GPS)
     for path in (folder, folder / "gps.parquet"):
-        (lost,) = open_log(path).findings()
+        (lost,) = open_reader(path).findings()
         assert lost.lost_data
         assert lost.text.endswith(f"dvl.csv is not read: {OF_ITS_OWN}; --with dvl.csv adds it")
     (folder / "gps.parquet" / "dvl.csv").unlink()
     (folder / "gps.parquet" / "year=2027").mkdir()
     dive(folder / "gps.parquet" / "year=2027")
-    (lost,) = open_log(folder).findings()
+    (lost,) = open_reader(folder).findings()
     assert lost.text.startswith("gps.parquet is not read: it is a folder of files like those of a log")
 
 
@@ -307,7 +307,7 @@ def test_a_folder_of_sentences_is_a_log_whatever_its_files_are_called(tmp_path: 
         lines = (f"2020-09-13T{10 + hour}:{k:02d}:00Z {sentence(body)}" for k, body in enumerate(bodies))
         saved_lines(tmp_path / f"port7_{hour}", lines)
 
-    log = open_log(tmp_path)
+    log = open_reader(tmp_path)
 
     assert log.format == "NMEA text"
     assert [(topic.name, topic.count) for topic in log.topics()] == [("/GPGGA", 27)]
@@ -318,7 +318,7 @@ def test_sentences_of_a_sensor_that_the_tables_lack_are_part_of_the_dive(tmp_pat
     folder = dive(tmp_path / name)
     bodies = [f"PNORBT7,{T0 / 1e9 + k:.1f},1,-3,{k / 100:.2f},0.25,-0.5,0.003,25,25,25,25" for k in range(COUNT)]
     (folder / "nortek.log").write_text("".join(sentence(body) + "\n" for body in bodies), encoding="ascii")
-    (beside_a_table,) = open_log(folder).findings()
+    (beside_a_table,) = open_reader(folder).findings()
     assert beside_a_table.text.startswith("nortek.log is not read: it is a log of its own")
     (folder / "dvl.csv").unlink()
 
@@ -332,10 +332,10 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
     folder = write_rosbag2(tmp_path / "dive", short_dive())
     (folder / "notes.txt").write_text("calm", encoding="utf-8")
     said = [("not read of this folder: notes.txt; --with FILE adds one", False)]
-    assert [(f.text, f.lost_data) for f in open_log(folder).findings()] == said
+    assert [(f.text, f.lost_data) for f in open_reader(folder).findings()] == said
     (folder / "gps.csv").write_text(GPS, encoding="utf-8")
 
-    (lost,) = (finding for finding in open_log(folder).findings() if finding.lost_data)
+    (lost,) = (finding for finding in open_reader(folder).findings() if finding.lost_data)
 
     assert lost.text == f"gps.csv is not read: {OF_ITS_OWN}; --with gps.csv adds it"
     assert run("info", folder).return_value == 3
@@ -351,8 +351,8 @@ def test_folders_within_a_folder_are_named_and_a_loss_if_a_file_is_named_like_a_
     with pytest.raises(
         LogError, match=r"holds folders with files like those of a log \(dive1, dive2\); name one of them"
     ):
-        open_log(tmp_path / "a")
-    found = open_log(dive(tmp_path / "a")).findings()
+        open_reader(tmp_path / "a")
+    found = open_reader(dive(tmp_path / "a")).findings()
     assert [(one.text[:5], one.lost_data) for one in found] == [("dive1", True), ("dive2", True)]
 
 
@@ -361,23 +361,23 @@ def test_a_folder_for_each_sensor_is_one_log(tmp_path: Path) -> None:
         (file.parent / file.stem).mkdir()
         file.rename(file.parent / file.stem / "data.csv")
 
-    assert {topic.name for topic in open_log(tmp_path / "a").topics()} == {"/compass", "/dvl", "/gps"}
+    assert {topic.name for topic in open_reader(tmp_path / "a").topics()} == {"/compass", "/dvl", "/gps"}
     (tmp_path / "a" / "gps" / "data.csv").rename(tmp_path / "a" / "gps" / "first.csv")
     for name in ("gps/second.csv", "dvl/dvl.bin"):
         (tmp_path / "a" / name).write_bytes(GPS.encode() if name.startswith("gps") else b"\x01\x02" * 500)
-    found = open_log(tmp_path / "a")
+    found = open_reader(tmp_path / "a")
     assert {topic.name for topic in found.topics()} == {"/compass", "/dvl", "/gps/first", "/gps/second"}
     (unread,) = found.findings()
     assert unread.lost_data
     assert "dvl.bin is not read" in unread.text
     (tmp_path / "a" / "dvl" / "dvl.bin").unlink()
     (tmp_path / "a" / "usbl").mkdir()
-    assert [(one.text, one.lost_data) for one in open_log(tmp_path / "a").findings()] == [
+    assert [(one.text, one.lost_data) for one in open_reader(tmp_path / "a").findings()] == [
         ("usbl is not read: the folder is empty", True)
     ]
     (tmp_path / "b" / "usbl").mkdir(parents=True)
     with pytest.raises(LogError, match="holds nothing that can be read: usbl is not read: the folder is empty"):
-        open_log(tmp_path / "b")
+        open_reader(tmp_path / "b")
 
 
 def test_the_current_folder_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

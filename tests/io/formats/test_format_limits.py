@@ -29,7 +29,7 @@ from speed.format_bombs import (
     repeated,
 )
 from usbldr.filters.errors import LogError
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
 
@@ -63,30 +63,30 @@ def test_what_costs_more_than_its_size_is_refused(tmp_path: Path, bomb: str, mon
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match=f"{sentence}.*; --limits 10 raises the limits tenfold"):
-        open_log(file).topics()
+        open_reader(file).topics()
 
 
 @pytest.mark.parametrize("name", ["IMC.xml", "IMC.xml.gz"])
 def test_definitions_beyond_the_limit_are_refused(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     text = definitions().replace("<messages>", "<messages>" + " " * 30_000).encode()
     file = lsf(tmp_path / "Data.lsf", 0, gzip.compress(text) if name.endswith(".gz") else text, name)
-    assert open_log(file).topics()
+    assert open_reader(file).topics()
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match=rf"{name}: is larger than .* too large for definitions; --limits 10"):
-        open_log(file)
+        open_reader(file)
 
 
 def test_definitions_with_entities_are_refused(tmp_path: Path) -> None:
     text = b'<!DOCTYPE m [<!ENTITY a0 "a">' + ENTITIES[:60] + b"]>" + definitions().encode()
 
     with pytest.raises(LogError, match=r"IMC.xml: holds no definitions of IMC \(it declares a document type\)"):
-        open_log(lsf(tmp_path / "Data.lsf", 0, text))
+        open_reader(lsf(tmp_path / "Data.lsf", 0, text))
 
 
 def test_cells_within_cells_end_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="its cells are nested too deeply, or damaged"):
-        open_log(nested_mat(tmp_path / "a.mat", 20_000))
+        open_reader(nested_mat(tmp_path / "a.mat", 20_000))
 
 
 def test_many_cells_beside_each_other_are_read(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from usbldr.filters.errors import LogError, UsageError, UsbldrError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.decoders import decoder_of
 from usbldr.io.findings import Finding
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE, factor
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
@@ -65,7 +65,7 @@ def test_what_decompresses_to_too_much_is_refused_or_left_out_and_said(tmp_path,
     findings: tuple[Finding, ...] = ()
     sentence = ""
     try:
-        log = open_log(file)
+        log = open_reader(file)
         log.topics()
         findings = log.findings()
     except LogError as fault:
@@ -84,13 +84,13 @@ def test_what_decompresses_to_too_much_is_refused_or_left_out_and_said(tmp_path,
 def test_the_limits_are_raised_by_a_factor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write_mcap(tmp_path / "a.mcap", short_dive() * 60)
     monkeypatch.setenv(VARIABLE, "0.0015")  # a chunk of 0.2 MB
-    log = open_log(file)
+    log = open_reader(file)
     read_whole(log, {"/dvl": ["header.stamp"]})
     (finding,) = log.findings()
     assert "chunks are damaged or decompress to more than 0.201 MB each (--limits 10 raises the limits" in finding.text
 
     monkeypatch.setenv(VARIABLE, "0.01")
-    log = open_log(file)
+    log = open_reader(file)
     assert len(read_whole(log, {"/dvl": ["header.stamp"]})["/dvl"].received_ns) == 660
     assert log.findings() == ()
 
@@ -108,7 +108,7 @@ def test_a_view_in_place_of_messages_is_refused(tmp_path: Path) -> None:
     endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT 1, i, x'00' FROM n"
     execute(file, "DROP TABLE messages", f"CREATE VIEW messages(topic_id, timestamp, data) AS {endless}")
 
-    assert "messages is no table" in refusal(LogError, open_log(file).topics)
+    assert "messages is no table" in refusal(LogError, open_reader(file).topics)
 
 
 def nested(levels: int, twice: bool) -> str:
@@ -160,10 +160,10 @@ def test_too_many_topics_or_definitions_are_refused(tmp_path: Path, monkeypatch:
     definitions = write_payloads(tmp_path / "b.mcap", "/t", "cdr", long, [b"\0\1\0\0" + bytes(8)])
 
     monkeypatch.setenv(VARIABLE, "0.01")
-    assert "has more than 20 topics" in refusal(LogError, open_log(topics).topics)
+    assert "has more than 20 topics" in refusal(LogError, open_reader(topics).topics)
     monkeypatch.setenv(VARIABLE, "0.0001")
     monkeypatch.setattr("usbldr.io.decoding.decoders.TOPICS", 1 << 20)
-    assert "more than 0 kB" in open_log(definitions).topics()[0].problem
+    assert "more than 0 kB" in open_reader(definitions).topics()[0].problem
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.nmea"])
@@ -172,7 +172,7 @@ def test_a_line_without_end_is_refused(tmp_path: Path, name: str, monkeypatch: p
     monkeypatch.setenv(VARIABLE, "0.01")
 
     with pytest.raises(LogError, match=r"line \d+ is longer than 10486 characters, too long for a log"):
-        open_log(saved(tmp_path / name, text, "9" * 20_000 + "\n")).topics()
+        open_reader(saved(tmp_path / name, text, "9" * 20_000 + "\n")).topics()
 
 
 @pytest.fixture
@@ -201,7 +201,7 @@ def test_a_folder_of_definitions_without_end_is_refused(tmp_path: Path, monkeypa
 
 def test_a_file_that_cannot_be_read_is_one_sentence() -> None:
     with pytest.raises(LogError, match=r"^/proc/self/mem: cannot be read \(Input/output error\)$"):
-        open_log(Path("/proc/self/mem"))
+        open_reader(Path("/proc/self/mem"))
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def test_metadata_that_multiplies_or_is_not_yaml_is_ignored(tmp_path: Path, text
     folder = write_rosbag2(tmp_path / "a", short_dive())
     (folder / "metadata.yaml").write_text(text, encoding="utf-8")
 
-    assert sum(topic.count for topic in open_log(folder).topics()) == 33
+    assert sum(topic.count for topic in open_reader(folder).topics()) == 33
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a" + ".a" * 100_000 + " = 1"], ids=["lists", "keys"])

@@ -12,7 +12,7 @@ from openpyxl import Workbook
 from logs import codes, refusal
 from recordings import SECOND, T0, saved, saved_lines, write_csv
 from usbldr.filters.errors import LogError
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.csv_log import CsvLog
@@ -103,7 +103,7 @@ def test_a_line_is_named_by_its_number_in_the_file(tmp_path: Path) -> None:
 def test_a_table_that_goes_on_behind_its_names_is_one(tmp_path: Path, between: str) -> None:
     names, *rows = PARTS["dvl"]
 
-    log = open_log(saved_lines(tmp_path / "dive.csv", ["A title", "", names, *rows[:6], between, names, *rows[6:]]))
+    log = open_reader(saved_lines(tmp_path / "dive.csv", ["A title", "", names, *rows[:6], between, names, *rows[6:]]))
 
     assert isinstance(log, CsvLog)
     assert [topic.count for topic in log.topics()] == [ROWS]
@@ -165,7 +165,7 @@ def test_sheets_whose_names_differ_by_odd_characters_are_all_read(tmp_path: Path
             sheet.append(row)
     book.save(tmp_path / "dive.xlsx")
 
-    assert [topic.count for topic in open_log(tmp_path / "dive.xlsx").topics()] == [2, 2]
+    assert [topic.count for topic in open_reader(tmp_path / "dive.xlsx").topics()] == [2, 2]
 
 
 def test_a_sheet_cannot_name_a_file_elsewhere(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_a_sheet_cannot_name_a_file_elsewhere(tmp_path: Path) -> None:
             content = good.read(name)
             hostile.writestr(name, content.replace(b'name="dvl"', f'name="{tmp_path}/evil"'.encode()))
 
-    open_log(tmp_path / "dive.xlsx").topics()
+    open_reader(tmp_path / "dive.xlsx").topics()
 
     assert {path.name for path in tmp_path.iterdir()} == {"good.xlsx", "dive.xlsx"}
 
@@ -189,4 +189,4 @@ def test_a_workbook_far_larger_than_its_file_is_refused(tmp_path: Path, monkeypa
         archive.writestr("xl/workbook.xml", bytes(10**7))
     monkeypatch.setenv(VARIABLE, "0.01")
 
-    assert "too much for its size" in refusal(LogError, open_log, tmp_path / "dive.xlsx")
+    assert "too much for its size" in refusal(LogError, open_reader, tmp_path / "dive.xlsx")

@@ -11,7 +11,7 @@ from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.doctor.draft import draft
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.instruments.alog_log import alog_log
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.opening import Request
@@ -43,7 +43,7 @@ def test_what_an_application_posts_together_is_a_record(tmp_path: Path) -> None:
 
 
 def test_topics_are_applications_and_fields_their_numbers_which_are_proposed_by_usual_names(tmp_path: Path) -> None:
-    topics = {topic.name: topic for topic in open_log(write_alog(tmp_path / "a.alog")).topics()}
+    topics = {topic.name: topic for topic in open_reader(write_alog(tmp_path / "a.alog")).topics()}
 
     assert topics.keys() == {"/iCompass", "/iDVL", "/gGPS"}
     assert topics["/iDVL"].fields == ("DVL_VEL_Y", "DVL_VEL_X", "DVL_TEMPERATURE")
@@ -63,7 +63,7 @@ def test_types_may_be_marked_and_times_may_count_from_1970(tmp_path: Path) -> No
     texts = ["D:1.5", "S:2.5", "TRUE", "D:3.5"]
     rows = "".join(line(T0 / SECOND + k, "V", "app", text) for k, text in enumerate(texts))
     file = saved(tmp_path / "a.alog", f"%% LOGSTART {T0 // SECOND}.00\n%% DATATYPE MARKING ON\n{rows}")
-    records = read_whole(open_log(file), {"/app": ["V"]})["/app"]
+    records = read_whole(open_reader(file), {"/app": ["V"]})["/app"]
 
     assert records.columns["V"].tolist() == [1.5, 2.5, 1.0, 3.5]
     assert (records.received_ns - T0).tolist() == [k * SECOND for k in range(4)]
@@ -76,7 +76,7 @@ def test_a_text_of_names_and_values_has_fields(tmp_path: Path) -> None:
     report = f"NAME=alpha,TYPE=UUV,{numbers},MODE=MODE@ACTIVE:LOITERING"
     texts = [("NODE_REPORT_LOCAL", report), ("USBL_FIX", "S:who=7, x = 1.5 ,y=-2,ok=true,x=9"), ("USBL_FIX", "x=2.5")]
     texts += [("POLYGON", "pts={0,0:10,20},label=one,edge=3"), ("EMPTY", "a=,=5,b,c==1,1=2,-d=3")]
-    log = open_log(
+    log = open_reader(
         saved(tmp_path / "a.alog", HEAD, *(line(k, name, "app", value) for k, (name, value) in enumerate(texts)))
     )
 
@@ -101,7 +101,7 @@ def test_values_that_are_missing_do_not_move_to_the_next_reading(tmp_path: Path)
     rows += [(0.3, "X", 5), (0.3, "Y", 6), (0.305, "X", 7), (0.305, "Y", 8)]
     file = saved(tmp_path / "a.alog", HEAD, *(line(time_s, name, "app", value) for time_s, name, value in rows))
 
-    columns = read_whole(open_log(file), {"/app": ["X", "Y"]})["/app"].columns
+    columns = read_whole(open_reader(file), {"/app": ["X", "Y"]})["/app"].columns
 
     np.testing.assert_array_equal(columns["X"], [1, 3, np.nan, 5, 7])
     np.testing.assert_array_equal(columns["Y"], [2, np.nan, 4, 6, 8])
@@ -115,7 +115,7 @@ def test_a_moos_log_cut_within_its_header_says_so(tmp_path: Path) -> None:
 
 
 def test_lines_that_are_no_postings_are_counted(tmp_path: Path) -> None:
-    log = open_log(
+    log = open_reader(
         saved(tmp_path / "a.alog", HEAD, line(0, "X", "app", 1.5), "a text\nof two lines\n", line(1, "X", "app", 2.5))
     )
 
@@ -129,7 +129,7 @@ def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
     whole, value = write_alog(tmp_path / "a.alog").read_text(), "iDVL:driver     1.500000"
     text = whole.replace(value, value.replace(".", "x"), 1)
     assert text != whole
-    log = open_log(saved(tmp_path / "a.alog", text))
+    log = open_reader(saved(tmp_path / "a.alog", text))
 
     values = read_whole(log, {"/iDVL": ["DVL_VEL_X"]})["/iDVL"].columns["DVL_VEL_X"]
     assert values.tolist() == [1 + k / 64 for k in range(COUNT) if k != 32]
@@ -139,7 +139,7 @@ def test_a_damaged_number_costs_one_value(tmp_path: Path) -> None:
 def test_a_variable_of_texts_that_seldom_is_a_number_is_no_number(tmp_path: Path) -> None:
     rows = [line(k, "MODE", "app", "1" if k == 3 else "survey") + line(k, "X", "app", k) for k in range(9)]
 
-    assert open_log(saved(tmp_path / "a.alog", HEAD, *rows)).topics()[0].fields == ("X",)
+    assert open_reader(saved(tmp_path / "a.alog", HEAD, *rows)).topics()[0].fields == ("X",)
 
 
 def test_variables_without_end_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from logs import refusal
 from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
@@ -32,7 +32,7 @@ def value_of(message: Any, path: str) -> Any:
 @pytest.mark.parametrize("version_1", [False, True])
 def test_a_telemetry_log_has_the_values_of_pymavlink_and_is_a_dive(tmp_path: Path, version_1: bool) -> None:
     file = write_tlog(tmp_path / "dive.tlog", version_1)
-    log = open_log(file)
+    log = open_reader(file)
     oracle: dict[str, list[Any]] = {}
     connection: Any = mavutil.mavlink_connection(str(file), dialect="ardupilotmega")
     while (message := connection.recv_match()) is not None:
@@ -71,7 +71,7 @@ def test_without_pymavlink_the_sentence_names_the_extra(tmp_path, write, module,
     monkeypatch.setitem(sys.modules, f"pymavlink.{module}", None)
 
     with pytest.raises(UsageError, match=rf"dive: {logs} need pymavlink: pip install 'usbldr\[mavlink\]'$"):
-        open_log(file)
+        open_reader(file)
 
 
 def foreign(payload: bytes) -> bytes:
@@ -83,7 +83,7 @@ def foreign(payload: bytes) -> bytes:
 
 def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Path) -> None:
     parts = packets()
-    log = open_log(saved(tmp_path / "a.tlog", b"".join([parts[0], foreign(b"ab"), *parts[1:]])))
+    log = open_reader(saved(tmp_path / "a.tlog", b"".join([parts[0], foreign(b"ab"), *parts[1:]])))
 
     problems = {topic.name: topic.problem for topic in log.topics() if topic.problem}
     assert problems == {"mavlink/1/1/UNKNOWN_8388607": "its message 8388607 is not in the dialect ardupilotmega"}
@@ -95,7 +95,7 @@ def test_a_packet_of_another_dialect_is_a_topic_that_cannot_be_read(tmp_path: Pa
 
 def test_an_onboard_log_has_the_values_of_pymavlink_and_is_a_dive(tmp_path: Path) -> None:
     file = write_bin(tmp_path / "00000001.BIN")
-    log = open_log(file)
+    log = open_reader(file)
     oracle: dict[str, list[Any]] = {}
     reader: Any = DFReader.DFReader_binary(str(file))
     while (message := reader.recv_match(type=["ATT", "GPS", "BARO", "VISO", "MSG"])) is not None:
@@ -130,18 +130,18 @@ def test_an_onboard_log_has_the_values_of_pymavlink_and_is_a_dive(tmp_path: Path
 
 
 def test_an_onboard_log_without_gps_is_timed_from_power_on(tmp_path: Path) -> None:
-    log = open_log(write_bin(tmp_path / "a.BIN", onboard(gps=False)))
+    log = open_reader(write_bin(tmp_path / "a.BIN", onboard(gps=False)))
 
     assert read_whole(log, {"ATT": ["Yaw"]})["ATT"].received_ns[:2].tolist() == [5 * SECOND, 6 * SECOND]
 
 
 @pytest.mark.parametrize("rest", [b"\0" * 300, b"\xff" * 300])
 def test_the_unused_end_of_a_page_is_no_loss(tmp_path: Path, rest: bytes) -> None:
-    assert open_log(write_bin(tmp_path / "a.BIN", [*onboard(), rest])).findings() == ()
+    assert open_reader(write_bin(tmp_path / "a.BIN", [*onboard(), rest])).findings() == ()
 
 
 def test_a_time_beyond_reason_is_left_out_and_reported(tmp_path: Path) -> None:
-    log = open_log(write_bin(tmp_path / "a.BIN", [*onboard(), row(130, "QccffC", 1 << 63, 0, 0, 0, 0, 0)]))
+    log = open_reader(write_bin(tmp_path / "a.BIN", [*onboard(), row(130, "QccffC", 1 << 63, 0, 0, 0, 0, 0)]))
 
     assert next(topic.count for topic in log.topics() if topic.name == "ATT") == COUNT
     (finding,) = log.findings()
@@ -159,7 +159,7 @@ def test_a_damaged_layout_is_one_sentence_and_the_file_is_closed(tmp_path: Path)
     file = write_bin(tmp_path / "a.BIN", [b"".join(onboard()).replace(b"QccffC", b"Qcc?fC")])
 
     with pytest.raises(LogError, match=r"cannot be read as an onboard log: damaged \(Unsupported format char"):
-        open_log(file).topics()
+        open_reader(file).topics()
     gc.collect()
 
 
@@ -232,5 +232,5 @@ def test_velocities_in_earth_axes_are_refused(tmp_path: Path) -> None:
 
     with pytest.raises(UsageError, match="it holds velocities in earth axes; let the DVL send VISION_POSITION_DELTA"):
         read_log(file)
-    assert [topic.name for topic in open_log(file).topics()] == ["mavlink/255/0/VISION_SPEED_ESTIMATE"]
+    assert [topic.name for topic in open_reader(file).topics()] == ["mavlink/255/0/VISION_SPEED_ESTIMATE"]
     assert "no topic /x" in refusal(LogError, read_log, file, Request(topics={"dvl": "/x"}))

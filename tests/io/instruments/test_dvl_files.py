@@ -11,7 +11,7 @@ from dvl_recordings import COUNT, ensemble, velocity, write_json, write_pd0, wri
 from recordings import SECOND, T0, saved_lines
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.opening import Request
 from usbldr.io.reading.read import read_log
 
@@ -32,7 +32,7 @@ def test_bottom_track_of_pd0_is_the_bottoms_motion(tmp_path: Path, coordinates: 
     np.testing.assert_allclose(dvl["up_mps"], -0.01)
     np.testing.assert_allclose(log.tables["compass"]["heading_deg"], (355 + np.arange(COUNT) / 2) % 360)
     np.testing.assert_allclose(log.tables["depth"]["depth_m"], 10 + np.arange(COUNT) / 10)
-    gps = read_whole(open_log(tmp_path / "a.pd0"), {"/gga": ["latitude", "longitude", "quality"]})["/gga"]
+    gps = read_whole(open_reader(tmp_path / "a.pd0"), {"/gga": ["latitude", "longitude", "quality"]})["/gga"]
     assert gps.columns["latitude"].tolist() == [64.5 + k * 1e-6 for k in range(COUNT)]
     assert set(gps.columns["longitude"].tolist()) == {-149.0}
     np.testing.assert_allclose(np.diff(dvl["time_s"]), 1.0)
@@ -78,7 +78,7 @@ def test_velocities_of_pd0_in_earth_axes_are_refused(tmp_path: Path) -> None:
 def test_a_river_boats_pd0_has_the_values_of_an_independent_reader(field_logs: Path) -> None:
     """The CSV file is not ours: it has the velocities with four decimals, and none if a beam has none."""
     folder = field_logs / "mhkit_riverpro"
-    log = open_log(folder / "RiverPro_test01.PD0")
+    log = open_reader(folder / "RiverPro_test01.PD0")
     (file,) = (folder / "csv").glob("*dvl.csv")
     rows = list(csv.DictReader(file.open(encoding="utf-8")))
     track = read_whole(log, {"/bottom_track": ["x", "y", "z"]})["/bottom_track"].columns
@@ -112,7 +112,7 @@ def test_pd6_is_read_in_ships_axes(tmp_path: Path) -> None:
 
 
 def test_sensors_of_pd6_that_write_zeros_are_none(tmp_path: Path) -> None:
-    log = open_log(write_pd6(tmp_path / "a.pd6", sensors=False))
+    log = open_reader(write_pd6(tmp_path / "a.pd6", sensors=False))
 
     assert [topic.name for topic in log.topics()] == ["/BI", "/BS", "/BE"]
 
@@ -148,7 +148,7 @@ def test_reports_are_read_however_the_lines_are_cut(tmp_path: Path, form: str) -
         "text behind": "\n".join(f"{line} # rx 212 bytes" for line in lines),
     }[form]
 
-    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved_lines(tmp_path / "b.json", [text]))]
+    logs = [open_reader(tmp_path / "a.jsonl"), open_reader(saved_lines(tmp_path / "b.json", [text]))]
 
     read = [read_whole(log, {"/velocity": ["vx", "time_of_validity"]})["/velocity"] for log in logs]
     np.testing.assert_array_equal(read[1].received_ns, read[0].received_ns)
@@ -160,7 +160,7 @@ def test_an_object_that_is_not_closed_costs_its_lines_alone(tmp_path: Path) -> N
     texts = [json.dumps(json.loads(line), indent=2) for line in json_lines(tmp_path)]
     texts[4] = texts[4].removesuffix("}")
 
-    logs = [open_log(tmp_path / "a.jsonl"), open_log(saved_lines(tmp_path / "b.json", texts))]
+    logs = [open_reader(tmp_path / "a.jsonl"), open_reader(saved_lines(tmp_path / "b.json", texts))]
 
     whole, left = (sum(topic.count for topic in log.topics()) for log in logs)
     assert (whole - left, [finding.lost_data for finding in logs[1].findings()]) == (1, [True])
@@ -171,7 +171,7 @@ def test_a_report_that_ends_early_is_named(tmp_path: Path, cut: str) -> None:
     lines = json_lines(tmp_path)
     lines[4] = lines[4].replace(f", {cut}", f"}} {cut}", 1) if cut != "}" else lines[4][:-1]
 
-    found = open_log(saved_lines(tmp_path / "b.jsonl", lines)).findings()
+    found = open_reader(saved_lines(tmp_path / "b.jsonl", lines)).findings()
 
     assert "lines are no JSON, the first is line 5" in next(one.text for one in found if one.lost_data)
 
@@ -181,7 +181,7 @@ def test_reports_before_the_clock_was_set_count_from_power_on(tmp_path: Path) ->
     for k, report in enumerate(reports[:20]):
         report |= {"time_of_validity": 30_000_000 + 200_000 * k, "time_of_transmission": 30_050_000 + 200_000 * k}
 
-    log = open_log(saved_lines(tmp_path / "b.jsonl", map(json.dumps, reports)))
+    log = open_reader(saved_lines(tmp_path / "b.jsonl", map(json.dumps, reports)))
     read = read_whole(log, {"/velocity": ["time_of_validity"]})["/velocity"]
 
     assert read.received_ns[:20].tolist() == [30_050_000_000 + 200_000_000 * k for k in range(20)]
@@ -198,13 +198,13 @@ def test_positions_of_underwater_gps_need_a_time_before_each(tmp_path: Path) -> 
     )
     timed = (f"2020-09-13T12:26:40.{k:02d}Z {json.dumps(p)}" for k, p in enumerate(places))
 
-    (finding,) = open_log(bare).findings()
+    (finding,) = open_reader(bare).findings()
     log = read_log(saved_lines(tmp_path / "timed.txt", timed), Request(topics={"usbl": "/global"}))
 
     assert finding.text == "bare.txt: 40 lines have no time; log them with one before each line"
     assert (len(log.tables["usbl"]), log.start_ns) == (COUNT, T0)
-    assert read_whole(open_log(whole), {"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
-    assert not open_log(whole).findings()
+    assert read_whole(open_reader(whole), {"/global": ["lat"]})["/global"].received_ns[-1] == T0 + (COUNT - 1) * SECOND
+    assert not open_reader(whole).findings()
 
 
 def test_reports_of_the_first_version_of_json_are_timed_one_after_the_other(tmp_path: Path) -> None:
@@ -227,7 +227,7 @@ def test_objects_of_several_topics_are_not_mixed(tmp_path: Path, line: str) -> N
     """As ``mcap cat --json`` and ``mosquitto_sub -v`` print them."""
     lats, seconds = {"usbl": 45, "gps": 46}, range(T0 // SECOND, T0 // SECOND + COUNT)
     texts = [line.format(name, t, lat) for t in seconds for name, lat in lats.items()]
-    log = open_log(saved_lines(tmp_path / "dive.log", texts))
+    log = open_reader(saved_lines(tmp_path / "dive.log", texts))
 
     read = read_whole(log, {"/rov/usbl": ["lat"], "/rov/gps": ["lat"]})
 
@@ -248,7 +248,7 @@ def test_each_record_that_an_object_collects_is_one(tmp_path: Path, form: str) -
             "gps": [{"t": times[k][0], "lat": 45, "lon": 7}],
         },
     }[form]
-    log = open_log(saved_lines(tmp_path / "dive.jsonl", (json.dumps(line(k)) for k in range(COUNT))))
+    log = open_reader(saved_lines(tmp_path / "dive.jsonl", (json.dumps(line(k)) for k in range(COUNT))))
     read = read_whole(log, {"/compass": ["heading_deg"]})["/compass"]
 
     assert read.received_ns.tolist() == [T0 + k * SECOND // 4 for k in range(4 * COUNT)]

@@ -14,13 +14,13 @@ from recordings import SECOND, T0
 from textbook import radii_m
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.log import Log
 from usbldr.io.reading.read import Request, read_log
 
 
 def test_the_numbers_of_all_messages_are_those_of_imcpy(tmp_path: Path) -> None:
-    log = open_log(write_lsf(tmp_path))
+    log = open_reader(write_lsf(tmp_path))
     oracle: dict[str, list[Any]] = {}
     for data in messages():
         message = imcpy.Packet.deserialize(data)
@@ -55,7 +55,7 @@ def test_an_lsf_log_is_a_dive(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tables["compass"]["heading_deg"], np.degrees(np.arange(COUNT) / 40), rtol=1e-12)
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], 2 + np.arange(COUNT) / 8)
     assert len(log.tables["usbl"]) == COUNT
-    topics = {topic.name: topic.problem for topic in open_log(tmp_path / "Data.lsf").topics()}
+    topics = {topic.name: topic.problem for topic in open_reader(tmp_path / "Data.lsf").topics()}
     assert "imc/30/DVL/GroundVelocity" in topics
     assert topics["imc/30/7/UNKNOWN_263"] == "its message is not in the definitions beside the log"
 
@@ -79,7 +79,7 @@ def test_definitions_that_are_missing_or_broken_are_named(tmp_path: Path, text: 
         (tmp_path / "IMC.xml").write_bytes(text)
 
     with pytest.raises(UsageError if text is None else LogError, match=r"IMC") as fault:
-        open_log(file)
+        open_reader(file)
     assert "\n" not in str(fault.value)
 
 
@@ -160,9 +160,9 @@ def test_what_is_no_measurement_over_ground_is_not_used(tmp_path: Path, kind: st
 def test_a_bit_that_is_none_is_no_field(tmp_path: Path) -> None:
     file = write_messages(tmp_path, [sent("GpsFix", START_S, 5, **fix_of_gps(bits=5))])
 
-    (topic,) = open_log(file).topics()
+    (topic,) = open_reader(file).topics()
 
     flags = [path for path in topic.fields if path.startswith("validity.")]
     assert flags == ["validity.VALID_DATE", "validity.VALID_TIME", "validity.VALID_POS"]
-    values = read_whole(open_log(file), {topic.name: flags})[topic.name].columns
+    values = read_whole(open_reader(file), {topic.name: flags})[topic.name].columns
     assert [values[flag][0] for flag in flags] == [True, False, True]

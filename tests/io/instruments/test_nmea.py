@@ -19,7 +19,7 @@ from usbldr.filters.errors import UsbldrError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_kinds import SENTENCE_KINDS
 from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns, times_from_sentences
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import Request, read_log
 
@@ -80,7 +80,7 @@ def test_each_date_is_that_of_sentences_around_it(tmp_path: Path, order: Sequenc
             both = {"GPRMC": f"GPRMC,{at},A,{where},1.0,90.0,{date},,,A"}
             both["GPGGA"] = f"GPGGA,{at},{where},1,10,0.8,1.0,M,48.0,M,,"
             lines += [sentence(both[name]) for name in order]
-    log = open_log(saved_lines(tmp_path / "gps.nmea", [*lines, sentence("HEHDT,1.0,T")]))
+    log = open_reader(saved_lines(tmp_path / "gps.nmea", [*lines, sentence("HEHDT,1.0,T")]))
     read = read_whole(log, {"/GPGGA": ["header.stamp"], "/GPRMC": ["header.stamp"], "/HEHDT": ["1"]})
 
     starts = [
@@ -159,7 +159,7 @@ def scs(form: str, day: int) -> list[str]:
     ids=["a number that stays the same", "of the day", "beside their times", "month first", "day first", "either"],
 )
 def test_lines_are_timed_by_what_stands_before_their_sentences(tmp_path, lines, first, spaced_ns, said):
-    log = open_log(saved_lines(tmp_path / "a.nmea", lines))
+    log = open_reader(saved_lines(tmp_path / "a.nmea", lines))
 
     topic = log.topics()[0]
     times = read_whole(log, {topic.name: ["1"]})[topic.name].received_ns
@@ -327,7 +327,7 @@ def test_a_gga_on_a_usbl_topic_is_the_target(tmp_path: Path) -> None:
 
 
 def test_a_file_of_sentences_is_recognised_by_its_content(tmp_path: Path) -> None:
-    log = open_log(saved(tmp_path / "a.csv", f"time,text\n1600000000.5,{RECORDED_GGA}\n1600000001.5,{GAPS}\n"))
+    log = open_reader(saved(tmp_path / "a.csv", f"time,text\n1600000000.5,{RECORDED_GGA}\n1600000001.5,{GAPS}\n"))
 
     assert log.format == "NMEA text"
     assert [topic.name for topic in log.topics()] == ["/GPGGA", "/PTSAG"]
@@ -365,7 +365,7 @@ def test_a_receiver_with_several_talkers_is_one_topic_and_two_are_two(talkers: S
     if twice:  # a second receiver states a time of the first one
         bodies.append(bodies[0].replace(talkers[0], "GQ", 1))
     with TemporaryDirectory() as folder:
-        log = open_log(saved_lines(Path(folder) / "a.nmea", map(sentence, bodies)))
+        log = open_reader(saved_lines(Path(folder) / "a.nmea", map(sentence, bodies)))
         counts = {topic.name: topic.count for topic in log.topics()}
 
     if twice:
@@ -387,7 +387,7 @@ def test_sentences_that_are_unknown_are_timed_by_a_time_at_their_beginning(tmp_p
     """18518 days after 1970 is 2020-09-13."""
     lines = [line.format(k=k, t=T0 // SECOND + k) for k in range(4)]
 
-    (found,) = open_log(saved_lines(tmp_path / "a.txt", lines)).topics()
+    (found,) = open_reader(saved_lines(tmp_path / "a.txt", lines)).topics()
 
     begin_ns = T0 // SECOND * SECOND + SECOND // 2 + days * 86400 * SECOND
     assert (found.name, found.first_ns, found.last_ns) == (topic, begin_ns, begin_ns + 3 * SECOND)

@@ -11,7 +11,7 @@ from pd45_recordings import COUNT, pd45_ensemble, pd45_ensembles, write_pd45
 from recordings import SECOND, T0, saved, short_dive, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.reading.read import read_log
 
@@ -47,7 +47,9 @@ def test_pd5_has_heading_and_depth_unless_its_heading_is_constant_and_pd4_has_ne
     assert read_log(write_pd45(tmp_path / "a.pd4", 4)).tables.keys() == {"dvl"}
 
     parts = [pd45_ensemble(5, 100 * k, x=1, y=2, z=3, depth=0, heading=0) for k in range(COUNT)]
-    assert [topic.name for topic in open_log(saved(tmp_path / "a.pd5", b"".join(parts))).topics()] == ["/bottom_track"]
+    assert [topic.name for topic in open_reader(saved(tmp_path / "a.pd5", b"".join(parts))).topics()] == [
+        "/bottom_track"
+    ]
 
 
 def test_without_a_stated_day_it_is_the_first_of_1970_and_a_finding_names_the_key(tmp_path: Path) -> None:
@@ -66,7 +68,7 @@ def test_days_follow_each_other_at_midnight(tmp_path: Path) -> None:
     hundredths = [h + hours * 360_000 for hours in (0, 11, 22, 33) for h in late]
     (tmp_path / "a.pd4").write_bytes(b"".join([pd45_ensemble(4, h, x=1, y=2, z=3) for h in hundredths]))
 
-    times = read_whole(open_log(tmp_path / "a.pd4"), {"/bottom_track": ["x"]})["/bottom_track"].received_ns
+    times = read_whole(open_reader(tmp_path / "a.pd4"), {"/bottom_track": ["x"]})["/bottom_track"].received_ns
     np.testing.assert_array_equal(times, np.array(hundredths) * (SECOND // 100))
 
 
@@ -118,7 +120,7 @@ def test_ensembles_across_the_blocks_in_which_a_file_is_looked_through_are_whole
     parts = [b"\x7d" * 30, *pd45_ensembles(5), b"\x7d\x01\x56\x00" * 20]
     (tmp_path / "a.pd5").write_bytes(b"".join(parts[1:20] + parts[:1] + parts[20:]))
     monkeypatch.setattr("usbldr.io.instruments.ensembles.BLOCK_BYTES", block)
-    log = open_log(tmp_path / "a.pd5")
+    log = open_reader(tmp_path / "a.pd5")
 
     assert log.topics()[0].count == COUNT
     assert "110 of 3630 bytes, from byte 1672 on, are damaged or cut" in log.findings()[0].text
@@ -127,7 +129,7 @@ def test_ensembles_across_the_blocks_in_which_a_file_is_looked_through_are_whole
 def test_an_ensemble_at_no_time_of_day_is_left_out(tmp_path: Path) -> None:
     parts = pd45_ensembles(4)
     parts[7] = pd45_ensemble(4, 0, minute=60)
-    log = open_log(saved(tmp_path / "a.pd4", *parts))
+    log = open_reader(saved(tmp_path / "a.pd4", *parts))
 
     assert log.topics()[0].count == COUNT - 1
     assert "1 ensembles have no valid time; left out" in [finding.text for finding in log.findings()]

@@ -15,7 +15,7 @@ from dvl_recordings import pd0_ensemble
 from logs import read_as
 from recordings import SECOND, saved
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.read import read_log
 
 COUNT = 40
@@ -69,7 +69,7 @@ STAMP = "header.stamp"
 
 
 def test_positions_have_the_utc_of_the_last_fix_and_headings_the_instruments_clock(tmp_path: Path) -> None:
-    log = open_log(write_enx(tmp_path / "a.ENX"))
+    log = open_reader(write_enx(tmp_path / "a.ENX"))
     found = read_whole(log, {"/navigation": [STAMP, "latitude", "longitude", "valid"], "/heading": ["heading_deg"]})
     places, heading = found["/navigation"], found["/heading"]
 
@@ -100,7 +100,9 @@ def test_fixes_without_a_valid_position_or_time_are_marked(tmp_path: Path) -> No
     flags = [0b10_0010, 0b10_0000, 0b00_0010, 0]
     parts = [pd0_ensemble(*leaders(k, k), fix(k + 1, flags=flag)) for k, flag in enumerate(flags)]
     parts.append(pd0_ensemble(*leaders(9, 9), navigation(day=0, month=0, year=0)))  # before the first fix
-    places = read_whole(open_log(saved(tmp_path / "a.STA", b"".join(parts))), {"/navigation": ["valid"]})["/navigation"]
+    places = read_whole(open_reader(saved(tmp_path / "a.STA", b"".join(parts))), {"/navigation": ["valid"]})[
+        "/navigation"
+    ]
     assert places.columns["valid"].tolist() == [1, 0, 0, 0]
 
 
@@ -108,14 +110,14 @@ def test_a_last_fix_before_the_first_is_of_the_next_day(tmp_path: Path) -> None:
     block = navigation(day=31, month=12, year=2020, first=863_990_000, last=10_000, latitude=1, longitude=1, flags=34)
     (tmp_path / "a.LTA").write_bytes(b"".join([pd0_ensemble(*leaders(k, k), block) for k in range(2)]))
 
-    stamps = read_whole(open_log(tmp_path / "a.LTA"), {"/navigation": [STAMP]})["/navigation"].columns[STAMP]
+    stamps = read_whole(open_reader(tmp_path / "a.LTA"), {"/navigation": [STAMP]})["/navigation"].columns[STAMP]
     assert set(stamps.tolist()) == {int(np.datetime64("2021-01-01T00:00:01", "ns").astype(np.int64))}
 
 
 def test_an_ensemble_without_data_is_left_out_and_counted(tmp_path: Path) -> None:
     head = b"\x7f\x7f\6\0\0\0"
     empty = head + sum(head).to_bytes(2, "little")
-    log = open_log(saved(tmp_path / "a.ENX", empty + write_enx(tmp_path / "b.ENX").read_bytes()))
+    log = open_reader(saved(tmp_path / "a.ENX", empty + write_enx(tmp_path / "b.ENX").read_bytes()))
 
     assert [topic.count for topic in log.topics()] == [COUNT, COUNT]
     assert [finding.text for finding in log.findings()] == ["1 ensembles have no leader or no valid time; left out"]
@@ -134,7 +136,7 @@ def test_clocks_are_times_of_the_calendar_and_others_are_left_out(tmp_path: Path
     for k, clock in enumerate(clocks):
         fixed, variable = leaders(0, k)
         parts.append(pd0_ensemble(fixed, variable[:4] + bytes(clock) + variable[11:], fix(k)))
-    log = open_log(saved(tmp_path / "a.ENX", *parts))
+    log = open_reader(saved(tmp_path / "a.ENX", *parts))
     found = read_whole(log, {"/heading": ["heading_deg"], "/navigation": ["latitude"]})
 
     assert found["/heading"].received_ns.tolist() == expected

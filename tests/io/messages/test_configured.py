@@ -19,7 +19,7 @@ from logs import logged, logged_csv, read_as, refusal
 from recordings import HEADER, SECOND, T0, Row, define, fields, write_bag, write_mcap, write_rosbag2
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.log import Log
 from usbldr.io.reading.opening import ConfigurationFile
 from usbldr.io.reading.read import Request, read_log
@@ -96,7 +96,7 @@ def stamps_ns(log: Log, role: str) -> list[int]:
 def test_columns_name_every_field_that_a_topic_lists(form: str, data: st.DataObject) -> None:
     """Its values as a depth are those that are read of it."""
     with recorded(form) as (_, path, _, _):
-        log = open_log(path)
+        log = open_reader(path)
         topic = data.draw(st.sampled_from([topic for topic in log.topics() if topic.count and not topic.problem]))
         field, shown = data.draw(st.sampled_from([*zip(topic.fields, topic.shown_fields, strict=True)]))
         field = f"{field}.0" if field in topic.arrays else field

@@ -15,7 +15,7 @@ from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.decoding.nmea_lines import WORD_LINE
 from usbldr.io.decoding.nmea_sentences import find_sentences
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reader import TIME_OF_DAY
 from usbldr.io.reading.inputs import input_files
 from usbldr.io.reading.read import Request
@@ -65,7 +65,7 @@ def test_columns_name_any_field(tmp_path, line, section, columns, wanted):
 
 def test_a_type_in_the_first_field_makes_a_topic(tmp_path: Path) -> None:
     lines = [sentence("PIXSE,ATITUD,-1.641,-0.490"), sentence("PIXSE,POSITI,60.1,10.2,3.0")]
-    log = open_log(saved_lines(tmp_path / "a.txt", lines))
+    log = open_reader(saved_lines(tmp_path / "a.txt", lines))
 
     assert [topic.name for topic in log.topics()] == ["/PIXSE_ATITUD", "/PIXSE_POSITI"]
 
@@ -169,7 +169,7 @@ def test_the_field_of_an_object_that_cannot_be_read_is_named(tmp_path: Path) -> 
 def test_lines_of_a_dvl_are_read_beside_sentences_with_an_address(tmp_path: Path, each: int) -> None:
     lines = [f"{1600000000 + k} {one}" for k in range(9) for one in (*[WRZ] * each, "$HCHDT,35.06,T*29", RECORDED_GGA)]
     lines += [f"1600000010 {WRZ.replace('0.120', '0.121')}", "1600000011 HCHDT,35.06,T*29"]
-    log = open_log(saved(tmp_path / "a.log", "\n".join(lines) + "\n"))
+    log = open_reader(saved(tmp_path / "a.log", "\n".join(lines) + "\n"))
 
     by_words = each > 1  # then an address without its $ is a word, and its checksum is right
     counts = {"/wrz": 9 * each, "/HCHDT": 9 + by_words, "/GPGGA": 9}
@@ -180,7 +180,7 @@ def test_lines_of_a_dvl_are_read_beside_sentences_with_an_address(tmp_path: Path
 def test_lines_of_instruments_without_a_checksum_are_read_beside_sentences(tmp_path: Path) -> None:
     """Not what is left of an address, nor words."""
     some = [USBLLONG, WRZ.partition("*")[0], *[RECORDED_GGA] * 5, "PGGA,075617.34,7002.9,N", "started, version 2,x"]
-    log = open_log(saved_lines(tmp_path / "a.log", (f"{1600000000 + k} {one}" for k in range(9) for one in some)))
+    log = open_reader(saved_lines(tmp_path / "a.log", (f"{1600000000 + k} {one}" for k in range(9) for one in some)))
 
     assert counts(log) == {"/USBLLONG": 9, "/wrz": 9, "/GPGGA": 45}
     assert "a.log: 18 lines hold no NMEA sentence" in [one.text for one in log.findings()]
@@ -195,7 +195,7 @@ def test_a_count_of_bytes_or_a_time_before_a_word_changes_nothing(tmp_path: Path
     times = [1600000001.25 + k for k in range(9)]
     fixes = [USBLLONG if dated else USBLLONG.replace("1600000001.0", str(time)) for time in times]
     begins = [clock.format(time, time - 1599999960) for time in times]
-    log = open_log(saved_lines(tmp_path / "a.log", map("{}{}{}".format, begins, [count] * 9, fixes)))
+    log = open_reader(saved_lines(tmp_path / "a.log", map("{}{}{}".format, begins, [count] * 9, fixes)))
 
     read = read_whole(log, {"/USBLLONG": ["2", "7"]})["/USBLLONG"]
     assert read.columns["7"].tolist() == [30] * 9
@@ -204,14 +204,14 @@ def test_a_count_of_bytes_or_a_time_before_a_word_changes_nothing(tmp_path: Path
 
 
 def test_a_header_of_words_is_a_csv_file(tmp_path: Path) -> None:
-    assert open_log(saved(tmp_path / "a.csv", "sensor,time_s,x\ndvl,1,2\ndvl,2,3\n")).format == "CSV file"
+    assert open_reader(saved(tmp_path / "a.csv", "sensor,time_s,x\ndvl,1,2\ndvl,2,3\n")).format == "CSV file"
 
 
 def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
     rows = [{"type": "nav", "t": k, "a": {"b": k}} if k % 2 else {"u": k} for k in range(6)]
     file = saved_lines(tmp_path / "a.jsonl", (f"160000000{k} {json.dumps(row)}" for k, row in enumerate(rows)))
 
-    topics = {topic.name: topic for topic in open_log(file).topics()}
+    topics = {topic.name: topic for topic in open_reader(file).topics()}
 
     assert {name: topic.count for name, topic in topics.items()} == {"/object": 3, "/nav": 3}
     assert topics["/nav"].has("a.b")
@@ -229,7 +229,7 @@ def test_any_object_is_a_topic_by_its_type(tmp_path: Path) -> None:
 )
 def test_an_object_may_hold_its_time_and_else_objects_are_a_second_apart(tmp_path, name, of, said):
     rows = [{"type": "nav", "x": 1600000001.0, "truth_time": 5, name: of(k)} for k in range(5)]
-    log = open_log(saved_lines(tmp_path / "a.jsonl", map(json.dumps, rows)))
+    log = open_reader(saved_lines(tmp_path / "a.jsonl", map(json.dumps, rows)))
 
     read = read_whole(log, {"/nav": ["x"]})["/nav"]
     assert np.diff(read.received_ns).tolist() == [10**9] * 4

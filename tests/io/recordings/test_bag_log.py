@@ -13,7 +13,7 @@ import pytest
 from logs import losses, x_of
 from recordings import ROS1, SECOND, T0, Row, message, saved, short_dive, twist, write_bag, write_payloads, yaw
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.recordings.bag_log import BagLog
 from usbldr.io.recordings.mcap_log import McapLog
 
@@ -43,7 +43,7 @@ def index_of(bag: bytes) -> tuple[int, int]:
 
 @pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
 def test_every_compression_gives_the_same_columns(tmp_path: Path, compression: str) -> None:
-    log = open_log(saved(tmp_path / "a.bag", made(compression, 4096)))
+    log = open_reader(saved(tmp_path / "a.bag", made(compression, 4096)))
 
     topics = {topic.name: topic for topic in log.topics()}
     dvl = read_whole(log, TWIST_X)["/dvl"]

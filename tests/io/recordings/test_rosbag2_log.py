@@ -15,7 +15,7 @@ from logs import TWIST_X, refusal
 from recordings import SECOND, T0, Row, execute, short_dive, twist, write_rosbag2
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reader import Reader
 from usbldr.io.reading.read import read_log, require
 
@@ -34,7 +34,7 @@ def parts(folder: Path, *numbers: int) -> Path:
 
 
 def x_of(source: Path | Reader) -> list[float]:
-    return logs.x_of(open_log(source) if isinstance(source, Path) else source)
+    return logs.x_of(open_reader(source) if isinstance(source, Path) else source)
 
 
 def five(folder: Path, *statements: str) -> Path:
@@ -51,7 +51,7 @@ def test_a_folder_is_read_with_and_without_its_metadata(tmp_path: Path, storage:
     if not metadata:
         (folder / "metadata.yaml").unlink()
 
-    log = open_log(folder)
+    log = open_reader(folder)
     dvl = read_whole(log, TWIST_X)["/dvl"]
 
     assert log.format == "rosbag2 folder"
@@ -81,12 +81,12 @@ def test_rows_in_the_journal_beside_the_file_are_read(tmp_path: Path) -> None:
     database.close()
     before = {path: path.read_bytes() for path in killed.iterdir()}
 
-    log = open_log(killed / "dive.db3")
+    log = open_reader(killed / "dive.db3")
 
     assert read_whole(log, TWIST_X)["/dvl"].columns["twist.linear.x"].tolist() == [0, 1, 2, 3, 4] * 2
     assert [(finding.code, finding.lost_data) for finding in log.findings()] == [("JOURNAL", False)]
     assert {path: path.read_bytes() for path in killed.iterdir()} == before
-    assert open_log(file).topics()[0].count == 10
+    assert open_reader(file).topics()[0].count == 10
 
 
 def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
@@ -94,8 +94,8 @@ def test_a_recording_with_a_missing_journal_is_reported(tmp_path: Path) -> None:
     file = five(tmp_path / "spoilt")
     file.with_name("dive.db3-wal").write_bytes(b"rows")
 
-    (missing,) = open_log(five(tmp_path, "PRAGMA journal_mode=wal")).findings()
-    (spoilt,) = open_log(file).findings()
+    (missing,) = open_reader(five(tmp_path, "PRAGMA journal_mode=wal")).findings()
+    (spoilt,) = open_reader(file).findings()
 
     said = "the file was recorded with a journal; if the recorder was killed, rows of dive.db3-wal are missing"
     assert (missing.code, missing.lost_data, missing.text) == ("JOURNAL", False, said)
@@ -126,7 +126,7 @@ def test_a_missing_part_is_lost_data_and_a_renamed_one_is_not(tmp_path, numbers,
     if names:
         named(folder, *(f"{name}.db3" for name in names))
 
-    (finding,) = open_log(folder).findings()
+    (finding,) = open_reader(folder).findings()
 
     assert x_of(folder) == [x for number in numbers for x in range(10 * number, 10 * number + 10)]
     assert (finding.code, finding.text, finding.lost_data) == (code, text, code == "MISSING-PART")
@@ -137,7 +137,7 @@ def test_a_part_that_the_metadata_do_not_name_is_lost_data(tmp_path: Path, name:
     folder = write_rosbag2(tmp_path / "a", short_dive())
     (folder / name).touch()
 
-    (lost,) = open_log(folder).findings()
+    (lost,) = open_reader(folder).findings()
     assert lost.text == f"{name}: not read, because metadata.yaml does not name it; --with FILE adds it"
     assert lost.lost_data
 
@@ -159,7 +159,7 @@ def test_a_folder_that_is_no_recording_is_named(tmp_path: Path, files: list[str]
     if not files:
         named(folder, "dive_0.db3")
 
-    assert refusal(LogError, open_log, folder) == f"{folder}: {sentence}"
+    assert refusal(LogError, open_reader, folder) == f"{folder}: {sentence}"
 
 
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
@@ -171,7 +171,7 @@ def test_a_compressed_recording_is_read(tmp_path: Path, storage: StoragePlugin, 
 
     for path in (folder, part):
         assert x_of(path) == list(range(10))
-        assert open_log(path).findings() == ()
+        assert open_reader(path).findings() == ()
     (folder / "metadata.yaml").unlink()
     assert x_of(folder) == list(range(10))
 
@@ -194,22 +194,22 @@ def test_a_compressed_part_that_is_missing_or_cut_is_reported(tmp_path: Path) ->
         file.unlink()
     (folder / "dive_1.db3.zstd").unlink()
 
-    (finding,) = open_log(folder).findings()
+    (finding,) = open_reader(folder).findings()
     assert finding.text == "part 1 is missing: the parts are numbered from 0"
     (folder / "dive_2.db3.zstd").write_bytes(zstandard.compress(bytes(9))[:8])
 
-    log = open_log(folder)
+    log = open_reader(folder)
 
     assert [finding.text for finding in log.findings() if finding.lost_data][1:] == [
         "dive_2.db3.zstd cannot be read: is damaged: no zstd data could be decompressed at byte 8 of 8"
     ]
-    (alone,) = open_log(folder / "dive_0.db3.zstd").topics()
+    (alone,) = open_reader(folder / "dive_0.db3.zstd").topics()
     assert log.topics() == (replace(alone, file="dive_0.db3.zstd"),)
 
 
 def test_a_file_from_before_definitions_is_read_by_the_standard_types(tmp_path: Path) -> None:
     unknown = "INSERT INTO topics SELECT 9, '/x', 'my_msgs/msg/X', 'cdr', '', '' FROM topics"
-    log = open_log(five(tmp_path, "DROP TABLE message_definitions", unknown))
+    log = open_reader(five(tmp_path, "DROP TABLE message_definitions", unknown))
 
     problems = {topic.name: topic.problem for topic in log.topics()}
 
@@ -247,7 +247,7 @@ NO_RECORDING = (
 def test_sqlite_that_is_no_recording_is_an_error(tmp_path, opened, statements, sentence):
     file = five(tmp_path, *statements)
 
-    assert refusal(LogError, lambda: open_log(file.parent / opened).topics()).startswith(f"{file}: {sentence}")
+    assert refusal(LogError, lambda: open_reader(file.parent / opened).topics()).startswith(f"{file}: {sentence}")
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_a_part_is_read_once_and_counted_against_the_metadata(tmp_path, statemen
     listed, part = metadata.read_text(encoding="utf-8"), "  - dive.db3\n"
     assert part in listed
     metadata.write_text(listed.replace(part, times * part, 1), encoding="utf-8")
-    log = open_log(metadata.parent)
+    log = open_reader(metadata.parent)
 
     (finding,) = [finding for finding in log.findings() if finding.code != "JOURNAL"]
 

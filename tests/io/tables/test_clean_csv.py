@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from recordings import T0, saved, write_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.tables import clean_csv, csv_text
 from usbldr.io.tables.cells import numbers, times
 from usbldr.io.tables.clean_csv import NumberColumn
@@ -70,7 +70,7 @@ def test_a_clean_file_may_have_any_ending(tmp_path: Path) -> None:
     write_csv(tmp_path / "dive", dvl="time_utc,forward_mps,starboard_mps\n2026-01-01T00:00:00Z,2.5,0.1")
     (tmp_path / "dive" / "dvl.csv").rename(tmp_path / "dive" / "dvl.csv.gz")
 
-    log = open_log(tmp_path / "dive")
+    log = open_reader(tmp_path / "dive")
 
     assert read_whole(log, {"/dvl.csv": ["forward_mps"]})["/dvl.csv"].columns["forward_mps"].tolist() == [2.5]
 

@@ -10,7 +10,7 @@ from logs import logged_csv, refusal
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.read import read_log
 
 DVL = "epoch, vx, vy, vz, ok, sigma\n1600000000.5, 1000, -200, 30, 1, 40\n1600000001.000000001, 1100, 0, 0, 0, 40"
@@ -111,7 +111,7 @@ def test_a_long_table_is_the_wide_one(tmp_path: Path, order: str, names: tuple[s
 
 def test_names_and_units_of_several_columns_are_one_name(tmp_path: Path) -> None:
     rows = [f"{T0 // SECOND},gyro,heading,{angle},rad" for angle in (0.5, 0.75)]  # twice at one time
-    log = open_log(saved(tmp_path / "dive.csv", "\n".join(["time_s,topic,field,value,unit", *rows, ""])))
+    log = open_reader(saved(tmp_path / "dive.csv", "\n".join(["time_s,topic,field,value,unit", *rows, ""])))
 
     assert read_whole(log, {"/dive": ["heading_deg"]})["/dive"].columns["heading_deg"] == pytest.approx(
         np.degrees([0.5, 0.75])
@@ -130,6 +130,6 @@ def test_values_of_two_devices_are_not_mixed(tmp_path: Path, who: str) -> None:
 
 
 def test_parameters_and_their_values_are_no_long_table(tmp_path: Path) -> None:
-    (topic,) = open_log(saved(tmp_path / "dive.csv", "name,value\nrate,5\nmount,0.5\n")).topics()
+    (topic,) = open_reader(saved(tmp_path / "dive.csv", "name,value\nrate,5\nmount,0.5\n")).topics()
 
     assert "its columns match no sensor (name, value)" in topic.problem

@@ -15,7 +15,7 @@ from recordings import SECOND, T0, Row, define, saved, write_csv, write_mcap
 from table_recordings import WRITERS, Tables, as_csv
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.log import Log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cf_times import clock_of
@@ -156,9 +156,9 @@ def write_nc(file: Path, times: Any, units: str | bytes, **attributes: str | int
 
 
 def stamps(file: Path) -> list[int]:
-    (topic,) = open_log(file).topics()
+    (topic,) = open_reader(file).topics()
     assert topic.problem == ""
-    return read_whole(open_log(file), {topic.name: ["heading_deg"]})[topic.name].received_ns.tolist()
+    return read_whole(open_reader(file), {topic.name: ["heading_deg"]})[topic.name].received_ns.tolist()
 
 
 @pytest.mark.parametrize("units", UNITS)
@@ -217,7 +217,7 @@ def test_a_clock_that_is_not_understood_is_no_clock_of_1970(tmp_path: Path) -> N
     """A file of numbers without any unit is read as it is configured; one that states a clock is refused."""
     file = write_nc(tmp_path / "a.nc", np.arange(20.0), "seconds since 2026-01-01 02:00 CEST")
 
-    (topic,) = open_log(file).topics()
+    (topic,) = open_reader(file).topics()
 
     assert topic.count == 0
     assert "a column time [seconds since 2026-01-01 02:00 CEST] without a known unit" in topic.problem

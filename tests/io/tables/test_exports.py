@@ -11,7 +11,7 @@ from commands import drafted
 from logs import columns, logged_csv, places, read_as, refusal
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.reading.read import Request, read_log
 
 T0_S = T0 // SECOND
@@ -159,14 +159,14 @@ def test_times_since_power_on_are_times_in_the_unit_of_their_name(tmp_path: Path
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path: Path, begin: bytes, said: str) -> None:
-    assert said in refusal(LogError, open_log, saved(tmp_path / "dive.raw", begin * 20))
+    assert said in refusal(LogError, open_reader, saved(tmp_path / "dive.raw", begin * 20))
 
 
 def test_a_foreign_file_beside_tables_is_named_with_what_to_do(tmp_path: Path) -> None:
     write_csv(tmp_path, dvl=DVL)
     (tmp_path / "0001_0930.RAW").write_text("FTP NEW 2 \nVER 16.1.0\n" * 20, encoding="ascii")
 
-    (finding,) = open_log(tmp_path).findings()
+    (finding,) = open_reader(tmp_path).findings()
 
     assert finding.text.startswith("0001_0930.RAW is not read: it is a Hypack raw file; export the positions")
     assert not finding.lost_data
@@ -204,7 +204,7 @@ def test_the_grid_that_a_line_before_the_names_states_is_proposed(tmp_path: Path
 def test_targets_of_a_usbl_system_are_fixes(tmp_path: Path, beside: str, kind: str) -> None:
     write_csv(tmp_path, export=f"Time [s],{beside},Target Easting [m],Target Northing [m]\n{T0_S},ROV,1.5,2.5\n")
 
-    assert [topic.type for topic in open_log(tmp_path).topics()] == [kind]
+    assert [topic.type for topic in open_reader(tmp_path).topics()] == [kind]
 
 
 @pytest.mark.parametrize(
@@ -253,7 +253,7 @@ def test_rows_of_several_devices_or_without_one_number_are_refused(tmp_path, nam
 @pytest.mark.parametrize("before", ["", "2020/09/13 12:26:40.1 ", "2020-09-13T12:26:40.100Z,", "1600000000.1;"])
 def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: str) -> None:
     lines = [":SA, +0.00, +0.00, 12.50", ":TS,20091312264000,35.0,+15.0,20.0,1500.0,  0", ":BS,  +250, +1500,    +0,A"]
-    log = open_log(saved(tmp_path / "dvl.log", "".join(f"{before}{line}\r\n" for line in lines * 3)))
+    log = open_reader(saved(tmp_path / "dvl.log", "".join(f"{before}{line}\r\n" for line in lines * 3)))
 
     assert (log.format, [(topic.name, topic.count) for topic in log.topics()]) == ("PD6 text", [("/BS", 3)])
 
@@ -262,7 +262,7 @@ def test_lines_of_pd6_may_follow_the_time_of_a_logger(tmp_path: Path, before: st
 def test_positions_and_headings_of_a_ship_in_one_table_are_two_topics_of_it(tmp_path: Path, place: str) -> None:
     folder = write_csv(tmp_path, ship=f"time_ns,{place},heading_deg\n{T0},45,7,30\n")
 
-    assert {one.name for one in open_log(folder).topics()} == {"/ship/compass", "/ship/gps"}
+    assert {one.name for one in open_reader(folder).topics()} == {"/ship/compass", "/ship/gps"}
 
 
 def test_init_says_why_a_file_that_is_named_for_a_missing_sensor_is_not_read(tmp_path: Path) -> None:
@@ -584,7 +584,7 @@ def test_headings_beyond_two_turns_in_radians_are_degrees(tmp_path, name, start,
         pd.read_csv(file).to_parquet(tmp_path / "compass.parquet")
         file.unlink()
 
-    (compass,) = open_log(tmp_path / "compass.parquet" if parquet else tmp_path).topics()
+    (compass,) = open_reader(tmp_path / "compass.parquet" if parquet else tmp_path).topics()
 
     assert bool(compass.count) == bool(read)
     if read:
@@ -593,7 +593,7 @@ def test_headings_beyond_two_turns_in_radians_are_degrees(tmp_path, name, start,
 
 
 def test_a_heading_without_a_unit_beside_velocities_is_left_to_init(tmp_path: Path) -> None:
-    (dvl,) = open_log(write_csv(tmp_path, dvl=f"time,vx,vy,heading\n{T0_S},1,0,90\n")).topics()
+    (dvl,) = open_reader(write_csv(tmp_path, dvl=f"time,vx,vy,heading\n{T0_S},1,0,90\n")).topics()
 
     assert not dvl.count
 
@@ -602,7 +602,7 @@ def test_a_heading_without_a_unit_beside_velocities_is_left_to_init(tmp_path: Pa
 def test_positions_that_may_be_something_else_are_left_to_init(tmp_path: Path, place: str) -> None:
     rows = "".join(f"{T0_S + k},{place}\n" for k in range(6))
 
-    (usbl,) = open_log(write_csv(tmp_path, usbl=f"time,lat,lon\n{rows}")).topics()
+    (usbl,) = open_reader(write_csv(tmp_path, usbl=f"time,lat,lon\n{rows}")).topics()
 
     assert bool(usbl.problem) == ("N" not in place)
 

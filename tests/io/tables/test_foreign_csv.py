@@ -15,7 +15,7 @@ from logs import MAP, codes, columns, logged_csv, lost, only, places, read_as, r
 from recordings import SECOND, T0, saved, write_csv
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.messages.field_names import sensors_by_name
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables.cells import numbers
@@ -256,7 +256,7 @@ def test_a_sensor_whose_unit_is_unknown_does_not_hide_the_others(tmp_path: Path)
     text = timed("Heading (deg),USBL Latitude,USBL Longitude,Battery\n30.5,.75,.1,24\n31,,,24")
     folder = write_csv(tmp_path / "dive", nav=text)
 
-    compass, usbl = open_log(folder).topics()
+    compass, usbl = open_reader(folder).topics()
 
     assert (compass.name, compass.count, compass.problem) == ("/nav/compass", 2, "")
     assert usbl.problem.startswith("nav.csv has a column USBL Latitude without a known unit (deg, rad, gon, mil")
@@ -429,7 +429,7 @@ def test_words_of_a_status_beside_fixes_are_flags(tmp_path: Path, status: str, u
 def test_what_a_header_leaves_open_is_refused_in_one_sentence(tmp_path, name, header, cells, why):
     folder = write_csv(tmp_path / "dive", **{name: f"{header}\n{cells}"}, depth=f"time_ns,depth_m\n{T0},3")
 
-    (problem,) = {topic.problem for topic in open_log(folder).topics() if topic.problem}
+    (problem,) = {topic.problem for topic in open_reader(folder).topics() if topic.problem}
 
     assert problem.startswith(f"{name}.csv {why}")
 
@@ -590,7 +590,7 @@ def test_thousands_are_parted_by_any_other_mark_than_decimals(value: float, mark
 def test_names_that_could_mean_something_else_are_left_to_the_user(tmp_path: Path, header: str) -> None:
     folder = write_csv(tmp_path / "dive", nav=timed(header + "\n" + ",".join("1" for _ in header.split(","))))
 
-    (topic,) = open_log(folder).topics()
+    (topic,) = open_reader(folder).topics()
 
     assert topic.type == ""
     assert topic.problem.startswith("its columns match no sensor")
@@ -598,7 +598,7 @@ def test_names_that_could_mean_something_else_are_left_to_the_user(tmp_path: Pat
 
 def test_velocities_along_beams_are_named_as_such(tmp_path: Path) -> None:
     beams = ",".join(f"Beam{k} Velocity [m/s]" for k in range(1, 5))
-    (topic,) = open_log(write_csv(tmp_path, dvl_beams=timed(f"{beams}\n1,1,1,1"))).topics()
+    (topic,) = open_reader(write_csv(tmp_path, dvl_beams=timed(f"{beams}\n1,1,1,1"))).topics()
 
     assert topic.problem.startswith("its velocities are along beams (Time [s], Beam1")
 
@@ -647,7 +647,7 @@ def test_the_unit_of_a_name_is_found(name: str, label: str, dimension: str | Non
 def test_a_file_that_is_named_for_the_truth_is_no_sensor(tmp_path: Path) -> None:
     files = dict.fromkeys(("ground_truth", "gnss"), "stamp_ns,x_north_m,y_east_m\n1,2,3")
 
-    types = {topic.name: topic.type for topic in open_log(write_csv(tmp_path / "dive", **files)).topics()}
+    types = {topic.name: topic.type for topic in open_reader(write_csv(tmp_path / "dive", **files)).topics()}
 
     assert types == {"/ground_truth": "", "/gnss": "usbldr/gps"}
 
@@ -824,7 +824,7 @@ def test_the_cell_that_stops_a_file_is_named(text: str, row: int) -> None:
     times[row] = text
     with tempfile.TemporaryDirectory() as name:
         file = write_csv(Path(name) / "dive", usbl="time,lat_deg,lon_deg\n" + "".join(f"{t},45,7\n" for t in times))
-        log = open_log(file)
+        log = open_reader(file)
         (topic,) = log.topics()
         if not topic.problem:
             read_whole(log, {"/usbl": ["lat_deg"]})

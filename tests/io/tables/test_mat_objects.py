@@ -10,7 +10,7 @@ import scipy.io
 from logs import refusal
 from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 
 INT8, UINT32, MATRIX, OPAQUE, UINT32_CLASS = 1, 6, 14, 17, 13  # codes of the MAT-File Format
 HEAD = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
@@ -57,16 +57,16 @@ def write_5(file: Path, kind: str, with_vectors: bool) -> Path:
 
 @pytest.mark.parametrize("write", [write_5, write_7_3])
 def test_an_object_is_named_and_no_column_and_a_file_of_nothing_else_says_so(tmp_path, write):
-    (topic,) = open_log(write(tmp_path / "dive.mat", "datetime", True)).topics()
+    (topic,) = open_reader(write(tmp_path / "dive.mat", "datetime", True)).topics()
 
     assert topic.problem.startswith("its columns match no sensor (heading, t (a datetime: store posixtime)); name them")
 
     file = write(tmp_path / "dive.mat", "timetable", False)
-    assert refusal(LogError, open_log, file) == f"{file}: holds no vectors of numbers, but t (a timetable, not read)"
+    assert refusal(LogError, open_reader, file) == f"{file}: holds no vectors of numbers, but t (a timetable, not read)"
 
 
 def test_columns_beside_an_object_are_read(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "plain.mat", {"time_ns": T0 + np.arange(6) * SECOND, "heading_deg": np.arange(6.0)})
     columns = (tmp_path / "plain.mat").read_bytes()[128:]
-    (topic,) = open_log(saved(tmp_path / "compass.mat", HEAD + opaque("note", "string") + columns)).topics()
+    (topic,) = open_reader(saved(tmp_path / "compass.mat", HEAD + opaque("note", "string") + columns)).topics()
     assert (topic.name, topic.count, topic.problem) == ("/compass", 6, "")

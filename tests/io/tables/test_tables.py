@@ -19,7 +19,7 @@ from recordings import SECOND, T0, saved
 from table_recordings import COUNT, WRITERS, Tables, as_csv, dive
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.messages.configured import AT_1970, TIME_UNITS_NS
 from usbldr.io.reading.opening import Request
@@ -83,7 +83,7 @@ def test_a_damaged_arrow_file_is_named(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:-40])
 
     with pytest.raises(LogError, match="cannot be read as Arrow: damaged, cut"):
-        open_log(file)
+        open_reader(file)
 
 
 @pytest.mark.parametrize("form", ["Parquet", "HDF5"])
@@ -163,7 +163,7 @@ def test_the_elements_of_lists_in_parquet_are_columns_unless_they_are_texts(tmp_
     velocity = [["a", "b"], ["a"]]
     pd.DataFrame({"time_ns": [T0, T0 + SECOND], "velocity": velocity}).to_parquet(tmp_path / "dvl.parquet")
 
-    log = open_log(tmp_path / "dvl.parquet")
+    log = open_reader(tmp_path / "dvl.parquet")
 
     (found,), (topic,) = log.findings(), log.topics()
     assert found.text == "dvl.parquet: velocity is not read: it holds a list in each row; write the elements as columns"
@@ -176,7 +176,7 @@ def test_columns_in_json_are_tables(tmp_path: Path, form: Literal["list", "dict"
     text = json.dumps({"compass": frame.to_dict(form)})
     file = saved(tmp_path / "dive.json", text.replace("NaN", "null"))
 
-    records = read_whole(open_log(file), {"/compass": ["heading_deg"]})["/compass"]
+    records = read_whole(open_reader(file), {"/compass": ["heading_deg"]})["/compass"]
 
     assert records.received_ns.tolist() == [1_600_000_000 * SECOND, 1_600_000_001 * SECOND + SECOND // 2]
     np.testing.assert_array_equal(records.columns["heading_deg"], [1.5, np.nan])
@@ -200,7 +200,7 @@ def test_whole_nanoseconds_beside_an_empty_cell_stay_exact(tmp_path: Path) -> No
     pd.DataFrame({"time_ns": times, "heading_deg": [1.0, 2.0, 3.0]}).to_parquet(tmp_path / "compass.parquet")
 
     wanted = {"/compass": ["header.stamp", "heading_deg"]}
-    records = read_whole(open_log(tmp_path / "compass.parquet"), wanted)["/compass"]
+    records = read_whole(open_reader(tmp_path / "compass.parquet"), wanted)["/compass"]
 
     assert records.received_ns.tolist() == records.columns["header.stamp"].tolist() == [T0 + 1, T0 + 3]
 
@@ -221,7 +221,7 @@ def test_units_of_netcdf_are_those_of_its_attributes(tmp_path: Path) -> None:
         file.create_dataset("velocity", data=np.tile([1500.0, 250.0], (COUNT, 1))).attrs["units"] = "mm/s"
         file.create_dataset("depth", data=np.arange(5.0)).attrs["units"] = "m"  # of a sound speed profile
         file["serial"] = 5
-    log = open_log(tmp_path / "dive.nc")
+    log = open_reader(tmp_path / "dive.nc")
 
     assert [topic.name for topic in log.topics() if not topic.problem] == [f"/dive/{COUNT}_rows"]
     fields = '{ time_unix_s = "time [s]", x = "velocity.0 [mm/s]", y = "velocity.1 [mm/s]" }'
@@ -249,7 +249,7 @@ def test_units_of_netcdf_are_spelled_as_in_the_cf_conventions(tmp_path: Path, un
 
 def test_an_unknown_unit_of_an_attribute_is_an_error_unless_the_section_states_one(tmp_path: Path) -> None:
     file = write_velocities(tmp_path / "dvl.nc", "furlong s-1")
-    (topic,) = open_log(file).topics()
+    (topic,) = open_reader(file).topics()
     assert "has a column vel_forward [furlong s-1] without a known unit" in topic.problem
 
     section = '[dvl]\ncolumns = { time_unix_s = "time", x = "vel_forward", y = "vel_starboard" }\n'
@@ -283,7 +283,7 @@ def test_a_whole_number_without_a_value_leaves_the_others_exact(tmp_path: Path) 
         file["compass/time_ns"].attrs["_FillValue"] = -1
         file["compass/heading_deg"] = np.arange(3.0)
 
-    read = read_whole(open_log(tmp_path / "dive.h5"), {"/compass": []})["/compass"]
+    read = read_whole(open_reader(tmp_path / "dive.h5"), {"/compass": []})["/compass"]
     assert read.received_ns.tolist() == [T0 + 1, T0 + 3]
 
 
@@ -300,7 +300,7 @@ def test_what_is_in_other_files_or_has_too_many_dimensions_is_named(tmp_path: Pa
         file["dvl"] = records
         file.create_virtual_dataset("depth/depth_m", layout)
 
-    found = open_log(tmp_path / "dive.h5").findings()
+    found = open_reader(tmp_path / "dive.h5").findings()
 
     assert {(one.code, one.text, one.lost_data) for one in found} == {
         ("NOT-READ", f"dive.h5: {path} is not read: {why}", path != "setup/picture")
@@ -332,7 +332,7 @@ def test_records_in_a_column_are_a_table_and_names_are_none(tmp_path: Path) -> N
     with h5py.File(tmp_path / "dive.h5", "w") as file:
         file["compass"] = records
         file["fixes/e"], file["fixes/names"] = np.arange(4.0), ["e", "n"]
-    log = open_log(tmp_path / "dive.h5")
+    log = open_reader(tmp_path / "dive.h5")
 
     found = read_whole(log, {"/compass": ["heading_deg"]})["/compass"]
     np.testing.assert_array_equal(found.columns["heading_deg"], columns["heading_deg"])
@@ -349,7 +349,7 @@ def test_a_time_may_stand_in_another_structure(tmp_path: Path, form: str) -> Non
 
     np.testing.assert_array_equal(log.tables["dvl"][["starboard_mps", "forward_mps"]], [[0.25, 1.5]] * COUNT)
     np.testing.assert_array_equal(log.tables["dvl"]["time_s"], np.arange(COUNT) / 2)
-    assert [topic.name for topic in open_log(file).topics()] == ["/system", "/track"]
+    assert [topic.name for topic in open_reader(file).topics()] == ["/system", "/track"]
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,7 @@ def test_without_its_library_the_sentence_names_the_extra(tmp_path, form, module
     monkeypatch.setitem(sys.modules, module, None)
 
     with pytest.raises(UsageError, match=rf"{form} files need \w+: pip install 'usbldr\[{extra}\]'"):
-        open_log(file)
+        open_reader(file)
 
 
 def parquet_in_groups(folder: Path, columns: Mapping[str, Any], damaged: str) -> tuple[Path, int]:
@@ -399,7 +399,7 @@ def test_a_damaged_column_is_an_error_if_it_is_used(tmp_path, write):
     bent = bytearray(file.read_bytes())
     bent[place] ^= 1
     file.write_bytes(bent)
-    log = open_log(file)
+    log = open_reader(file)
 
     found = read_whole(log, {"/compass": ["sd_deg"]})["/compass"].columns["sd_deg"]
     np.testing.assert_array_equal(found, compass["sd_deg"])
@@ -466,7 +466,7 @@ def test_texts_where_numbers_should_be_are_named(tmp_path: Path) -> None:
 
     with pytest.raises(LogError, match="/compass: the column heading_deg holds no numbers"):
         read_log(tmp_path / "compass.parquet")
-    (topic,) = open_log(tmp_path / "other.parquet").topics()
+    (topic,) = open_reader(tmp_path / "other.parquet").topics()
     assert topic.problem == "/other: the column time_ns holds no times"
 
 
@@ -477,7 +477,7 @@ def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
     ]
     rows[3] = (rows[3][0], rows[3][1], {"hdg": np.empty((0, 0))}, *rows[3][3:])
     scipy.io.savemat(tmp_path / "dive.mat", {"dvl": np.array(rows, dtype=kinds)})
-    log = open_log(tmp_path / "dive.mat")
+    log = open_reader(tmp_path / "dive.mat")
 
     columns = {topic.name: [name for name, _ in topic.first_row] for topic in log.topics()}
     assert columns == {"/dvl": ["time", "vel.0", "vel.1", "note"], "/dvl/nav": ["hdg"]}

@@ -75,7 +75,7 @@ def test_what_is_suggested(words: tuple[str, ...], wanted: list[str]) -> None:
 @pytest.mark.usefixtures("here")
 def test_a_log_that_takes_long_to_list_does_not_keep_the_shell_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(completion, "PATIENCE_S", 0.05)
-    monkeypatch.setattr(detect, "open_log", lambda path: time.sleep(60))
+    monkeypatch.setattr(detect, "open_reader", lambda path: time.sleep(60))
 
     assert suggested("replay", "dive.mcap", "--dvl", "") == ["none"]
 

@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 
 from checkout import SAMPLES
 from commands import output_of, report_of, run
-from usbldr.io.reports.page import Bullets, Code, Labelled, Page, Plot, Section
-from usbldr.io.reports.report_text import Table
+from usbldr.io.reports.page import Bullets, Code, Labelled, Page, PageSection, Plot
+from usbldr.io.reports.report_text import TextTable
 from usbldr_cli.figures.page_data import detail, page_data, plot_inside, text_of, thinned
 from usbldr_cli.figures.style import MANY_POINTS, in_style, legend_below, one_a_dot, titled_figure
 from usbldr_cli.pages.html_page import html
@@ -181,10 +181,13 @@ def test_the_errors_and_fixes_of_the_page_are_those_of_the_report(page: HtmlPage
 def test_names_do_nothing_but_show() -> None:
     blocks = (
         *(HOSTILE, Labelled(((HOSTILE, HOSTILE),)), Bullets((HOSTILE,)), Code(HOSTILE)),
-        *(Table(HOSTILE, (HOSTILE,), ((HOSTILE, HOSTILE),)), Table("", (HOSTILE,), ((HOSTILE, HOSTILE),), False)),
+        *(
+            TextTable(HOSTILE, (HOSTILE,), ((HOSTILE, HOSTILE),)),
+            TextTable("", (HOSTILE,), ((HOSTILE, HOSTILE),), False),
+        ),
     )
 
-    page = HtmlPage(html(Page(HOSTILE, HOSTILE, (Section(HOSTILE, blocks),)), {}))
+    page = HtmlPage(html(Page(HOSTILE, HOSTILE, (PageSection(HOSTILE, blocks),)), {}))
 
     assert page.scripts == []
     assert not [tag for tag, _ in page.elements if tag == "img"]
@@ -304,7 +307,7 @@ def test_a_page_shows_the_marks_of_the_picture_and_is_used_by_finger_keys_and_pr
     left.set_ylabel("error [m] (logarithmic)")
     right.plot([1, 2], [1, 1e13])
     right.set(yscale="log", xticks=[], ylim=(1, 1e13))
-    page = html(Page("", "", (Section("", (Plot("a", "", ""),)),)), {"a": page_data(figure)})
+    page = html(Page("", "", (PageSection("", (Plot("a", "", ""),)),)), {"a": page_data(figure)})
     (tmp_path / "page.html").write_text(page.replace("</body>", TOUCH), encoding="utf-8")
 
     shown, console = in_chromium(tmp_path / "page.html", tmp_path / "profile", "--window-size=600,800")
