@@ -66,13 +66,7 @@ def evaluate(
     travelled_m = distance_travelled_m(trajectory)
     found = surfacings(t, alignment.points(track_m, yaw), travelled_m, truth, *window)
     found = tuple(one for one in found if not in_windows(np.array([one.time_s]), aid)[0])
-    horizontal, travel = horizontal_errors(error_m), None
-    if travelled_m is not None:
-        # unaligned, the error has grown since the track's start; aligned, since the alignment
-        start = matched.first if align != "none" else int(np.flatnonzero(np.isfinite(track_m).all(axis=1))[0])
-        distance_m = float(travelled_m[np.flatnonzero(scored)[-1]] - travelled_m[start])
-        drifts = trajectory.method == "dr" and distance_m > 0
-        travel = Travel(distance_m, 100 * horizontal.final_m / distance_m if drifts else None)
+    horizontal = horizontal_errors(error_m)
     errors_cov_m2 = None if cov_m2 is None else cov_m2 + truth_cov_m2
     compared = None if errors_cov_m2 is None else consistency(error_m, errors_cov_m2)
     nees, sigma_shares = compared or (None, None)
@@ -82,14 +76,6 @@ def evaluate(
         warnings += (shift_text(shift, error_m, time_s, truth_m),)
     judged_truth = replace(truth, time_s=matched.row_s, position_m=matched.row_m)
     warnings += motion_warnings(shift, time_s, estimate_m, truth_m, judged_truth, by_fixes=bool(trajectory.updates))
-    if yaw is None and any(truth.lever_m[:2]):
-        warnings += ("raw fixes have no heading, so the lever arm of the truth is not taken off their errors",)
-    late_s = t[matched.first] - matched.row_s[matched.first_row]
-    if align == "first" and late_s > LATE_FIRST_S:
-        warnings += (
-            f"--align first put the track's first epoch, {t[matched.first]:.1f} s, on a truth row {late_s:.1f} s "
-            "earlier: choose a --start at which both exist",
-        )
     return ErrorReport(
         method=trajectory.method,
         label=trajectory.label,
@@ -110,7 +96,7 @@ def evaluate(
         horizontal=horizontal,
         shift=shift,
         surfacing=surfacing_errors(found),
-        travel=travel,
+        travel=_travel(trajectory, travelled_m, matched, align, horizontal.final_m),
         heading=heading_errors(trajectory, scored, truth, alignment.rotation_rad),
         velocity=velocity_errors(trajectory, scored, truth),
         nees=nees,
@@ -119,7 +105,7 @@ def evaluate(
         whiteness=whiteness(trajectory),
         health=health(trajectory),
         sensors=sensor_updates(trajectory),
-        warnings=warnings,
+        warnings=warnings + _point_warnings(trajectory, truth, matched, align),
         relative=relative_errors(time_s, error_m, truth_m, truth.max_gap_s),
         place_unknown=truth.place_unknown,
     )
@@ -152,6 +138,34 @@ def _aligned(name: str, trajectory: Trajectory, truth: Truth, matched: Matched, 
         name, moved_m[matched.first], matched.row_m[matched.first_row], moved_m[scored], truth_m, scored_yaw
     )
     return alignment if yaw is None else alignment.after(own)
+
+
+def _travel(
+    trajectory: Trajectory, travelled_m: Vector | None, matched: Matched, align: str, final_m: float
+) -> Travel | None:
+    """Return the distance over which the error has grown: since the track's start, or since the alignment."""
+    if travelled_m is None:
+        return None
+    defined = np.isfinite(trajectory.position_m).all(axis=1)
+    start = matched.first if align != "none" else int(np.flatnonzero(defined)[0])
+    distance_m = float(travelled_m[np.flatnonzero(matched.scored)[-1]] - travelled_m[start])
+    drifts = trajectory.method == "dr" and distance_m > 0
+    return Travel(distance_m, 100 * final_m / distance_m if drifts else None)
+
+
+def _point_warnings(trajectory: Trajectory, truth: Truth, matched: Matched, align: str) -> tuple[str, ...]:
+    """Say what keeps a track from the point of the vehicle that the truth is of, or from a common instant."""
+    found: tuple[str, ...] = ()
+    if trajectory.state("psi") is None and any(truth.lever_m[:2]):
+        found += ("raw fixes have no heading, so the lever arm of the truth is not taken off their errors",)
+    first_s = trajectory.time_s[matched.first]
+    late_s = first_s - matched.row_s[matched.first_row]
+    if align == "first" and late_s > LATE_FIRST_S:
+        found += (
+            f"--align first put the track's first epoch, {first_s:.1f} s, on a truth row {late_s:.1f} s "
+            "earlier: choose a --start at which both exist",
+        )
+    return found
 
 
 def match(
