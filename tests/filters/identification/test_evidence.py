@@ -286,23 +286,17 @@ def test_two_of_three_clocks_say_all() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "better", "is_taken"), [("latency", 3.1, True), ("latency", 2.9, False), ("scale", 9.0, False)]
+    ("key", "far", "better", "is_taken"),
+    [
+        *(("latency", "latency", 3.1, True), ("latency", "latency", 2.9, False), ("scale", "latency", 9.0, False)),
+        *((HEAD, HEAD, 6.1, True), (HEAD, HEAD, 5.9, False)),  # errors of a head are always present: it pays again
+    ],
 )
-def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, better: float, is_taken: bool) -> None:
+def test_a_wide_prior_is_taken_only_for_an_error_that_exists(key: str, far: str, better: float, is_taken: bool) -> None:
     """And if the evidence against the usual prior is strong."""
     score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
-    usual = chosen(score, rows, key)
-    wide = chosen(score + better, rows, key)._replace(far=frozenset({"latency"}), named=frozenset({key}))
-
-    assert _likeliest([usual, wide]) is (wide if is_taken else usual)
-
-
-@pytest.mark.parametrize(("better", "is_taken"), [(6.1, True), (5.9, False)])
-def test_a_wide_prior_of_an_error_that_nothing_shows_pays_again(better: float, is_taken: bool) -> None:
-    """Errors of a head are always present."""
-    score, rows = np.zeros(len(SUBSETS)), {name: np.zeros(len(SUBSETS)) for name in REPORTED}
-    usual = chosen(score, rows, HEAD)
-    wide = chosen(score + better, rows, HEAD)._replace(far=frozenset({HEAD}))
+    usual, wide = chosen(score, rows, key), chosen(score + better, rows, key)
+    wide = wide._replace(far=frozenset({far}), named=wide.named if far == HEAD else frozenset({key}))
 
     assert _likeliest([usual, wide]) is (wide if is_taken else usual)
 
