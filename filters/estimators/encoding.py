@@ -41,7 +41,7 @@ SELECTED, VELOCITY, COMPASS, FIX = range(4)  # kinds of functions, as in layout.
 FUNCTION, STEP, FILTER = (KERNEL.packer(name) for name in ("Function", "Step", "Filter"))
 READING_END = KERNEL.packer("Reading", skip=2)  # what follows the function and its noise
 FIXES = {"gps": 1, "usbl": 2}  # as in layout.h
-FUNCTIONS, READINGS, STEPS = (KERNEL.structure(name) for name in ("Function", "Reading", "Step"))
+READINGS, STEPS = (KERNEL.structure(name) for name in ("Reading", "Step"))
 
 
 class EncodingError(TypeError):
@@ -259,11 +259,11 @@ def encoded_steps(steps: Steps, motion: VehicleMotion, seed: int | None) -> Enco
     size = int(begin[-1])
     names = (*sorted({one.sensor for one in steps.readings}), *{"east", "north", *(one.axis for one in steps.readings)})
     sensor, axis, dof = np.zeros((3, size), np.uint8)
-    readings, row, time_s, is_first = np.zeros(size, READINGS), np.zeros(size, np.int32), np.zeros(size), np.zeros(size)
+    readings, row, time_s, is_first = np.empty(size, READINGS), np.zeros(size, np.int32), np.zeros(size), np.zeros(size)
     for one, first in zip(steps.readings, place, strict=True):
         for part in one.parts():
             at = first[part.readings] + part.place
-            readings[at] = _coded(one, part, motion.layout)
+            _bytes(readings)[at] = _bytes(_coded(one, part, motion.layout))
             sensor[at], axis[at] = names.index(one.sensor), names.index(part.axis)
             row[at], time_s[at] = one.row[part.readings], one.time_s[part.readings]
             dof[at], is_first[at] = part.scalars.stop - part.scalars.start, part.place == 0
@@ -298,16 +298,22 @@ def _coded(one: Readings, part: Part, layout: StateLayout) -> NDArray[np.void]:
     rows, scalars = part.readings, part.scalars
     coded, model, z = np.zeros(len(rows), READINGS), one.model, one.z[rows, scalars]
     if one.offset_s is None or not isinstance(model, UsblFix):
-        coded["g"] = np.frombuffer(function_bytes(model, layout, one.bilinear, one.held), FUNCTIONS)
+        _bytes(coded["g"])[:] = function_bytes(model, layout, one.bilinear, one.held)
     else:
         offset_s, axes = one.offset_s[rows], model.axes[scalars]
         for here in (offset_s == 0, offset_s != 0):  # a fix at the epoch itself may select states
             if here.any():
                 model = replace(model, axes=axes, offset_s=float(offset_s[here.argmax()]))
-                coded["g"][here] = np.frombuffer(function_bytes(model, layout, one.bilinear, one.held), FUNCTIONS)
+                _bytes(coded["g"])[here] = function_bytes(model, layout, one.bilinear, one.held)
                 if model.rows is None:
                     coded["g"]["number"][here, 0] = offset_s[here]
-    coded["noise"] = noise_columns(one.noise.probabilities, one.noise.cov[:, rows, scalars, scalars])
+    noise = noise_columns(one.noise.probabilities, one.noise.cov[:, rows, scalars, scalars])
+    _bytes(coded["noise"])[:] = _bytes(noise)
     coded["z"][:, 0], coded["z"][:, 1] = z[:, 0], z[:, -1]
     coded["modes"], coded["fix"] = len(one.noise.probabilities), FIXES.get(one.sensor, 0)
     return coded
+
+
+def _bytes(structures: NDArray[np.void]) -> NDArray[np.void]:
+    """Return a view without fields: NumPy copies it at once, and not field by field."""
+    return structures.view(np.dtype((np.void, structures.dtype.itemsize)))
