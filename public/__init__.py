@@ -4,18 +4,10 @@ Every name of ``__all__`` is described in docs/api.md, with types, units and fra
 each name is imported when it is first used.
 """
 
-from typing import TYPE_CHECKING
-
 from usbldr import filters, io
 
-if TYPE_CHECKING:
-    from usbldr.filters import *  # noqa: F403
-    from usbldr.io import *  # noqa: F403
-
 __version__ = "0.3.0"
-__all__ = ["__version__"]
-__all__ += filters.__all__
-__all__ += io.__all__
+__all__ = ["__version__", *filters.__all__, *io.__all__]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:

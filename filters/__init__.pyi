@@ -1,0 +1,31 @@
+from usbldr.filters.bounds.dive_bounds import PositionBound as PositionBound
+from usbldr.filters.errors import CheckError as CheckError
+from usbldr.filters.errors import LogError as LogError
+from usbldr.filters.errors import UsageError as UsageError
+from usbldr.filters.errors import UsbldrError as UsbldrError
+from usbldr.filters.evaluation.error_report import ErrorReport as ErrorReport
+from usbldr.filters.evaluation.error_report import Window as Window
+from usbldr.filters.identification.identification import Identification as Identification
+from usbldr.filters.models.noise import Contamination as Contamination
+from usbldr.filters.models.noise import Gaussian as Gaussian
+from usbldr.filters.models.noise import Mixture as Mixture
+from usbldr.filters.models.noise import NoiseFamily as NoiseFamily
+from usbldr.filters.models.noise import StudentT as StudentT
+from usbldr.filters.models.parameters import Parameters as Parameters
+from usbldr.filters.models.parameters import ProcessNoise as ProcessNoise
+from usbldr.filters.models.parameters import SensorErrors as SensorErrors
+from usbldr.filters.models.parameters import Start as Start
+from usbldr.filters.replay.methods import METHODS as METHODS
+from usbldr.filters.replay.methods import FilterSettings as FilterSettings
+from usbldr.filters.replay.methods import Method as Method
+from usbldr.filters.replay.online import OnlineEstimate as OnlineEstimate
+from usbldr.filters.replay.online import OnlineFilter as OnlineFilter
+from usbldr.filters.types import Outage as Outage
+from usbldr.filters.types import OutageRecovery as OutageRecovery
+from usbldr.filters.types import Reacquisition as Reacquisition
+from usbldr.filters.types import Timeline as Timeline
+from usbldr.filters.types import Trajectory as Trajectory
+from usbldr.filters.types import Truth as Truth
+from usbldr.filters.types import Update as Update
+
+__all__: list[str]
