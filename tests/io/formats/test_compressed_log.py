@@ -7,7 +7,6 @@ import random
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 import pytest
 import zstandard
@@ -185,14 +184,6 @@ def test_the_copy_goes_with_the_reader(tmp_path: Path, monkeypatch: pytest.Monke
     del log
     gc.collect()
     assert list((tmp_path / "temporary").iterdir()) == []
-
-
-@pytest.mark.parametrize("compress", [zstandard.compress, gzip.compress, lz4.frame.compress])
-def test_frames_without_end_are_refused(tmp_path, compress, monkeypatch):
-    file = saved(tmp_path / "a.csv.z", compress(b"") * 1500)
-    monkeypatch.setenv(VARIABLE, "0.01")
-
-    assert "holds too many frames for its size" in refusal(LogError, open_reader, file)
 
 
 def test_frames_of_several_compressions_are_read(tmp_path: Path) -> None:

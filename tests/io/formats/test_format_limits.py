@@ -6,14 +6,17 @@ The files are small: the limits are lowered to a hundredth, as --limits 0.01 doe
 import gzip
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
+import lz4.frame
 import numpy as np
 import pytest
 import scipy.io
 import zstandard
 
 from imc_recordings import definitions
-from recordings import SECOND, T0
+from moos_recordings import HEAD, line
+from recordings import SECOND, T0, saved
 from speed.format_bombs import (
     ENTITIES,
     FMT,
@@ -40,6 +43,12 @@ def packed(head: bytes, part: bytes) -> Callable[[Path], Path]:
     return lambda file: repeated(file, zstandard.compress, head, part, 2 * MB)
 
 
+def workbook(file: Path) -> Path:
+    with ZipFile(file, "w", ZIP_DEFLATED) as archive:
+        archive.writestr("xl/workbook.xml", bytes(10**7))
+    return file
+
+
 MANY = "holds too many records for its size"
 DAMAGED = "is damaged: too many bytes look like the beginning of a message and are none"
 LARGE = "decompresses to more than 2 MB, too much for its size"
@@ -53,7 +62,13 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "HDF5, a shape": (lambda file: hdf5_shape(file, 200 * MB), LARGE),
     "HDF5, a large chunk": (lambda file: hdf5_chunk(file, 20 * MB), LARGE),
     "HDF5, a chunk that decompresses to more": (lambda file: hdf5_gzip(file, 20 * MB), LARGE),
-}
+    "alog, many variables": (lambda file: saved(file, HEAD, *(line(k, f"V{k}", "app", k) for k in range(2001))),
+                             "has more than 2000 variables"),
+    "a workbook": (workbook, "too much for its size"),
+    **{f"{pack.__module__}, frames without end": (lambda file, pack=pack: saved(file, pack(b"") * 1500),
+                                                  "holds too many frames for its size")
+       for pack in (zstandard.compress, gzip.compress, lz4.frame.compress)},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("bomb", BOMBS)

@@ -3,15 +3,14 @@
 import re
 from datetime import datetime, timedelta
 from pathlib import Path
-from zipfile import ZIP_DEFLATED, ZipFile
+from zipfile import ZipFile
 
 import pandas as pd
 import pytest
 from openpyxl import Workbook
 
-from logs import codes, refusal
+from logs import codes
 from recordings import SECOND, T0, saved, saved_lines, write_csv
-from usbldr.filters.errors import LogError
 from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
@@ -182,11 +181,3 @@ def test_a_sheet_cannot_name_a_file_elsewhere(tmp_path: Path) -> None:
     open_reader(tmp_path / "dive.xlsx").topics()
 
     assert {path.name for path in tmp_path.iterdir()} == {"good.xlsx", "dive.xlsx"}
-
-
-def test_a_workbook_far_larger_than_its_file_is_refused(tmp_path: Path, monkeypatch) -> None:
-    with ZipFile(tmp_path / "dive.xlsx", "w", ZIP_DEFLATED) as archive:
-        archive.writestr("xl/workbook.xml", bytes(10**7))
-    monkeypatch.setenv(VARIABLE, "0.01")
-
-    assert "too much for its size" in refusal(LogError, open_reader, tmp_path / "dive.xlsx")

@@ -3,19 +3,15 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from logs import losses, read_as
 from moos_recordings import COUNT, HEAD, line, write_alog
 from recordings import SECOND, T0, saved
-from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.doctor.draft import draft
 from usbldr.io.formats.detect import open_reader
 from usbldr.io.instruments.alog_log import alog_log
-from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.opening import Request
-from usbldr.io.reading.read import read_log
 
 COLUMNS = """
 [dvl]
@@ -140,11 +136,3 @@ def test_a_variable_of_texts_that_seldom_is_a_number_is_no_number(tmp_path: Path
     rows = [line(k, "MODE", "app", "1" if k == 3 else "survey") + line(k, "X", "app", k) for k in range(9)]
 
     assert open_reader(saved(tmp_path / "a.alog", HEAD, *rows)).topics()[0].fields == ("X",)
-
-
-def test_variables_without_end_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = saved(tmp_path / "a.alog", HEAD, *(line(k, f"V{k}", "app", k) for k in range(2001)))
-    monkeypatch.setenv(VARIABLE, "0.01")
-
-    with pytest.raises(LogError, match="has more than 2000 variables; --limits 10 raises the limits tenfold"):
-        read_log(file)
