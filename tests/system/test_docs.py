@@ -233,7 +233,7 @@ def test_a_signature_is_that_of_the_function(call: str) -> None:
     assert arguments == "..." or {*names} - {one.split("=")[0] for one in stated} <= optional
 
 
-@pytest.mark.parametrize(("name", "fields"), re.findall(r"`([A-Z]\w+)\(((?:[a-z_]+(?:, )?)+)\)`", PAGE))
+@pytest.mark.parametrize(("name", "fields"), re.findall(r"`([A-Z]\w+)\(([a-z_]+(?:, [a-z_]+)*)\)`", PAGE))
 def test_a_value_is_made_of_the_fields_that_the_page_names(name: str, fields: str) -> None:
     assert {*fields.split(", ")} <= {*inspect.signature(getattr(usbldr, name)).parameters}
 
