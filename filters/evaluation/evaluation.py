@@ -25,7 +25,8 @@ from usbldr.filters.evaluation.metrics import (
     surfacings,
     velocity_errors,
 )
-from usbldr.filters.evaluation.score_warnings import coverage_warnings, motion_warnings, refuse_apart, shift_text
+from usbldr.filters.evaluation.score_warnings import coverage_warnings, motion_text, refuse_apart, shift_text
+from usbldr.filters.evaluation.time_offset import time_offset
 from usbldr.filters.types import Array, Mask, Trajectory, Truth, Vector
 from usbldr.filters.windows import TimeWindow, in_windows, windows_text
 
@@ -75,7 +76,12 @@ def evaluate(
     if unaligned and shift.dominates:
         warnings += (shift_text(shift, error_m, time_s, truth_m),)
     judged_truth = replace(truth, time_s=matched.row_s, position_m=matched.row_m)
-    warnings += motion_warnings(shift, time_s, estimate_m, truth_m, judged_truth, by_fixes=bool(trajectory.updates))
+    offset = time_offset(time_s, estimate_m, judged_truth)
+    clock_off = offset is not None and offset.notable
+    if offset is not None and clock_off:
+        warnings += (offset.sentence(judged_truth, by_fixes=bool(trajectory.updates)),)
+    elif text := motion_text(shift, time_s, estimate_m, truth_m):
+        warnings += (text,)
     return ErrorReport(
         method=trajectory.method,
         label=trajectory.label,
@@ -108,6 +114,7 @@ def evaluate(
         warnings=warnings + _point_warnings(trajectory, truth, matched, align),
         relative=relative_errors(time_s, error_m, truth_m, truth.max_gap_s),
         place_unknown=truth.place_unknown,
+        clock_off=clock_off,
     )
 
 

@@ -5,7 +5,6 @@ import numpy as np
 from usbldr.filters.errors import LogError
 from usbldr.filters.evaluation.alignment import ConstantShift, moves_otherwise
 from usbldr.filters.evaluation.error_report import Matching
-from usbldr.filters.evaluation.time_offset import time_offset
 from usbldr.filters.types import Array, Truth, Vector
 
 FEW_EPOCHS = 5  # [epochs] with fewer, mean and RMS say next to nothing
@@ -75,17 +74,13 @@ def _clock_instead(error_m: Array, time_s: Vector, truth_m: Array) -> str:
     )
 
 
-def motion_warnings(
-    shift: ConstantShift, time_s: Vector, estimate_m: Array, truth_m: Array, truth: Truth, *, by_fixes: bool
-) -> tuple[str, ...]:
-    """Say that the stamps of the truth are late or early against the track, or else that both move differently."""
-    if (offset := time_offset(time_s, estimate_m, truth)) is not None and offset.notable:
-        return (offset.sentence(truth, by_fixes=by_fixes),)
+def motion_text(shift: ConstantShift, time_s: Vector, estimate_m: Array, truth_m: Array) -> str:
+    """Return that track and truth move differently, empty if they do not."""
     if not moves_otherwise(shift, time_s, estimate_m - truth_m, truth_m):
-        return ()
+        return ""
     return (
         "track and truth move differently: the track explains less than half of how the truth moves in a minute, "
         f"and without a constant shift they are {shift.rmse_m:.1f} m (RMS) apart, far more than the sigmas allow; "
         "check that the truth is of this vehicle (not of a ship), and the conventions of the sensors with usbldr "
-        "doctor",
+        "doctor"
     )

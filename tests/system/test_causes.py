@@ -110,6 +110,13 @@ def test_init_proposes_the_latency_of_the_truth_where_it_is_stated(edited, secti
     assert re.search(r"^latency_s = [\d.]+ .*; found: latency_s = 1[78]\.\d\d \(CHECK", found, re.MULTILINE), found
 
 
+def test_a_clock_of_the_truth_is_no_other_vehicle_and_no_fault_of_the_sigmas(edited: Callable[..., Path]) -> None:
+    said = replayed(edited(gps=lambda table: later(table, 18.0)), "--gps", "/gps")[1]
+
+    assert "(GPS time and UTC are 18 s apart)" in said
+    assert "over-confident" not in said
+
+
 def test_exchanged_coordinates_are_no_other_vehicle(edited: Callable[..., Path]) -> None:
     log = edited(gps=lambda table: circling(table).rename(columns=EXCHANGED))
 
