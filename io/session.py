@@ -162,12 +162,11 @@ def replay(
             "and origin_lon_deg under [map]"
         )
     if able.is_filter and used.start is None and not len(starting_fixes(timeline, used).time_s):
-        alone = "" if "usbl" in log.tables else "; without fixes this is dead reckoning: --filter dr needs no start"
+        alone = "" if "usbl" in log.tables else f"; without fixes this is dead reckoning: {_dr_of(log, timeline)}"
         unread = "".join(f"; {finding.text}" for finding in log.findings if finding.code == "TOPIC-UNREAD")
         raise LogError(f"{log.path}: {NO_START_TEXT}{alone}{unread}")
     anchor = find_start(log, timeline, used, settings.dr_from) if able.anchored else None
-    placed = log.truth is not None or log.settings.map is not None or "gps" in log.tables
-    nowhere = able.anchored and anchor is None and settings.dr_from == "start" and not placed
+    nowhere = able.anchored and anchor is None and settings.dr_from == "start" and not _placed(log)
     if nowhere:
         anchor = Anchor(np.zeros(2), 0.0, "0, 0")
     with stage(f"run {method}"):
@@ -175,6 +174,18 @@ def replay(
     warnings = tuple(f"{method}: {text}" for text in found.warnings) if able.is_filter else ()
     warnings += (f"{method}: no fix, GPS or [start] says where the vehicle was: the track starts at 0, 0",) * nowhere
     return replace(track, warnings=warnings + track.warnings)
+
+
+def _placed(log: Log) -> bool:
+    """Return whether the log says where on the earth it is, so that 0, 0 would be a wrong place."""
+    return log.truth is not None or log.settings.map is not None or "gps" in log.tables
+
+
+def _dr_of(log: Log, timeline: Timeline) -> str:
+    """Return the options of dead reckoning without fixes and without a stated start."""
+    if len(timeline.gps_time_s):
+        return "--filter dr --dr-from first-gps"
+    return "--filter dr --dr-from LAT,LON" if _placed(log) else "--filter dr starts at 0, 0"
 
 
 def find_start(

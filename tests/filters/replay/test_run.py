@@ -269,21 +269,25 @@ def replayed(log: Path, *options: str) -> str:
 def test_without_usbl_it_is_said_what_to_state(log: Path) -> None:
     assert refusal(LogError, replayed, log, "-f", "adf") == (
         f"{log}: no USBL fix gives a filter its start: state [start] east_m, north_m, sd_m in the configuration, or "
-        "use GPS fixes at the surface (--aid gps@FROM:TO); without fixes this is dead reckoning: --filter dr needs no "
-        "start"
+        "use GPS fixes at the surface (--aid gps@FROM:TO); without fixes this is dead reckoning: --filter dr --dr-from "
+        "first-gps"
     )
+    assert replayed(log, "-f", "dr", "--dr-from", "first-gps").startswith("dr: mean horizontal error")
 
     said = refusal(LogError, replayed, log, "-f", "dr")
     assert "nothing to start from: give --dr-from first-gps or LAT,LON, or state [start]" in said
 
 
 def test_without_any_position_dead_reckoning_starts_at_0_0(log: Path) -> None:
-    nowhere = ("-f", "dr", "--config", "none", "--gps", "none", "--truth", "none")
+    blind = ("--config", "none", "--gps", "none", "--truth", "none")
+    nowhere, a_map = ("-f", "dr", *blind), ("--set", "map={origin_lat_deg=1,origin_lon_deg=2}")
 
+    for more, how in ((), "starts at 0, 0"), (a_map, "--dr-from LAT,LON"):
+        assert refusal(LogError, replayed, log, "-f", "adf", *blind, *more).endswith(f": --filter dr {how}")
     replayed(log, *nowhere)
     said = (log.with_name("run") / "report.md").read_text(encoding="utf-8")
     first = (log.with_name("run") / "track.tum").read_text(encoding="utf-8").split()
-    placed = refusal(LogError, replayed, log, *nowhere, "--set", "map={origin_lat_deg=1,origin_lon_deg=2}")
+    placed = refusal(LogError, replayed, log, *nowhere, *a_map)
 
     assert "dr: no fix, GPS or [start] says where the vehicle was: the track starts at 0, 0" in said
     assert (float(first[1]), float(first[2])) == (0.0, 0.0)
