@@ -5,14 +5,14 @@ from typing import Any
 
 import click
 
-from usbldr.filters.errors import LogError, printable
+from usbldr.filters.errors import LogError
 from usbldr_cli.options.completion import ESTIMATE
 from usbldr_cli.options.log_options import labelled_inputs, log_options, request_and_inputs
 from usbldr_cli.options.option import GroupedCommand, given_command, log_option, option, scoring_option
 from usbldr_cli.options.output_files import folder_option, json_option, name_of, refuse_file, require_free
 from usbldr_cli.options.run_options import RunChoices, align_option
 from usbldr_cli.options.verbosity import verbose_option
-from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, write_run
+from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, say_findings, write_run
 
 FRAMES = ("ENU", "NED", "latlon")
 
@@ -72,8 +72,8 @@ def evaluate(
     outputs.require_fitting(Path(log))
     dive = open_log(log, request)
     placed, track = read_estimate(dive, request, estimate, frame)
-    for finding in placed.findings:
-        click.echo(f"usbldr: {printable(dive.path.name)}: {finding.text} [{finding.code}]", err=True)
+    say_findings(dive, dive.findings, quiet)
+    say_findings(dive, [one for one in placed.findings if one not in dive.findings], quiet=False)  # on the track
     choices = RunChoices(start=start, end=end, align=align)
     settings = choices.settings(dive.start_ns)
     grid = timeline(dive)

@@ -1,12 +1,11 @@
 """``usbldr replay``: run a filter over a log and write a run directory."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from usbldr.filters.errors import CheckError, LogError, UsageError, printable
+from usbldr.filters.errors import CheckError, LogError, UsageError
 from usbldr_cli.options.completion import FILE, FILTER, LOG
 from usbldr_cli.options.log_options import request_and_inputs, selection_options
 from usbldr_cli.options.option import (
@@ -28,14 +27,12 @@ from usbldr_cli.options.output_files import (
 )
 from usbldr_cli.options.run_options import RunChoices, run_options
 from usbldr_cli.options.verbosity import progress_option, verbose_option
-from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, write_run
+from usbldr_cli.run_output import RunOutputs, print_run, run_outputs, say_findings, write_run
 
 if TYPE_CHECKING:
     from usbldr.filters.identification.identification import Identification
     from usbldr.filters.replay.methods import Method
     from usbldr.filters.types import Timeline
-    from usbldr.io.findings import Finding
-    from usbldr.io.log import Log
     from usbldr.io.reports.run import Run
 
 
@@ -116,11 +113,11 @@ def replay(
     outputs.require_fitting(Path(log))
     opened = choices.edited(open_log(log, request, choices.seed))
     lost = [finding.text for finding in opened.findings if finding.lost_data]
-    _say(opened, opened.findings, quiet)
+    say_findings(opened, opened.findings, quiet)
     if strict and lost:
         raise LogError(lost[0])
     ready = prepare_run(plan, opened).without_headings()
-    _say(opened, ready.log.findings[len(opened.findings) :], quiet)
+    say_findings(opened, ready.log.findings[len(opened.findings) :], quiet)
     opened = ready.log
     if write_calibration is not None:
         _refuse_without_errors(chosen, ready.identification)
@@ -153,13 +150,6 @@ def _verify(report: Path, log: str | None, quiet: bool) -> int:
         click.echo(found.environment_text)
     click.echo(found.verdict)
     return 0 if found.passed else CheckError.exit_code
-
-
-def _say(log: "Log", findings: "Sequence[Finding]", quiet: bool) -> None:
-    for finding in findings:
-        if quiet and finding.level == "info":
-            continue
-        click.echo(f"usbldr: {printable(log.path.name)}: {finding.text} [{finding.code}]", err=True)
 
 
 def _refuse_without_errors(method: "Method", found: "Identification") -> None:

@@ -1,5 +1,6 @@
 """What a run leaves: its folder, and what is printed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -8,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from usbldr.filters.errors import UsageError
+from usbldr.filters.errors import UsageError, printable
 from usbldr.io.stages import stage
 from usbldr_cli.options.option import option, packed_options
 from usbldr_cli.options.output_files import html_option, plot_format_option, plots_option, print_result, write_json
 
 if TYPE_CHECKING:
+    from usbldr.io.findings import Finding
+    from usbldr.io.log import Log
     from usbldr.io.reports.page import Picture
     from usbldr.io.reports.run import Run
 
@@ -36,6 +39,13 @@ class RunOutputs:
             from usbldr.io.reports.run_mcap import require_mergeable
 
             require_mergeable(log)
+
+
+def say_findings(log: "Log", findings: "Sequence[Finding]", quiet: bool) -> None:
+    """Print findings on stderr; remarks are left out of a quiet run."""
+    for finding in findings:
+        if not (quiet and finding.level == "info"):
+            click.echo(f"usbldr: {printable(log.path.name)}: {finding.text} [{finding.code}]", err=True)
 
 
 @stage("write the results")
