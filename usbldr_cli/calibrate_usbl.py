@@ -149,7 +149,7 @@ def _by_dive(log: str, request: "Request", made: "RunProvenance") -> "Found":
         from usbldr_cli.figures.fixes import fix_figure
 
         run = Run(read, dive.timeline, dive.identification, ScoredTrack(dive.track, None))
-        return [Picture("fixes", "What fixes differ by from the track without them", partial(fix_figure, run))]
+        return [Picture("fixes", "Fixes minus the track without them", partial(fix_figure, run))]
 
     return of_dive(read, dive.verdict, dive.slant_m, len(dive.timeline.fix_time_s), dive.sentence, made), pictures
 

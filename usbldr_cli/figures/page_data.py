@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex  # pyright: ignore[reportUnknownVariableTyp
 from matplotlib.ticker import FixedLocator
 
 from usbldr.filters.types import Array, Vector
-from usbldr_cli.figures.style import Axes, Figure, one_a_dot
+from usbldr_cli.figures.style import WRAPPED, Axes, Figure, one_a_dot
 
 DETAILS = "usbldr_details"  # attribute of an artist
 INCH_PX = 84  # [pixels] of the page for an inch of a figure's height
@@ -96,12 +96,16 @@ def text_of(figure: Figure) -> str:
             continue
         across, up = axes.get_xlabel(), axes.get_ylabel()
         titles = [
-            axes.get_title(loc="left").strip().replace("\n", ", "),
+            _title(axes).strip().replace("\n", ", "),
             f"{up} over {across}" if across and up else up or across,
         ]
         parts.append("; ".join(filter(None, titles)))
         labels |= dict.fromkeys(axes.get_legend_handles_labels()[1])
     return f"{'. '.join(parts)}. Drawn: {', '.join(labels)}." if labels else f"{'. '.join(parts)}."
+
+
+def _title(axes: Axes) -> str:
+    return axes.get_title(loc="left").replace(WRAPPED, " ")
 
 
 def _panel(axes: Axes, columns: _Columns, height_in: float) -> dict[str, Any]:
@@ -111,7 +115,7 @@ def _panel(axes: Axes, columns: _Columns, height_in: float) -> dict[str, Any]:
     marks = [mark for artist in axes.get_children() if (mark := _mark(axes, artist, columns)) is not None]
     return {
         "height": round(min(max(height, LEAST_PX), MOST_PX)),
-        "title": axes.get_title(loc="left"),
+        "title": _title(axes),
         "equal": axes.get_aspect() == 1,
         "linked": min(axes.figure.figure.axes.index(one) for one in axes.get_shared_x_axes().get_siblings(axes)),
         "x": _scale(axes.xaxis, axes.get_xlim()),

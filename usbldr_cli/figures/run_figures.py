@@ -38,7 +38,7 @@ def run_pictures(run: Run) -> list[Picture]:
         ("error_cdf", "Cumulative distribution of the errors", cdf_figure),
         ("error_distance", "Horizontal error against the distance travelled; box plots of each track", distance_figure),
         ("innovations", "Innovations and NIS of each sensor with their bounds", innovation_figure),
-        ("fixes", "What fixes differ from the track by, against bearing, range and heading", fix_figure),
+        ("fixes", "Fixes minus track, against bearing, range, heading and time", fix_figure),
         ("calibration", "Estimated sensor errors with their 2-sigma band and the prior", calibration_figure),
         ("ess", "Effective number of particles and acceptance of their moves", particle_figure),
     )
@@ -79,7 +79,7 @@ def error_figure(run: Run) -> Figure | None:
             axes.set_ylabel(f"{style.AXES[k]} error [m]")
         letters = max(LEAST_LETTERS, int(WIDTH_IN * style.LETTERS_AN_INCH * shares[0] / sum(shares)))
         title = textwrap.wrap(_error_title(report, k), letters) if not column else ["\N{NO-BREAK SPACE}"]
-        axes.set_title("\n".join(title))
+        axes.set_title(style.WRAPPED.join(title))
     style.legend_below(figure, (grid[0, 0],))
     return figure
 

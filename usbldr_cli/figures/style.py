@@ -33,6 +33,7 @@ Figure: TypeAlias = Any
 Span: TypeAlias = tuple[float, float]  # seconds
 EVER: Span = (-np.inf, np.inf)
 AXES = ("east", "north")
+WRAPPED = " \n"  # fixed: the end of a line of a title that is broken for its length alone, which a page need not keep
 
 OTHER_COLOUR = "#44aa99"  # of a run by a method that this version does not have
 TRUTH_COLOUR = "#000000"

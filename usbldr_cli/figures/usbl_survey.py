@@ -34,7 +34,7 @@ def survey_pictures(found: FittedSurvey) -> list[Picture]:
     pictures = (
         ("transponder", "The transponder as each fix places it", transponder_figure),
         ("survey", "The ship's track and the transponder, and the fixes around the head", survey_figure),
-        ("residuals", "What fixes differ from the fitted installation by", residual_figure),
+        ("residuals", "Residuals of the fixes after the fit", residual_figure),
         ("polar", "The same around the head, by their bearing", polar_figure),
     )
     return [Picture(name, caption, partial(draw, found)) for name, caption, draw in pictures]

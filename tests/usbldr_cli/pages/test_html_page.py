@@ -25,7 +25,7 @@ from commands import output_of, report_of, run
 from usbldr.io.reports.page import Bullets, Code, Labelled, Page, PageSection, Plot
 from usbldr.io.reports.report_text import TextTable
 from usbldr_cli.figures.page_data import detail, page_data, plot_inside, text_of, thinned
-from usbldr_cli.figures.style import MANY_POINTS, in_style, legend_below, one_a_dot, titled_figure
+from usbldr_cli.figures.style import MANY_POINTS, WRAPPED, in_style, legend_below, one_a_dot, titled_figure
 from usbldr_cli.pages.html_page import html
 
 FLAGS = (
@@ -339,7 +339,7 @@ def drawn() -> tuple[Any, Any]:
     lower.step([0, 1], [1, 2], where="post")
     lower.set_yscale("log")
     lower.set_xlabel("time [s]")
-    upper.set_title("upper")
+    upper.set_title(f"upper, in{WRAPPED}two lines\nand a third")
     legend_below(figure, (upper,))
     return figure, page_data(figure)
 
@@ -352,9 +352,12 @@ def test_lines_marks_bands_shades_and_levels_have_the_numbers_that_were_drawn_an
     with in_style():
         figure, data = drawn()
 
-    assert text_of(figure) == "upper. time [s]. Drawn: line, mark (at the edge), band, outage."
+    assert (
+        text_of(figure) == "upper, in two lines, and a third. time [s]. Drawn: line, mark (at the edge), band, outage."
+    )
     (column,) = data["columns"]
     upper, lower = column["panels"]
+    assert upper["title"] == "upper, in two lines\nand a third"
     line, mark, band, shade, level = (
         next(one for one in upper["marks"] if one["kind"] == kind)
         for kind in ("line", "points", "band", "shade", "rule")
