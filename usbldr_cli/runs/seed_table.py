@@ -33,7 +33,7 @@ from usbldr_cli.runs.job_store import JobResult, ScoringContext, read_trace
 
 BOUND = "bound"  # stands for a method in the row of the least error that any filter could have
 DIVERGED_LIMIT = 0.5  # fixed: share of diverged runs from which the mean is not that of usual runs
-EQUAL_M = 1e-6  # a mean over the common epochs that differs from that of the metrics is of other epochs
+ROUNDED_S = 1e-3  # fixed: times of TUM files, as seconds since 1970, are exact to less
 MOST_NAMED = 20  # fixed: logs that the last line lists by name
 MOST_SHOWN = 8  # [logs] whose tables and figures a person reads one by one
 ALIKE = 5e-4  # fixed: half of the last digit that the table shows of an error; of a NEES, less than that
@@ -107,20 +107,25 @@ def _over_epochs(row: ComparisonRow, other: ComparisonRow, metric: str) -> Paire
         return None
     found = _trace_difference(mine, theirs, COMPARED.index(metric))
     means = [next(iter(one.values()), math.nan) for one in values]
-    if found.se is None or not math.isclose(found.mean, means[0] - means[1], abs_tol=EQUAL_M):  # not the same epochs
+    if found.se is None or not abs(found.mean - (means[0] - means[1])) <= found.se:  # of other parts of the dive
         return None
     return found._replace(mean=means[0] - means[1])
 
 
 @cache
 def _trace_difference(mine: Path, theirs: Path, axis: int) -> PairedDifference:
-    """Return the difference of |east|, |north| or the horizontal error over the epochs that both traces have."""
+    """Return the difference of |east|, |north| or the horizontal error over the epochs that both traces have.
+
+    Raw fixes have times of their own: each epoch of the shorter trace is paired with the nearest one of the other.
+    """
     one, other = read_trace(mine), read_trace(theirs)
-    stamps_ms = [np.round(trace.time_s * 1e3).astype(np.int64) for trace in (one, other)]
-    sizes = [
-        (trace.horizontal_m if axis == 2 else np.abs(trace.error_m[:, axis]))[np.isin(mine_ms, theirs_ms)]
-        for trace, mine_ms, theirs_ms in zip((one, other), stamps_ms, stamps_ms[::-1], strict=True)
-    ]
+    sizes = [trace.horizontal_m if axis == 2 else np.abs(trace.error_m[:, axis]) for trace in (one, other)]
+    short = int(len(one.time_s) > len(other.time_s))
+    few_s, many_s = (one, other)[short].time_s, (other, one)[short].time_s
+    nearest = np.rint(np.interp(few_s, many_s, np.arange(len(many_s)))).astype(np.intp)
+    step_s = float(np.median(np.diff(many_s))) if len(many_s) > 1 else 0.0
+    near = np.abs(many_s[nearest] - few_s) <= step_s / 2 + ROUNDED_S
+    sizes[short], sizes[1 - short] = sizes[short][near], sizes[1 - short][nearest[near]]
     return mean_difference(sizes[0] - sizes[1])
 
 

@@ -113,6 +113,31 @@ def test_the_verdict_on_one_real_log_says_what_chance_explains(tmp_path: Path) -
     assert "significant" not in best_method_sentence(lost)
 
 
+@pytest.mark.parametrize(("share", "judged"), [(1.0, True), (0.5, False)])
+def test_raw_fixes_between_the_epochs_of_a_filter_are_judged_unless_of_another_part(
+    tmp_path, share, judged
+):
+    """Errors that are independent: the variances of both means add up. In the second half, the filter is lost."""
+    rng, end = np.random.default_rng(8), int(900 * share)
+    sigma_m = {"adf": 0.2, "usbl": 0.5}
+
+    def run(name: str, time_s: np.ndarray, mean_m: np.ndarray) -> ComparisonRow:
+        size_m = mean_m + sigma_m[name] * rng.uniform(-1, 1, len(time_s)) * 3**0.5
+        trace = Trace(time_s, np.column_stack([size_m, 0 * size_m]), np.zeros((len(time_s), 2)))
+        result = JobResult({"mean_horizontal_m": float(size_m.mean())}, scored_against=JUDGED)
+        return ComparisonRow("dive", name, name, (0,), (store_result(tmp_path, name, result, trace),))
+
+    filtered = run("adf", np.arange(900.0), np.where(np.arange(900) < end, 1.0, 9.0))
+    raw = run("usbl", np.arange(end) + 0.37, np.full(end, 2.0))
+    found = difference(raw, filtered)
+
+    assert found is not None
+    (mine,), (theirs,) = (one.values("mean_horizontal_m").values() for one in (raw, filtered))
+    assert (found.mean, found.significant) == (mine - theirs, True if judged else None)
+    if judged:
+        assert found.se == pytest.approx(((0.2**2 + 0.5**2) / 900) ** 0.5, rel=0.2)
+
+
 def test_a_single_method_a_pair_of_runs_and_diverged_runs_are_not_ranked() -> None:
     few = [row("cpf", 1.0, 2.0), row("ekf", 1.8, 2.1)]
 
