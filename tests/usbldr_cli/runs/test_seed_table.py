@@ -114,9 +114,7 @@ def test_the_verdict_on_one_real_log_says_what_chance_explains(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("share", "judged"), [(1.0, True), (0.5, False)])
-def test_raw_fixes_between_the_epochs_of_a_filter_are_judged_unless_of_another_part(
-    tmp_path, share, judged
-):
+def test_raw_fixes_between_the_epochs_of_a_filter_are_judged_unless_of_another_part(tmp_path, share, judged):
     """Errors that are independent: the variances of both means add up. In the second half, the filter is lost."""
     rng, end = np.random.default_rng(8), int(900 * share)
     sigma_m = {"adf": 0.2, "usbl": 0.5}
