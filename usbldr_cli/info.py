@@ -106,7 +106,10 @@ def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
     if found.fault:
         lines += ["", f"cannot be replayed as is: {found.fault}"]
     elif not found.roles and found.complete:
-        lines += ["", NO_SENSOR]
+        from usbldr.io.reading.read import computed_tracks
+
+        tracks = computed_tracks(found.path, found.topics)
+        lines += ["", NO_SENSOR, *(f"{name} {judged}" for name, judged in tracks.items())]
     return "\n".join(map(printable, lines))
 
 

@@ -27,6 +27,7 @@ from usbldr.io.messages.roles import SENSORS, Roles, TopicChoice
 from usbldr.io.messages.topic_names import names_ship, suggested_sensors
 from usbldr.io.reader import TopicInfo
 from usbldr.io.reading.opening import ConfigurationFile, Request, configuration_of, open_configured
+from usbldr.io.reading.read import computed_tracks
 from usbldr.io.reading.sensors import roles_of
 from usbldr.io.settings.sensor_sections import Configuration
 from usbldr.io.tables.csv_sheets import PROPOSED
@@ -127,6 +128,8 @@ def _draft(path: Path, request: Request) -> Draft:
     missing = [role for role in SENSORS if role not in (*present, *unread, *left)]
     absent = f"no topic is known to be {' or '.join(missing)}" if missing else ""
     absent += "; without it, only --filter usbl works" if missing and "usbl" in present else ""
+    if absent and not present:
+        absent += "".join(f"; {name} {judged}" for name, judged in computed_tracks(path, topics).items())
     unread |= dict.fromkeys(missing, absent)
     earth = [names for topic in topics if (names := earth_velocities(topic.unused))]
     if "dvl" in missing and earth:

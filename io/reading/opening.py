@@ -122,8 +122,8 @@ def open_configured(path: Path, request: Request) -> OpenedLog:
         raise LogError(f"cannot be read ({err.strerror})", path=path) from err
     if (path / "report.json").is_file() and (path / "track.tum").is_file():
         raise LogError(
-            f"this is the run directory of a replay, not a log: usbldr compare {path.name} shows it, and --estimate "
-            f"{path.name}/track.tum of usbldr evaluate judges its track",
+            f"this is the run directory of a replay, not a log: usbldr compare {path} shows it, and --estimate "
+            f"{path}/track.tum of usbldr evaluate judges its track",
             path=path,
         )
     stated = configuration_of(path, request)

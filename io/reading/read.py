@@ -136,11 +136,15 @@ def _unread(path: Path, topics: Sequence[TopicInfo], sensors: Collection[str]) -
     Beside no sensor at all, also those of a computed track; without a DVL, tables with velocities along earth axes.
     """
     found = {topic.name: f"cannot be read: {topic.problem}" for topic in topics if topic.problem}
-    judged = f"is a track: usbldr evaluate LOG --estimate {path.name} judges it beside the sensors of LOG"
-    tracks = (topic.name for topic in topics if not sensors and topic.count and message_layout_of("truth", topic))
     earth = {topic.table: one for topic in topics if "dvl" not in sensors and (one := earth_velocities(topic.unused))}
     found |= {name: f"has {', '.join(one)}: {ALONG_EARTH}" for name, one in earth.items()}
-    return found | dict.fromkeys(tracks, judged)
+    return found | ({} if sensors else computed_tracks(path, topics))
+
+
+def computed_tracks(path: Path, topics: Sequence[TopicInfo]) -> dict[str, str]:
+    """Return the topics of a computed track, and which command judges it."""
+    judged = f"is a track: usbldr evaluate LOG --estimate {path.name} judges it beside the sensors of LOG"
+    return {topic.name: judged for topic in topics if topic.count and message_layout_of("truth", topic)}
 
 
 def _without_messages(reader: Reader) -> LogError:

@@ -161,7 +161,8 @@ def test_axes_by_default_on_a_straight_line_are_said_to_be_undecided(edited: Cal
 def test_a_run_directory_is_called_what_it_is(edited: Callable[..., Path]) -> None:
     log = edited()
     assert replayed(log)[0] == 0
-    assert "usbldr compare run shows it" in str(run("info", log.with_name("run")).exception)
+    made = log.with_name("run")
+    assert f"usbldr compare {made} shows it" in str(run("info", made).exception)
 
 
 @pytest.mark.long

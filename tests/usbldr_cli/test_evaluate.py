@@ -220,7 +220,10 @@ def test_a_track_or_a_truth_in_a_recording_of_its_own_is_its_only_topic_of_posit
         judged(log, write_mcap(tmp_path / "both.mcap", rows), "--force")
     with pytest.raises(UsageError, match=r"truth both.mcap has several topics of positions"):
         judged(log, "/nav", "--truth", tmp_path / "both.mcap", "--force")
-    assert f"/nav is a track: usbldr evaluate LOG --estimate {nav.name} judges it" in str(run("replay", nav).exception)
+    said = f"/nav is a track: usbldr evaluate LOG --estimate {nav.name} judges it"
+    assert said in str(run("replay", nav).exception)
+    assert said in output_of("info", nav)
+    assert said in str(run("init", nav, "-o", tmp_path / "draft.toml").exception)
 
 
 def shifted(rows: list[Row], east_m: float, north_m: float) -> list[Row]:
