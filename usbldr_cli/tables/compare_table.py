@@ -27,10 +27,9 @@ from usbldr_cli.tables.run_table import WIDTH, aligned, pairs, title
 NAME_LETTERS = 40  # of a log in a line of many
 HUGE = 1e5  # shown in scientific notation
 LEGEND = (
-    "± is the standard error of a mean over seeds; differences are over the same seeds, * marks significant ones "
-    "(Student's t, 95 %, at least 3 seeds); of single runs in --output they are over the epochs (moving-block "
-    "bootstrap, Holm's correction for several filters); diverged: share of seeds with a mean horizontal "
-    "error above 5 m."
+    "± is a standard error, * marks a significant difference (95 %): of several seeds, paired by seed (Student's t, at "
+    "least 3 seeds); of single runs that --output keeps, paired by epoch (moving-block bootstrap, Holm's correction "
+    "for several filters); diverged: share of seeds with a mean horizontal error above 5 m."
 )
 NO_EFFECT = (
     "all values of --set {} give the same errors: estimates from the log replace it (--calibrate none uses the stated "
