@@ -30,7 +30,7 @@ from usbldr.io.reports.report_text import (
     relative_table,
 )
 from usbldr.io.reports.run import Run
-from usbldr.io.reports.run_provenance import RunProvenance, machine, made_by
+from usbldr.io.reports.run_provenance import RunProvenance, checkout_commit, machine, made_by
 
 
 def write_markdown(folder: Path, run: Run, pictures: Sequence[tuple[str, str]]) -> None:
@@ -107,11 +107,12 @@ def calibration_table(run: Run) -> TextTable:
 
 
 def provenance_section(made: RunProvenance) -> PageSection:
-    """Return the command that repeats a report, what it read, and versions."""
+    """Return the command that repeats a report, what it read, and versions; of a checkout, also its commit."""
     used = machine()
     libraries = ", ".join(f"{name} {number}" for name, number in used["libraries"].items())
     place = f"{used['platform']['system']} {used['platform']['machine']}, kernel {used['kernel']}"
-    versions = f"usbldr {made_by()['tool']['version']}, Python {used['python']}, {libraries}; {place}"
+    commit = f" (commit {checkout_commit()})" if checkout_commit() else ""
+    versions = f"usbldr {made_by()['tool']['version']}{commit}, Python {used['python']}, {libraries}; {place}"
     files = tuple((one.role, one.file, one.sha256) for one in made.inputs)
     table = (TextTable("input", ("file", "sha256"), files, numbers=False),) if files else ()
     command = (Code(shlex.join(made.command)),) if made.command else ()

@@ -145,6 +145,7 @@ def test_the_verdict_comes_first_and_every_table_has_the_numbers_of_the_json(pag
 def test_the_page_names_the_inputs_the_conventions_and_the_command(page: HtmlPage, report: Any) -> None:
     assert "report.html" in report["files"]
     assert "usbldr" in page.shown
+    assert f"(commit {report['provenance']['commit']})" in page.shown or report["provenance"]["commit"] is None
     for one in report["provenance"]["inputs"]:
         assert [one["role"], one["file"], one["sha256"]] in page.rows
     for sensor, found in report["sensors"].items():
