@@ -15,7 +15,7 @@ from usbldr.io.units import named_unit
 WEEK = re.compile(r"[1-5]\d{3}(\.0*)?")
 WEEK_NAME, TIME_OF_WEEK_NAME = r"(^|_)(gps_?)?(week|wk|wn)(_?(no|num|number))?$", rf"(^|_)({TIME_OF_WEEK})$|^seconds$"
 PARTS: Mapping[str, str] = {
-    "year": "year|yr|yyyy",
+    "year": "(?<!of_)year|yr|yyyy",
     "month": "month|mon|^mo",
     "day": "day|day_of_month|^da",
     "day_of_year": "doy|day_of_year|year_?day|julian_day|jday|yday",

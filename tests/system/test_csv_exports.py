@@ -176,6 +176,9 @@ EXPORTS = {
     "digits": Export(two("DATE", "%Y%m%d", "TIME", "%H%M%S.%f"), METRIC),
     "time_first": Export(one("Time", "%H:%M:%S.%f %d/%m/%y"), METRIC),
     "elapsed": Export(lambda t: {"elapsed_s": (t - pd.Timestamp(DAY)).dt.total_seconds()}, METRIC),
+    "day_of_year": Export(
+        lambda t: {"Day of year": t.dt.day_of_year, "Year": t.dt.year, "Time": t.dt.strftime(CLOCK)}, METRIC
+    ),
     "gps_week": Export(gps_week("GPS Week", "TOW [s]"), SNAKE),
     "gps_week_ms": Export(gps_week("GPSWeek", "GPSTimeOfWeek", 1e-3), METRIC),
     "notes": Export(one("Timestamp (UTC)", "%d %b %Y %H:%M:%S.%f"), NOTES),
