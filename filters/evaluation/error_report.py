@@ -98,7 +98,7 @@ class ErrorReport:
     warnings: tuple[str, ...] = ()
     relative: tuple[RelativeError, ...] = ()  # by the length of the segments
     place_unknown: bool = False  # the origin that places the truth on the map of the track is not stated
-    clock_off: bool = False  # stamps of the truth explain most of the distance, as a warning says
+    clock_share: float = 1.0  # of the mean square distance, left once the stamps of the truth are corrected
 
     @property
     def judged(self) -> bool:

@@ -77,8 +77,9 @@ def evaluate(
         warnings += (shift_text(shift, error_m, time_s, truth_m),)
     judged_truth = replace(truth, time_s=matched.row_s, position_m=matched.row_m)
     offset = time_offset(time_s, estimate_m, judged_truth)
-    clock_off = offset is not None and offset.notable
-    if offset is not None and clock_off:
+    clock_share = 1.0
+    if offset is not None and offset.notable:
+        clock_share = (offset.corrected_m / offset.rms_m) ** 2
         warnings += (offset.sentence(judged_truth, by_fixes=bool(trajectory.updates)),)
     elif text := motion_text(shift, time_s, estimate_m, truth_m):
         warnings += (text,)
@@ -114,7 +115,7 @@ def evaluate(
         warnings=warnings + _point_warnings(trajectory, truth, matched, align),
         relative=relative_errors(time_s, error_m, truth_m, truth.max_gap_s),
         place_unknown=truth.place_unknown,
-        clock_off=clock_off,
+        clock_share=clock_share,
     )
 
 

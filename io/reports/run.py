@@ -155,12 +155,12 @@ class Run:
 def _far_over_confident(report: ErrorReport) -> bool:
     """Return whether the sigmas are less than half of what the errors show, beyond the bounds of NEES.
 
-    A clock of the truth that is off says nothing of the sigmas.
+    What a clock of the truth explains is no fault of the sigmas.
     """
-    if report.nees is None or not report.judged or report.clock_off:
+    if report.nees is None or not report.judged:
         return False
     mean = report.shift.nees if report.mostly_shift and report.shift.nees is not None else report.nees.mean
-    return mean > max(4 * DOF, report.nees.high)
+    return mean * report.clock_share > max(4 * DOF, report.nees.high)
 
 
 def fix_outcomes(timeline: Timeline, trajectory: Trajectory) -> NDArray[np.str_]:
