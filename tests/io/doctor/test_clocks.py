@@ -82,7 +82,7 @@ def test_smoothed_fixes_are_named_and_no_clock_is(tmp_path: Path, how: str, weig
 
         def mean(values: Mapping[str, Any]) -> float:
             fixes_m.insert(0, float(values[axis]))
-            return float(np.average(fixes_m, weights=weight(np.arange(len(fixes_m)))))
+            return float(np.average(fixes_m, weights=weight(np.arange(float(len(fixes_m))))))
 
         return mean
 
