@@ -112,7 +112,7 @@ def _is_rest(lines: Sequence[str]) -> bool:
 
     The others have more cells, and all of its own but the first, which may be cut, are values.
     """
-    if len(lines) < 3:
+    if len(lines) < 3 or not lines[0].strip():
         return False
     separator = separator_of(lines[1]) if separator_of(lines[1]) in lines[1] else None
     first, *others = (cells_of(line, separator) for line in lines)

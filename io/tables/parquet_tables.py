@@ -6,14 +6,14 @@ Members of structures are named with dots. Arrow files, also called Feather, hol
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from io import SEEK_END
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.io.file_access.container_ends import PARQUET
+from usbldr.io.file_access.container_ends import PARQUET, places_of
+from usbldr.io.file_access.file_view import FileView
 from usbldr.io.file_access.open_file import filled_files, opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
@@ -26,12 +26,11 @@ ENDING = ".parquet"
 
 
 def parquet_files(folder: Path) -> Iterator[Path]:
-    """Yield the Parquet files of a folder by name: those that begin and end as such, whatever they are called."""
+    """Yield the Parquet files of a folder by name, whatever they are called: those that hold one alone."""
     for file in filled_files(folder):
         with opened(file) as content:
-            begin = content.read(len(PARQUET))
-            content.seek(-min(len(PARQUET), file.stat().st_size), SEEK_END)
-            if begin == content.read() == PARQUET:
+            data = FileView(content.fileno())
+            if data[: len(PARQUET)] == PARQUET and places_of(data) == [(0, len(data), PARQUET)]:
                 yield file
 
 

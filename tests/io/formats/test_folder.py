@@ -224,6 +224,16 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(f
     assert {topic.name: topic.count for topic in log.topics()}["/depth"] == COUNT
 
 
+@pytest.mark.parametrize("text", ["\n\n  \n", "\r\n" * 9, " \t\n" * 5000])
+def test_a_file_of_blank_lines_is_named(folder: Path, text: str) -> None:
+    (folder / "gps.csv").write_text(text, encoding="utf-8")
+
+    (lost,) = open_log(folder).findings()
+
+    assert lost.text.startswith("gps.csv is not read: ")
+    assert lost.lost_data
+
+
 @pytest.mark.parametrize(
     ("file", "text", "why"),
     [
