@@ -23,7 +23,7 @@ from usbldr.io.messages.configured import ConfiguredColumns
 from usbldr.io.messages.field_names import named_column, sensors_by_name
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
-from usbldr.io.tables.cells import numbers, times
+from usbldr.io.tables.cells import ParsedColumn, numbers, times
 from usbldr.io.tables.cf_times import whole_ns
 from usbldr.io.tables.csv_sheets import Sheet, first_telling, open_angle, plain_names, sheet_of
 from usbldr.io.tables.date_times import orders_of, with_iso_times
@@ -114,6 +114,7 @@ class TableLog:
         self.path, self.format = path, kind
         self._configured, self._formats = tuple(configured), time_formats(configured)
         self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
+        self._faults: dict[tuple[str, str], Mapping[int, str]] = {}  # table and column of texts -> row -> its fault
         self._columns: dict[tuple[str, str], Column] = {}
         self._read = cache(self._read_column)
         tables = [self._widened(one) for one in tables]
@@ -247,8 +248,13 @@ class TableLog:
                 good = good & stamped
             else:
                 columns[path] = self._values(table, sheet, path)
+        used = [sheet.columns[path] for path in columns if path in sheet.columns]
+        faults = [self._faults.get((table.topic, name), {}) for name in (clock.column, *used)]
+        if unread := {row: cell for found in reversed(faults) for row, cell in found.items()}:
+            good = good & ~np.isin(np.arange(len(good)), list(unread))
         if not good.all():
-            self._left_out[topic] = f"{int(np.sum(~good))} of {len(good)} rows have no time"
+            why = f"are left out: row {min(unread) + 1}: {unread[min(unread)]}" if unread else "have no time; left out"
+            self._left_out[topic] = f"{int(np.sum(~good))} of {len(good)} rows {why}"
         return Records(received[good], {path: column[good] for path, column in columns.items()})
 
     def _values(self, table: Table, sheet: Sheet, path: str) -> Column:
@@ -256,8 +262,7 @@ class TableLog:
         if path in sheet.texts:
             return np.array([str(value) for value in values])
         if values.dtype.kind in TEXT:
-            parsed = numbers(values.tolist(), path)
-            values = parsed.values if len(parsed.faults) < len(values) else values
+            values = self._parsed(table, sheet.columns[path], numbers(values.tolist(), sheet.columns[path])).values
         if values.dtype.kind not in "biuf":
             raise LogError(f"/{table.topic}: the column {sheet.columns[path]} holds no numbers", path=table.file)
         if np.ma.isMaskedArray(values):
@@ -269,10 +274,8 @@ class TableLog:
         """Return a column of times as nanoseconds since 1970, and which of them are times; integers stay exact."""
         values = self._column(table, clock.column)
         if values.dtype.kind in TEXT:
-            parsed = times(values.tolist(), *clock)
-            good = ~np.isin(np.arange(len(values)), list(parsed.faults))
-            if good.any():
-                return parsed.values.astype(np.int64), good
+            parsed = self._parsed(table, clock.column, times(values.tolist(), *clock))
+            return parsed.values.astype(np.int64), ~np.isin(np.arange(len(values)), list(parsed.faults))
         masked, values = np.ma.getmaskarray(values), np.ma.getdata(values)
         if values.dtype.kind not in "iufM":
             raise LogError(f"/{table.topic}: the column {clock.column} holds no times", path=table.file)
@@ -282,6 +285,13 @@ class TableLog:
         values, unit_ns = (values.astype(np.int64), 1) if dated else (values, clock.unit_ns)
         good = (np.abs(values.astype(np.float64)) * unit_ns < MAX_TIME_NS) & ~masked  # False for NaN, and for no date
         return whole_ns(np.where(good, values, 0), unit_ns), good
+
+    def _parsed(self, table: Table, name: str, parsed: ParsedColumn) -> ParsedColumn:
+        """Return a column of texts; raise LogError that names the first cell if none can be read."""
+        self._faults[table.topic, name] = faults = parsed.faults
+        if faults and len(faults) == len(parsed.values):
+            raise LogError(f"/{table.topic}: row {min(faults) + 1}: {faults[min(faults)]}", path=table.file)
+        return parsed
 
     def _column(self, table: Table, name: str) -> Column:
         if (key := (table.topic, name)) not in self._columns:
@@ -328,5 +338,5 @@ class TableLog:
         for topic, one in self._topics.items():
             found += one.findings(topic)
             if why := self._left_out.get(topic):
-                found.append(Finding("UNDECODED", f"{topic}: {why}; left out", topic, lost_data=True))
+                found.append(Finding("UNDECODED", f"{topic}: {why}", topic, lost_data=True))
         return tuple(found)

@@ -77,6 +77,8 @@ def time_fault(stamps: Sequence[NamedColumn], arrivals: Sequence[NamedColumn], c
             names = ", ".join(column.name for column in columns) or "none"
             if days := [name for name, cell in cells.items() if is_date(name) and re.fullmatch(r"\d{1,3}\.\d+", cell)]:
                 return f'has a column {days[0]} of days of a year, without the year; add a column "year"'
+            if dates := [name for name, cell in cells.items() if is_date(name) and cell and not is_number(cell)]:
+                return _unknown_time(dates[0], cells[dates[0]])
             return f"has not one column of {what} ({names}); {NAME_THEM}"
         for column in columns:
             if of_gps(column, cells.get(column.name, "")):

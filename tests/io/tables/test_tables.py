@@ -460,14 +460,27 @@ def test_tables_far_longer_than_their_file_are_refused(tmp_path, write, monkeypa
         read_log(file)
 
 
-def test_texts_where_numbers_should_be_are_named(tmp_path: Path) -> None:
-    pd.DataFrame({"time_ns": [T0, T0 + 1], "heading_deg": ["a", "b"]}).to_parquet(tmp_path / "compass.parquet")
-    pd.DataFrame({"time_ns": ["x", "y"], "heading_deg": [1.0, 2.0]}).to_parquet(tmp_path / "other.parquet")
+@pytest.mark.parametrize(("column", "cell"), [("heading_deg", "north"), ("time_ns", "12.05.x"), ("Date", "May 5th")])
+@pytest.mark.parametrize("write", ["to_csv", "to_parquet"])
+def test_the_cell_that_cannot_be_read_is_named(tmp_path: Path, write: str, column: str, cell: str) -> None:
+    times = [f"2020-09-13 12:26:4{k}" for k in range(9)] if column == "Date" else [str(T0 + k) for k in range(9)]
+    cells = pd.DataFrame({"Date" if column == "Date" else "time_ns": times, "heading_deg": ["1.5"] * 9})
+    file = tmp_path / f"compass.{write.removeprefix('to_')}"
+    cells.loc[5, column] = cell
+    getattr(cells, write)(file, index=False)
 
-    with pytest.raises(LogError, match="/compass: the column heading_deg holds no numbers"):
-        read_log(tmp_path / "compass.parquet")
-    (topic,) = open_reader(tmp_path / "other.parquet").topics()
-    assert topic.problem == "/other: the column time_ns holds no times"
+    log = read_log(file)
+
+    (text,) = lost(log)
+    place = "line 7" if write == "to_csv" else "row 6"
+    assert f'1 of 9 rows are left out: {place}: {column} is "{cell}", not a' in text
+    assert len(log.tables["compass"]) == 8
+    cells[column] = cell
+    getattr(cells, write)(file, index=False)
+    with pytest.raises(LogError) as stopped:
+        read_log(file)
+    assert column in stopped.value.text
+    assert f'"{cell}"' in stopped.value.text
 
 
 def test_arrays_of_structures_of_matlab_are_tables(tmp_path: Path) -> None:
