@@ -88,7 +88,7 @@ def _leaves(schema: Schema, whole: Schema, prefix: str = "", level: int = 0) -> 
     for name, stated in _part(schema, "properties").items():
         path, inner = f"{prefix}{name}", _resolved(stated, whole)
         items = _resolved(inner.get("items"), whole)
-        if _time_names(_part(inner, "properties")) or inner.get("format") == "date-time":
+        if time_names(_part(inner, "properties")) or inner.get("format") == "date-time":
             yield path, ("time", False)
         elif level < LEVELS and "properties" in inner:
             yield path, None
@@ -123,7 +123,7 @@ def _resolved(stated: object, whole: Schema) -> Schema:
     return schema
 
 
-def _time_names(fields: Mapping[str, Any]) -> tuple[str, str] | None:
+def time_names(fields: Mapping[str, Any]) -> tuple[str, str] | None:
     """Return what seconds and nanoseconds are called, None if an object has anything else."""
     seconds = [name for name in SECONDS if name in fields]
     nanoseconds = [name for name in NANOSECONDS if name in fields]
@@ -155,7 +155,7 @@ def _value(value: Any, kind: LeafType) -> Any:
         return int(value) if WHOLE.fullmatch(value) else float(value)  # as 64-bit integers and NaN come
     if isinstance(value, str):
         return int(np.datetime64(value.removesuffix("Z").removesuffix("+00:00"), "ns").astype(np.int64))
-    names = _time_names(_object(value))
+    names = time_names(_object(value))
     if names is None:
         raise ValueError("no time")
     return int(value[names[0]]) * 1_000_000_000 + int(value[names[1]])

@@ -68,9 +68,11 @@ def _by_look(
 
 
 def _json(path: Path, head: bytes, known: Definitions) -> Reader | None:
-    lines = _by_look("instruments.json_lines_log", "looks_like_json_lines", "json_lines_log")
-    columns = _by_look("tables.json_columns", "looks_like_json_columns", "json_columns_log")
-    return columns(path, head, known) or lines(path, head, known)
+    from usbldr.io.tables.json_columns import json_columns_log, looks_like_json_columns
+    from usbldr.io.tables.json_lines_log import json_lines_log
+
+    columns = json_columns_log(path) if looks_like_json_columns(head) else None
+    return columns or (None if _is_other_text(head) else json_lines_log(path, head))
 
 
 def _of_plugin(part: plugins.Plugin) -> Callable[[Path, bytes, Definitions], Reader | None]:

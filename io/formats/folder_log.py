@@ -23,9 +23,11 @@ from usbldr.io.tables.table_log import TableLog
 FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
 SHOWN = 5  # [files] that a sentence names
 LEVELS = 3  # of folders within a folder in which files like those of a log are looked for
-OF_EITHER = (".xml", ".kml", ".kmz", ".geojson", ".npz", ".pkl")
-"""Endings of settings and results, or of records, which no reader reads: named if they are named like a sensor, and a
-loss unless a file of the same stem is read, of which they may be another form."""
+UNREAD = (".xml", ".kml", ".kmz", ".npz", ".pkl")
+"""Endings of settings and results, or of records, which no reader reads."""
+OF_EITHER = (*UNREAD, ".geojson")
+"""Endings of files that are named if they are named like a sensor, and a loss unless a file of the same stem is read:
+they may be another form of that."""
 NO_RECORDS = frozenset(
     ending
     for endings in (
@@ -35,7 +37,7 @@ NO_RECORDS = frozenset(
         ".toml .yaml .yml .ini .cfg .conf .xsd .urdf .xacro .launch .rviz .lock .env",  # settings
         ".py .pyc .ipynb .m .mlx .r .jl .c .h .cc .cpp .hpp .java .js .ts .go .rs .sh .bat .ps1 .cmd .idl .srv",  # code
         ".exe .dll .so .msi .deb .whl .lnk .swp .bak .old .orig .db3-wal .db3-shm .db3-journal",  # of computers
-        " ".join(OF_EITHER),
+        " ".join(UNREAD),
     )
     for ending in endings.split()
 )
@@ -225,7 +227,7 @@ def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> lis
     sensors = [file for file in either if _named_like_a_sensor(file)]
     findings: list[Finding] = []
     for file in sensors:
-        lost = _may_hold_records(file) or file.stem not in {
+        lost = file.suffix.lower() not in OF_EITHER or file.stem not in {
             one.stem for one in file.parent.iterdir() if one not in files
         }
         findings.append(Finding("NOT-READ", f"{file.name} is not read: {_why(file, open_file)}", lost_data=lost))

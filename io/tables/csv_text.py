@@ -39,9 +39,9 @@ PIECE = 10_000  # [rows] split into cells at once: some megabytes
 
 def text_files(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder that look like CSV, by name."""
-    from usbldr.io.instruments.json_lines_log import looks_like_json_lines
     from usbldr.io.instruments.nmea_log import form_of
     from usbldr.io.instruments.pd6_log import looks_like_pd6
+    from usbldr.io.tables.json_lines_log import looks_like_json_lines
 
     others = (form_of, looks_like_json_lines, looks_like_pd6)
     for file in filled_files(folder):

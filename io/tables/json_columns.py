@@ -16,13 +16,13 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import reading
 from usbldr.io.limits import limit
 from usbldr.io.reader import Column
+from usbldr.io.tables.json_objects import MOST_BYTES
 from usbldr.io.tables.table_log import TEXT, Table, TableLog
 
 NAME = "JSON columns"
 KEY = rb'\s*\{\s*"[^"\n]*"\s*:'
 BEGIN = re.compile(rb'%b(?:%b)?\s*(?:\[\s*(?:[-\d"]|null)|\{\s*"0"\s*:)' % (KEY, KEY))
 NEXT = re.compile(rb"\}\s*\n\s*\{")
-MOST_BYTES = 1 << 27  # [bytes] of a file: Python's objects need ten times as many
 
 
 def looks_like_json_columns(head: bytes) -> bool:

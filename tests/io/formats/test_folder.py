@@ -238,8 +238,7 @@ def test_a_file_of_blank_lines_is_named(folder: Path, text: str) -> None:
     ("file", "text", "why"),
     [
         ("gps.xml", '<?xml version="1.0"?><a/>', "gps.xml is not read: is XML; export"),
-        ("gps.geojson", '{"type": "FeatureCollection"}',
-         "gps.geojson is not read: it is a log of its own (JSON lines)"),
+        ("gps.geojson", '{"type": "FeatureCollection"}', "gps.geojson: named like the gps, but of"),
         ("gps_ublox.txt", "$PUBX,00,122640.10,4500.0,N\n" * COUNT, "gps_ublox.txt: named like the gps, but of"),
     ],
 )  # fmt: skip

@@ -274,7 +274,7 @@ def test_init_says_why_a_file_that_is_named_for_a_missing_sensor_is_not_read(tmp
 
 PAIR = '{{"time": "{}", "position": [{:.8f}, {:.8f}]}}\n'
 FEATURE = '{{"type": "Feature", "properties": {{"time": "{0}"}}, "geometry": {{"coordinates": [{2:.8f}, {1:.8f}]}}}}\n'
-JSON = {"position[0]": PAIR, "geometry.coordinates[1]": FEATURE}
+JSON = {"position[0]": PAIR, "geometry.coordinates[1]": FEATURE, "a collection": FEATURE}
 
 
 @pytest.mark.parametrize(
@@ -304,13 +304,16 @@ def test_positions_without_a_unit_are_in_the_one_that_fits_the_velocities(tmp_pa
     folder = write_csv(tmp_path / "dive", **sheets, usbl=f"{names}\n{fixes}", gps=f"{names}\n{fixes}")
     for file in (folder / "usbl.csv", folder / "gps.csv") if unit in JSON else ():
         rows = zip(pd.to_datetime(T0_S + t, unit="s"), places, strict=True)
-        file.with_suffix(".json").write_text("".join(JSON[unit].format(when.isoformat(), *at) for when, at in rows))
+        texts = [JSON[unit].format(when.isoformat(), *at) for when, at in rows]
+        whole = '{"type": "FeatureCollection",\n"features": [\n' + ",".join(texts) + "]}"
+        file.with_suffix(".geojson").write_text(whole if unit == "a collection" else "".join(texts))
         file.unlink()
 
     draft = drafted(folder)
 
     proposed = {tomllib.loads(draft)[sensor]["columns"]["lat_deg"] for sensor in ("usbl", "gps")}
-    assert proposed == {{"rad": "lat [rad]", "deg": "lat"}.get(unit, unit)}
+    named = {"rad": "lat [rad]", "deg": "lat", "a collection": "geometry.coordinates[1]"}
+    assert proposed == {named.get(unit, unit)}
     log = read_as(folder, draft)
     assert log.tables["gps"][["lat_deg", "lon_deg"]].iloc[0].tolist() == pytest.approx([lat, lon], abs=1e-7)
     assert ("POSITION-RADIANS" in {one.code for one in log.findings}) == (unit == "deg")
