@@ -1,7 +1,10 @@
 """Tables that are parts of one dive: those that follow each other as one topic, and times without a date."""
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from datetime import date
 from itertools import pairwise
 
 from usbldr.filters.errors import listed
@@ -14,6 +17,9 @@ MOST_OVERLAP = 0.2  # [-] of the shorter part, by judgement: two loggers beside 
 LONGEST_PAUSE_S = 600.0  # from one part to the next, by judgement: between two dives it is longer
 DAY_NS = 86_400_000_000_000  # fixed
 MAX_NAMES = 20  # of topics in a sentence
+LONGEST_NS = 30 * DAY_NS  # a topic that ends later counts from power-on until its clock is set
+DATE_IN_NAME = re.compile(r"(?<!\d)(20\d\d)([-_.]?)(\d\d)\2(\d\d)(?=\D|\d{4}(?:\d\d)?(?!\d)|$)")
+"""A date, perhaps before a time of day: 20240512, 2024-05-12, 20240512T101500."""
 NEAR_NS = 3_600_000_000_000  # [ns] an hour, by judgement: sensors of one dive are not so long apart
 
 
@@ -102,31 +108,49 @@ def _follow(*topics: TopicInfo) -> bool:
 
 
 def with_dates(log: Reader, units_ns: Mapping[str, int]) -> Reader:
-    """Return the log with times without a date beside the others; as it is if these are far, or fit several days.
+    """Return the log with times without a date beside the others, else on the date of their file's name.
 
-    Times of day are moved by whole days to where the others are. These have dates, or all are without: then they begin
-    in the evening of 1970-01-01, before a midnight.
+    It is as it is if neither is known: the others are far, or fit several days. Times of day are moved by whole days.
+    The others have dates, or all are without: then they begin in the evening of 1970-01-01, before a midnight.
     """
-    spans = {one.name: (one.first_ns, one.last_ns or 0) for one in log.topics() if one.first_ns is not None}
     if not any(finding.code in UNDATED for finding in log.findings()):
         return log
-    undated = {name: span for name, span in spans.items() if span[0] < 2 * DAY_NS}
-    dated = spans.keys() - undated.keys()
-    fixed = dated or {name for name, (first, _) in undated.items() if first >= DAY_NS // 2}
+    topics = [one for one in log.topics() if one.first_ns is not None]
+    spans = {one.name: _span_ns(one) for one in topics}
+    undated = {name for name, span in spans.items() if span[0] < 2 * DAY_NS}
+    stated = {one.name: _day_of(one.name, one.file, log.path.name) for one in topics if one.name in undated}
+    stated = {name: day for name, day in stated.items() if day and spans[name][1] < LONGEST_NS}
+    in_names = stated if undated == spans.keys() else {}
+    spans |= {name: (spans[name][0] + day * DAY_NS, spans[name][1] + day * DAY_NS) for name, day in in_names.items()}
+    dated = spans.keys() - (undated - in_names.keys())
+    fixed = dated or {name for name in undated if spans[name][0] >= DAY_NS // 2}
     if not fixed:
         return log
     begin, end = min(spans[name][0] for name in fixed), max(spans[name][1] for name in fixed)
-    days = {name: _days(*span, begin, end) for name, span in undated.items() if name not in fixed}
-    if dated and None in days.values():
+    days = {name: _days(*spans[name], begin, end) for name in spans if name in undated - {*fixed}}
+    in_names |= {name: stated[name] for name, count in days.items() if count is None and name in stated}
+    beside = {name: count for name, count in days.items() if name not in in_names}
+    if dated and None in beside.values():
         return log  # some would have no date
-    later_ns = {name: count * DAY_NS for name, count in days.items() if count}
-    if not later_ns:
+    if not any(beside.values()) and not in_names:
         return log
-    first = f"the first day is {utc(min(later_ns.values()))[:10]}, as of the others"
-    text = f"{listed(list(later_ns), MAX_NAMES)}: the times have no date; {first}"
-    findings = (Finding("DATE-OF-OTHERS", text),) if dated else ()
+    findings = [
+        Finding("DATE-OF-OTHERS", f"{listed(list(found), MAX_NAMES)}: the times have no date; the first day is {day}")
+        for found, whose in (({n: k for n, k in beside.items() if k}, "the others"), (in_names, "their file's name"))
+        for day in ([f"{utc(min(found.values()) * DAY_NS)[:10]}, as of {whose}"] if found and dated else [])
+    ]
+    later_ns = {name: count * DAY_NS for name, count in (in_names | beside).items() if count}
     part = LogPart(log, dated=bool(dated), later_ns=later_ns)
-    return JoinedLog(log.path, (part,), findings, time_units_ns=units_ns, kind=log.format)
+    return JoinedLog(log.path, (part,), tuple(findings), time_units_ns=units_ns, kind=log.format)
+
+
+def _day_of(*names: str) -> int:
+    """Return the date in the first of the names that holds one, in days since 1970; 0 if none does."""
+    for found in map(DATE_IN_NAME.search, names):
+        with suppress(ValueError):
+            if found:
+                return (date(*map(int, found.group(1, 3, 4))) - date(1970, 1, 1)).days
+    return 0
 
 
 def _days(first_ns: int, last_ns: int, begin_ns: int, end_ns: int) -> int | None:

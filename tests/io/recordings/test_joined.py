@@ -1,5 +1,6 @@
 """Files of one dive, with other clocks or without dates, are one log; tables that follow each other are one topic."""
 
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pandas as pd
 import pytest
 
 from logs import read_as, refusal
+from pd45_recordings import pd45_ensemble
 from recordings import SECOND, T0, Row, define, saved, sentence, short_dive, stamp, write_bag, write_csv, write_mcap
 from usbldr.filters.errors import LogError, UsageError
 from usbldr.io.log import Log
@@ -219,3 +221,54 @@ def test_times_of_day_that_fit_no_day_or_several_have_none(tmp_path: Path, dates
 
     assert reader.topics()[0].first_ns == (86400 - 40) * 10**9
     assert "NO-DATE" in {one.code for one in reader.findings()}
+
+
+def rows_at(times: Sequence[datetime], row: str) -> str:
+    return "".join(row.format(k, f"{time:%H:%M:%S}") for k, time in enumerate(times))
+
+
+UNDATED: dict[str, Callable[[Sequence[datetime]], str | bytes]] = {
+    "csv": lambda times: "Time,Heading (deg)\n" + rows_at(times, "{1},{0}\n"),
+    "jsonl": lambda times: rows_at(times, '{{"time": "{1}", "heading_deg": {0}}}\n'),
+    "nmea": lambda times: "".join(
+        sentence(f"GPGGA,{t:%H%M%S},4500.0,N,00700.0,E,1,9,0.6,0,M,20,M,,") + "\n" for t in times
+    ),
+    "pd4": lambda times: b"".join(
+        pd45_ensemble(4, 100 * (round(t.timestamp()) % 86400), x=0, y=1000 + k, z=10) for k, t in enumerate(times)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["a_20240512.{}", "2024-05-12 a.{}", "20240512T235900_a.{}", "20240512235900.{}"])
+@pytest.mark.parametrize("form", UNDATED)
+def test_the_date_in_the_name_of_a_file_is_that_of_its_first_time(tmp_path: Path, form: str, name: str) -> None:
+    log = saved(tmp_path / name.format(form), UNDATED[form](moments(-60, 60)))
+
+    reader = open_configured(log, DEFAULT_REQUEST).reader
+
+    (topic,) = reader.topics()
+    begin = datetime(2024, 5, 12, 23, 59, tzinfo=UTC).timestamp()
+    assert (topic.first_ns, topic.last_ns) == ((begin + 0) * SECOND, (begin + 119) * SECOND)
+    assert "NO-DATE" not in {one.code for one in reader.findings()}
+    saved(tmp_path / "usbldr.toml", f'[[file]]\npath = "{log.name}"\ndate = 2020-09-13\n')
+    (stated,) = open_configured(log, DEFAULT_REQUEST).reader.topics()
+    assert stated.first_ns == (MIDNIGHT.timestamp() + 86340) * SECOND
+
+
+@pytest.mark.parametrize("name", ["a_20241340.csv", "a_120240512.csv", "a_2024.csv", "run_3.csv"])
+def test_other_numbers_in_names_are_no_dates(tmp_path: Path, name: str) -> None:
+    (topic,) = open_configured(
+        saved(tmp_path / name, UNDATED["csv"](moments(-60, 60))), DEFAULT_REQUEST
+    ).reader.topics()
+
+    assert topic.first_ns == 86340 * SECOND
+
+
+def test_dates_of_other_sensors_come_before_those_in_names(tmp_path: Path) -> None:
+    """A name may hold the day on which the table was exported."""
+    clocks(tmp_path, moments(-40, 60))
+    (tmp_path / "compass.csv").rename(tmp_path / "compass_20240512.csv")
+
+    log = read_log(receiver(tmp_path, moments(-60, 60)))
+
+    assert log.start_ns == (MIDNIGHT.timestamp() - 40) * SECOND  # the compass begins
