@@ -79,6 +79,9 @@ def valid_mask(
     error = raw.number("error")
     flags = {"flagged invalid": raw.number("valid") == 0, "with an error code": (error > 0) | (error < 0)}
     findings = _unknown_words(raw, ("valid",) if sensor == "dvl" else ("valid", "status"))
+    if flag := next(filter(raw.is_counter, ("valid", "velocity_valid")), ""):
+        text = f"its flag {raw.layout.optional.get(flag, flag)} numbers the records: no record is invalid by it"
+        findings.append(raw.finding("FLAG-COUNTS", text))
     good = np.ones(len(raw.received_ns), dtype=np.bool_)
     counts: dict[str, int] = {}
     for cause, mask in {**flags, **causes}.items():

@@ -99,6 +99,10 @@ def _draft(path: Path, request: Request) -> Draft:
             examination, proposals = min(
                 fitting, key=lambda one: _unlike_fixes_m(one[0]) * (less if one[1] is usual else 1.0)
             )
+    counters = {one.topic for one in examination.findings if one.code == "FLAG-COUNTS"} if examination else set[str]()
+    for role in [role for role, one in proposals.items() if one.topic.name in counters]:
+        kept = {key: name for key, name in proposals[role].columns.items() if key != "valid"}
+        proposals = {**proposals, role: replace(proposals[role], columns=kept)}
     of_ship: Mapping[str, object] = {}
     refused: Mapping[str, Proposal] = {}
     read = examination if examination is not None and examination.log is not None else None

@@ -35,6 +35,7 @@ SIGMAS = ("covariance", "own_covariance", "sd", "sd_m", "cov_xx", "cov_xy", "cov
 MAY_LACK = {*SIGMAS, "altitude", "qx", "qy", "qz", "qw"}
 """Quantities that some messages of a sensor may lack: NaN says that they are not known."""
 SAME_SECOND_NS = 1_000_000_000  # [ns] by judgement: lines without times are logged as near those with a time
+COUNTED = 5  # [records] flags of fewer may grow from each to the next, and be flags
 MAX_VALUE = 1e12  # in any unit; a larger number means no data, or is another field's bytes
 
 
@@ -135,7 +136,7 @@ class RawRecords:
         NaN if it is not finite, is beyond MAX_VALUE or means no data, and if the messages have no such field.
         """
         count = len(self.received_ns)
-        if quantity not in self.values:
+        if quantity not in self.values or self.is_counter(quantity):
             return np.broadcast_to(np.array([np.nan]), count)
         column = self.values[quantity]
         if column.strides == (0,) and count > 1:  # one value for all
@@ -143,6 +144,12 @@ class RawRecords:
         values = numbers_of(column) if column.dtype.kind == "U" else np.asarray(column, dtype=np.float64)
         known = (np.abs(values) <= MAX_VALUE) & ~np.isin(values, self.layout.no_data_values.get(quantity, ()))
         return np.where(known, values * self.layout.scale.get(quantity, 1.0), np.nan)
+
+    def is_counter(self, flag: str) -> bool:
+        """Return whether a flag numbers the records, as a column "Fix" may: it says nothing of any."""
+        column = self.values.get(flag, np.empty(0)) if flag in ("valid", "velocity_valid") else np.empty(0)
+        column = numbers_of(column) if column.dtype.kind == "U" else column
+        return len(column) >= COUNTED and bool(np.all(column[1:] > column[:-1]))
 
     def text(self, quantity: str) -> NDArray[np.str_]:
         """Return a quantity as texts, (n,); empty if the messages have no such field."""

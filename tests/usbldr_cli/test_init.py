@@ -14,7 +14,7 @@ import pytest
 
 from commands import drafted, findings, output_of, report_of, run, spoil, write_short
 from curved import curved_dive, in_radians, written
-from logs import MAP, refusal
+from logs import MAP, read_as, refusal
 from recordings import SECOND, T0, Row, define, point, saved, saved_lines, short_dive, write_csv, write_mcap
 from table_recordings import WRITERS
 from usbldr.filters.errors import LogError, UsageError
@@ -505,6 +505,27 @@ def test_fields_of_json_objects_are_proposed_each_for_its_sensor(tmp_path: Path,
         read = read_log(log, Request(str(saved(tmp_path / "some.toml", toml)), topics={"dvl": "none", "usbl": "none"}))
         assert [len(read.tables[role]) for role in columns] == [60, 60]
         assert {"COMPASS-INVALID", "GPS-INVALID", "SAME-STAMP"}.isdisjoint(one.code for one in read.findings)
+
+
+@pytest.mark.parametrize("ending", ["csv", "jsonl"])
+@pytest.mark.parametrize("counts", [True, False])
+def test_a_column_that_numbers_the_fixes_is_no_flag(tmp_path: Path, ending: str, counts: bool, monkeypatch) -> None:
+    monkeypatch.setattr("usbldr.io.doctor.cross_check._identified", lambda *_: None)  # takes seconds
+    dvl = "".join(f"{T0 + k * SECOND},1,0\n" for k in range(60))
+    headings = "".join(f"{T0 + k * SECOND},{k}\n" for k in range(60))
+    sheets = {"dvl": f"time_ns,forward_mps,starboard_mps\n{dvl}", "compass": f"time_ns,heading_deg\n{headings}"}
+    folder = write_csv(tmp_path / "dive", **sheets)
+    rows = [{"time_s": T0 // SECOND + k, "e": k / 2, "n": k / 3, "Fix": k if counts else k % 2} for k in range(60)]
+    texts = {"csv": pd.DataFrame(rows).to_csv(index=False), "jsonl": "".join(json.dumps(row) + "\n" for row in rows)}
+    saved(folder / f"usbl.{ending}", texts[ending])
+
+    draft = drafted(folder)
+
+    assert ("valid" in tomllib.loads(draft)["usbl"]["columns"]) != counts
+    columns = {"time_unix_s": "time_s", "x": "e", "y": "n", "valid": "Fix"}
+    log = read_as(folder, f'[usbl]\ntopic = "/usbl"\nrelative_to = "map"\ncolumns = {inline(columns)}\n')
+    assert len(log.tables["usbl"]) == (60 if counts else 30)
+    assert ("FLAG-COUNTS" in {one.code for one in log.findings}) == counts
 
 
 def test_velocities_along_north_and_east_are_no_dvls(tmp_path: Path) -> None:
