@@ -64,9 +64,9 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
     readers, used = _together(path, open_file, {*files})
     others = [file for file in files if file not in used]
     if readers:
-        added = _adding(path, readers, others, open_file)
+        added, apart = _adding(path, readers, others, open_file)
         others = [file for file in others if file not in [reader.path for reader in added]]
-        return _one_log(path, [*readers, *added], [*_passed_over(copies), *_not_read(others, open_file)])
+        return _one_log(path, [*readers, *added], [*_passed_over(copies), *_not_read(others, open_file, apart)])
     readers, unread = _alone(path, others, open_file)
     if readers:
         return _one_log(path, readers, [*_passed_over(copies), *unread])
@@ -183,10 +183,11 @@ def _readable(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> tup
 
 def _adding(
     path: Path, readers: Sequence[Reader], files: Sequence[Path], open_file: Callable[[Path], Reader]
-) -> list[Reader]:
+) -> tuple[list[Reader], set[Path]]:
     """Return the readers of those files that hold or are named for a sensor which the other readers lack.
 
-    A recording or a table is a log by itself, and so is a file with one of their topics.
+    A recording or a table is a log by itself, and so is a file with one of their topics: recordings with such a sensor
+    are returned apart.
     """
 
     def sensors(reader: Reader) -> set[str]:
@@ -199,7 +200,9 @@ def _adding(
     found, _ = _readable([file for file in files if _is_filled(file) and _may_hold_records(file)], open_file)
     taken = {topic.name for reader in readers for topic in reader.topics()}
     found = [one for one in found if taken.isdisjoint(topic.name for topic in one.topics())]
-    return [one for one in found if not one.format.startswith((*RECORDINGS, "CSV", NAME)) and sensors(one) - present]
+    found = [one for one in found if sensors(one) - present]
+    apart = {one.path for one in found if one.format.startswith(RECORDINGS) and sensors(one) - present - {"depth"}}
+    return [one for one in found if not one.format.startswith((*RECORDINGS, "CSV", NAME))], apart
 
 
 def _alone(
@@ -221,10 +224,15 @@ def _may_hold_records(file: Path) -> bool:
     return Path(plain_name(file)).suffix.lower() not in NO_RECORDS
 
 
-def _not_read(files: Sequence[Path], open_file: Callable[[Path], Reader]) -> list[Finding]:
-    """Name the files that are not read: a loss if one is named like a sensor; of the first others, foreign formats."""
+def _not_read(
+    files: Sequence[Path], open_file: Callable[[Path], Reader], apart: Collection[Path] = ()
+) -> list[Finding]:
+    """Name the files that are not read; of the first others, foreign formats.
+
+    A loss if one is named like a sensor, or ``apart``: a recording of a sensor that the log lacks.
+    """
     either = [file for file in files if _may_hold_records(file) or file.suffix.lower() in OF_EITHER]
-    sensors = [file for file in either if _named_like_a_sensor(file)]
+    sensors = [file for file in either if _named_like_a_sensor(file) or file in apart]
     findings: list[Finding] = []
     for file in sensors:
         lost = file.suffix.lower() not in OF_EITHER or file.stem not in {

@@ -14,7 +14,7 @@ import table_recordings
 from commands import drafted, run
 from damage import recorded
 from damaged_formats import FORMATS
-from recordings import SECOND, T0, saved_lines, sentence, short_dive, write_csv, write_rosbag2
+from recordings import SECOND, T0, saved_lines, sentence, short_dive, write_bag, write_csv, write_mcap, write_rosbag2
 from table_recordings import Tables, as_csv, as_hdf5, as_mat, as_parquet
 from usbldr.filters.errors import LogError
 from usbldr.io import session
@@ -351,6 +351,19 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
     added = run("info", folder, "--with", folder / "gps.csv")
     assert added.return_value == 0
     assert "gps.csv is not read" not in added.output
+
+
+@pytest.mark.parametrize("write", [write_mcap, write_bag])
+def test_a_recording_of_a_sensor_that_the_tables_lack_is_a_loss(folder: Path, write: Callable[..., Path]) -> None:
+    """The bag that tables were made of is none."""
+    write(folder / "dive.rec", [row for row in short_dive() if row[1] == "/dvl"])
+    assert [one.lost_data for one in open_log(folder).findings()] == [False]
+
+    (folder / "dvl.csv").unlink()
+
+    (lost,) = open_log(folder).findings()
+    assert lost.lost_data
+    assert lost.text.startswith("dive.rec is not read: it is a log of its own (")
 
 
 def test_folders_within_a_folder_are_named_and_a_loss_if_a_file_is_named_like_a_sensor(tmp_path: Path) -> None:
