@@ -20,6 +20,12 @@ LONGEST_LOG_NS = 30 * 86_400 * SECOND  # a longer span means a wrong stamp, and 
 LASTING = 10  # [records] before and after a step: fewer are single wrong times
 USUAL_OF = 100_000  # [records] whose median interval is the usual one
 BINARY_NS = ((2**32 * 1_000, "32-bit counter of microseconds"), (2**32 * 1_000_000, "32-bit counter of milliseconds"))
+NARROW_NS = (
+    (2**16 * 1_000_000, "16-bit counter of milliseconds"),
+    (2**24 * 1_000, "24-bit counter of microseconds"),
+    (2**24 * 1_000_000, "24-bit counter of milliseconds"),
+)
+"""Counters that a clock which was set might seem to be: they are one if they are never fuller, and twice full."""
 DAY, WEEK = 86_400 * SECOND, 604_800 * SECOND  # fixed
 FIRST_WEEK = 315_964_800 * SECOND  # fixed: 1980-01-06, when GPS weeks began
 LEAP_NS = 30 * SECOND  # [ns] more than GPS time was ever ahead of UTC
@@ -116,11 +122,14 @@ def _without_wraps(
 ) -> tuple[Nanoseconds, list[Wrap]]:
     """Add the width of a counter behind each place (its first row) at which it began again."""
     near_ns = max(LASTING * usual_ns, STEP_NS)
+    sizes_ns = times_ns[rows - 1] - times_ns[rows]
+    narrow = [one for one in NARROW_NS if len(rows) > 1 and times_ns.min(initial=0) >= 0 and times_ns.max() < one[0]]
+    narrow = [one for one in narrow if np.all((one[0] - sizes_ns >= 0) & (one[0] - sizes_ns <= near_ns))]
     wraps: list[Wrap] = []
     added = np.zeros(len(times_ns), dtype=np.int64)
     for row in rows.tolist():
         before, after = int(times_ns[row - 1]), int(times_ns[row])
-        full = [(width, name) for width, name in BINARY_NS if 0 <= after + width - before <= near_ns]
+        full = [(width, name) for width, name in (*BINARY_NS, *narrow) if 0 <= after + width - before <= near_ns]
         full += [
             (width, name)
             for width, phase, name in CALENDAR_NS

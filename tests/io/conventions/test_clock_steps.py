@@ -394,6 +394,27 @@ def test_a_counter_that_is_full_counts_on(counter: str, container: str, first: i
     np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), 0.2, atol=1e-6)
 
 
+@pytest.mark.parametrize("container", ["csv", "HDF5"])
+@pytest.mark.parametrize(
+    ("bits", "unit_ns", "name"),
+    [(16, 10**6, "milliseconds"), (24, 1000, "microseconds"), (24, 10**6, "milliseconds")],
+)
+def test_a_narrow_counter_that_is_full_twice_counts_on(tmp_path, container, bits, unit_ns, name) -> None:
+    """A clock that goes back once by as much was set."""
+    width = 2**bits * unit_ns
+    step = width // 30
+    times = (width // 2 + np.arange(COUNT) * step) % width
+
+    log = read_log(CONTAINERS[container](tmp_path, times))
+
+    assert f"{bits}-bit counter of {name}" in codes(log)["CLOCK-WRAP"]
+    np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), step / SECOND, rtol=1e-6)
+    once = tmp_path / "once"
+    once.mkdir()
+    with pytest.raises(PartsError):
+        read_log(CONTAINERS[container](once, times[:30]))
+
+
 @pytest.mark.parametrize("width", WIDTHS.values())
 def test_a_wrap_that_a_gap_of_the_fixes_hides_is_that_of_the_other_sensors(tmp_path: Path, width: int) -> None:
     times = (width + (np.arange(COUNT) - COUNT // 2) * STEP) % width
