@@ -6,7 +6,7 @@ same amount, which keeps their spacing, and by the smallest delay from stamp to 
 before it was measured.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,6 +190,10 @@ def sorted_by_time(table: pd.DataFrame, topic: str, sensor: str) -> tuple[pd.Dat
         findings.append(Finding("REPEATED", text, topic))
         table = table[~repeated].reset_index(drop=True)
     shared = _same_as_next(table)
+    some = table.iloc[next(blocks(len(table)), slice(0))]
+    if sensor != "usbl" and not shared.any() and (turns := _by_turns(some)):
+        text = f"{topic or f'records read as {sensor}'}: {turns}: {OF_SEVERAL}"
+        raise LogError(f"{text}, or leave the topic out: --{sensor} none" if topic else text)
     if shared.any():
         found = _same_stamp(table["time_ns"].to_numpy(), int(shared.sum()), topic, sensor)
         if apart := _apart(table, shared) if found.code == "COARSE-TIMES" else "":
@@ -218,23 +222,9 @@ def _same_stamp(time_ns: Nanoseconds, count: int, topic: str, sensor: str) -> Fi
 
 def _apart(table: pd.DataFrame, shared: Mask) -> str:
     """Return how far records are from the next of their stamp, ``shared`` (n - 1,), if far more than stamps differ."""
-    if {"lat_deg", "lon_deg"} <= {*table}:
-        lat, lon = (table[name].to_numpy(dtype=float) for name in ("lat_deg", "lon_deg"))
-        middle = Origin(float(np.median(lat)), float(np.median(lon)), OriginKind.FIRST_GPS)
-        places, unit = np.column_stack(to_plane(middle, lat, lon)), "m"
-    elif {"east_m", "north_m"} <= {*table}:
-        places, unit = table[["east_m", "north_m"]].to_numpy(dtype=float), "m"
-    elif "heading_deg" in table:
-        places, unit = table[["heading_deg"]].to_numpy(dtype=float), "deg"
-    else:
-        return ""
-
-    def away(rows: Indices, others: Indices) -> Vector:
-        between = places[others] - places[rows]
-        return np.linalg.norm(between if unit == "m" else (between + 180.0) % 360.0 - 180.0, axis=1)
-
+    away, unit = _distances(table)
     rows, firsts = np.flatnonzero(shared), np.flatnonzero(np.append(True, ~shared))
-    if len(firsts) < MIN_STAMPS:
+    if not unit or len(firsts) < MIN_STAMPS:
         return ""
     seconds = np.minimum(firsts[1:] + 1, len(table) - 1)  # of the next stamp, if the devices change their order
     within = float(np.median(away(rows, rows + 1)))
@@ -242,6 +232,38 @@ def _apart(table: pd.DataFrame, shared: Mask) -> str:
     if not within > max(APART_RATIO * next_to, LEAST_APART):
         return ""
     return f"{within:.3g} {unit} away, and those of the next stamp {next_to:.2g} {unit}"
+
+
+def _by_turns(table: pd.DataFrame) -> str:
+    """Return how far records are from the next, if the one behind that is far nearer in most of them."""
+    away, unit = _distances(table)
+    rows = np.arange(len(table) - 2)
+    if not unit or len(rows) < 2 * MIN_STAMPS:
+        return ""
+    next_to, second = (float(np.median(away(rows, rows + k))) for k in (1, 2))
+    if not next_to > max(APART_RATIO * second, LEAST_APART):
+        return ""
+    return f"records are {next_to:.3g} {unit} from the next, and {second:.2g} {unit} from the one behind it"
+
+
+def _distances(table: pd.DataFrame) -> tuple[Callable[[Indices, Indices], Vector], str]:
+    """Return a function of rows and others to their distances, (n,) each, and its unit, empty if there is none."""
+    unit = "m"
+    if {"lat_deg", "lon_deg"} <= {*table}:
+        lat, lon = (table[name].to_numpy(dtype=float) for name in ("lat_deg", "lon_deg"))
+        middle = Origin(float(np.median(lat)), float(np.median(lon)), OriginKind.FIRST_GPS)
+        places = np.column_stack(to_plane(middle, lat, lon))
+    elif {"east_m", "north_m"} <= {*table}:
+        places = table[["east_m", "north_m"]].to_numpy(dtype=float)
+    else:
+        unit = "deg" if "heading_deg" in table else ""
+        places = table[["heading_deg"] if unit else []].to_numpy(dtype=float)
+
+    def away(rows: Indices, others: Indices) -> Vector:
+        between = places[others] - places[rows]
+        return np.linalg.norm(between if unit == "m" else (between + 180.0) % 360.0 - 180.0, axis=1)
+
+    return away, unit
 
 
 def _same_as_next(table: pd.DataFrame) -> Mask:

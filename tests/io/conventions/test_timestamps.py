@@ -88,6 +88,25 @@ def test_two_devices_of_one_name_are_not_averaged(tmp_path: Path, kind: str) -> 
     assert "COARSE-TIMES" in codes(logged(tmp_path, of_two(kind, 2.0)))
 
 
+@pytest.mark.parametrize("between_ms", [100, 500])
+@pytest.mark.parametrize("kind", ["gps", "compass"])
+def test_two_devices_of_one_name_that_take_turns_are_named(tmp_path: Path, kind: str, between_ms: int) -> None:
+    """The vehicle turns by 1 degree a second, or goes as many metres."""
+    pair = [(T0 + k * SECOND, T0 + k * SECOND + between_ms * 10**6) for k in range(30)]
+
+    def rows(apart: float) -> list[Row]:
+        values = [(t, (t - T0) / SECOND + apart * j) for both in pair for j, t in enumerate(both)]
+        if kind == "compass":
+            return [yaw(t, 179.0 + value) for t, value in values]
+        return [fix(t, 60 + value / 111.4e3, 7, topic="/gps/fix") for t, value in values]
+
+    with pytest.raises(
+        LogError, match=rf"are [34]\d(.\d)? (m|deg) from the next, .* several devices .* --{kind} none$"
+    ):
+        logged(tmp_path, rows(40.0))
+    assert len(logged(tmp_path, rows(2.0)).tables[kind]) == 60
+
+
 def test_fixes_of_two_transponders_at_one_time_are_named(tmp_path: Path) -> None:
     log = logged(tmp_path, [*of_two("usbl", 40.0)])
 
