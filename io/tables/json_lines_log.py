@@ -25,6 +25,7 @@ from usbldr.io.decoding.nmea_times import NO_TIME, prefixed_ns
 from usbldr.io.file_access.open_file import head_lines, is_damaged
 from usbldr.io.findings import Finding
 from usbldr.io.instruments.records_log import RecordsLog, Topic
+from usbldr.io.limits import UnpackingBudget
 from usbldr.io.messages.field_names import RULES, NamedColumn, named_column
 from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Nanoseconds, Records, name_of
@@ -44,6 +45,7 @@ FIRST_VERSION = {"time", "vx", "vy", "vz", "velocity_valid"}
 OF_UGPS = {"orientation", "cog", "sog", "fix_quality", "numsats", "hdop"}
 """Keys of a position of Underwater GPS, besides latitude and longitude."""
 FIRST_LINES = 20  # [lines] among which a report is looked for
+LEVELS = 8  # of objects in objects in which records are looked for
 SAMPLES = 20  # [messages] from which the fields are taken
 COUNTED = "its reports state only the time since the one before; they begin at 1970-01-01; state date under [[file]]"
 SET_LATER = "its clock was set later; until then its reports are timed from 1970-01-01 on, as since power-on"
@@ -117,6 +119,7 @@ class _Row(NamedTuple):
 def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, bytes]]]:
     """Return log time and text of each object by kind; append what is lost to the findings."""
     found: dict[str, list[_Row]] = {}
+    budget = UnpackingBudget(file, file.stat().st_size)
     untimed, bad, first_bad, last, place, counted = 0, 0, 0, NO_TIME, 0, False
     for number, before, text, value in objects_of(file):
         if value is None or is_damaged(text):
@@ -131,6 +134,7 @@ def _lines(file: Path, findings: list[Finding]) -> Mapping[str, list[tuple[int, 
             for key, cells, record in _records_within(value) or [("", own, value)]:
                 place, name = place + 1, name_of(key) if kind == "object" and suggested_sensors(key) else kind
                 data = text if record is value else json.dumps(record)
+                budget.take_bytes(0 if record is value else len(data))  # what all share is in each
                 found.setdefault(name, []).append(_Row(place, logged if not cells else NO_TIME, cells, data.encode()))
             continue
         place, last = place + 1, logged if logged != NO_TIME else _own_time(value, last)
@@ -220,24 +224,25 @@ def _is_time(name: str) -> bool:
 
 def _time_cell(given: Any) -> str:
     """Return a number or text, or seconds and nanoseconds, as a cell of a table; empty for anything else."""
-    if isinstance(given, dict) and (names := time_names(given)):
-        return f"{given[names[0]]}.{given[names[1]]:09d}"
+    stamp = cast("dict[str, Any]", given if isinstance(given, dict) else {})
+    if (names := time_names(stamp)) and all(isinstance(one, int) for one in stamp.values()):
+        return f"{stamp[names[0]]}.{stamp[names[1]]:09d}"
     return str(given) if isinstance(given, str | int | float) and not isinstance(given, bool) else ""
 
 
-def _records_within(value: Mapping[str, Any]) -> list[Record]:
+def _records_within(value: Mapping[str, Any], level: int = 0) -> list[Record]:
     """Return the records that an object collects, with what all share; empty if it is one itself.
 
     They are objects in arrays, or the elements of arrays of one length, of which one holds times; also within others.
     """
     inside = [(key, cast("dict[str, Any]", inner)) for key, inner in value.items() if isinstance(inner, dict)]
-    numbered = {
-        key: [*inner.values()] for key, inner in [("", value), *inside] if "0" in inner
-    }  # as pandas writes rows
+    by_number = [("", value), *inside]  # as pandas writes rows
+    numbered = {key: [*inner.values()] for key, inner in by_number if "0" in inner}
     arrays: dict[str, list[Any]] = {key: one for key, one in {**value, **numbered}.items() if isinstance(one, list)}
-    deeper = {f"{key}.{name}": one for key, inner in inside for name, one in inner.items() if isinstance(one, list)}
-    for timed, times_of in {**arrays, **deeper}.items():
-        alike = {key: inner for key, inner in {**arrays, **deeper}.items() if len(inner) == len(times_of)}
+    parts = {f"{key}.{name}": one for key, inner in inside for name, one in inner.items()}
+    every: dict[str, list[Any]] = arrays | {path: one for path, one in parts.items() if isinstance(one, list)}
+    for timed, times_of in every.items():
+        alike = {key: inner for key, inner in every.items() if len(inner) == len(times_of)}
         if len(alike) > 1 and _are_times(timed.rpartition(".")[2], times_of):
             rows = [(k, {timed: _time_cell(times_of[k])}) for k in range(len(times_of))]
             return [(timed, cells, _with(value, {key: inner[k] for key, inner in alike.items()})) for k, cells in rows]
@@ -250,8 +255,9 @@ def _records_within(value: Mapping[str, Any]) -> list[Record]:
             found += [(key, own, {**shared, **one}) for own, one in zip(cells, objects, strict=True)]
         elif not any(cells) and not _times_in(value):
             inside += [(key, one) for one in objects]
-    if not found and not _times_in(value):
-        found = [(own or key, *rest) for key, inner in inside for own, *rest in _records_within(inner)]
+    if not found and level < LEVELS and not _times_in(value):
+        deeper = ((key, _records_within(inner, level + 1)) for key, inner in inside)
+        found = [(own or key, cells, one) for key, records in deeper for own, cells, one in records]
     return found
 
 

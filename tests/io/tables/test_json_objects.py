@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 
 from logs import losses
 from recordings import SECOND, T0, saved
+from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_log
 
@@ -95,3 +97,26 @@ def test_a_time_that_cannot_be_read_is_named_and_counted(tmp_path: Path) -> None
         lost
         == '/gps: 1 of 60 objects have a time that cannot be read: time is "late", not a number of seconds before 2116'
     )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"a": [{"stamp": {"sec": "x", "nanosec": null}}, {"stamp": {"sec": 1.5, "nanosec": 2}}]}',
+        '{"a": ' * 900 + "[]" + "}" * 900,
+        '[{"time": true}, {"time": null}, {"time": []}, 5, "x"]',
+        '{\n"time": [1, 2, 3],\n"0": {"0": [1, 2, 3]}}',
+        '{"time": ["1", 2, null], "x": [1, 2, 3]}',
+    ],
+)
+def test_odd_objects_are_read_or_refused(tmp_path: Path, text: str) -> None:
+    with suppress(LogError):
+        log = open_log(saved(tmp_path / "a.json", text))
+        read_whole(log, {topic.key: list(topic.fields) for topic in log.topics() if topic.count})
+
+
+def test_what_records_share_may_not_fill_the_memory(tmp_path: Path) -> None:
+    shared = {"note": "n" * 100_000, "time": [*range(60_000)], "x": [*range(60_000)]}
+
+    with pytest.raises(LogError, match="too much for its size"):
+        open_log(saved(tmp_path / "a.json", json.dumps({"log": shared}, indent=1))).topics()
