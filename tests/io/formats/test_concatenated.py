@@ -29,7 +29,7 @@ def test_all_recordings_of_a_file_are_read(form: str, copies: int, zeros: int) -
         file.write_bytes(bytes(zeros if form in CONTAINERS else 0).join([whole] * copies))
 
         at_same_times = form == ".alog"  # values of one time are one record
-        for log in (open_log(path), open_log(file.parent)):
+        for log in (open_reader(path), open_reader(file.parent)):
             assert at_same_times or count(log, form) == [copies * number for number in once]
             assert not any(finding.lost_data for finding in log.findings())
 

@@ -228,7 +228,7 @@ def test_files_of_other_endings_are_named_and_read_if_their_contents_are_known(f
 def test_a_file_of_blank_lines_is_named(folder: Path, text: str) -> None:
     (folder / "gps.csv").write_text(text, encoding="utf-8")
 
-    (lost,) = open_log(folder).findings()
+    (lost,) = open_reader(folder).findings()
 
     assert lost.text.startswith("gps.csv is not read: ")
     assert lost.lost_data
@@ -357,11 +357,11 @@ def test_files_beside_a_recording_are_named_and_those_like_a_sensor_are_a_loss(t
 def test_a_recording_of_a_sensor_that_the_tables_lack_is_a_loss(folder: Path, write: Callable[..., Path]) -> None:
     """The bag that tables were made of is none."""
     write(folder / "dive.rec", [row for row in short_dive() if row[1] == "/dvl"])
-    assert [one.lost_data for one in open_log(folder).findings()] == [False]
+    assert [one.lost_data for one in open_reader(folder).findings()] == [False]
 
     (folder / "dvl.csv").unlink()
 
-    (lost,) = open_log(folder).findings()
+    (lost,) = open_reader(folder).findings()
     assert lost.lost_data
     assert lost.text.startswith("dive.rec is not read: it is a log of its own (")
 
@@ -405,7 +405,7 @@ def test_a_folder_for_each_sensor_is_one_log(tmp_path: Path) -> None:
 def test_the_current_folder_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(dive(tmp_path / "dive_7"))
 
-    assert session.open_log(".").path.name == "dive_7"
+    assert session.open_reader(".").path.name == "dive_7"
 
 
 @pytest.mark.parametrize("writer", [as_csv, as_parquet], ids=["CSV", "Parquet"])

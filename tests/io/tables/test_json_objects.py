@@ -13,7 +13,7 @@ from logs import losses
 from recordings import SECOND, T0, saved
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
-from usbldr.io.formats.detect import open_log
+from usbldr.io.formats.detect import open_reader
 
 Rows = Sequence[dict[str, Any]]
 COUNT, STEP_MS = 60, 250
@@ -77,7 +77,7 @@ def test_each_record_is_read_at_its_time(tmp_path: Path, arrangement: str, time:
         pytest.skip("no program writes it")
     name, of, first_ms = TIMES[time]
     rows = [{name: of(k), "lat": 45 + k / 1000, "lon": 7.0} for k in range(COUNT)]
-    log = open_log(saved(tmp_path / "gps.json", ARRANGED[arrangement](rows)))
+    log = open_reader(saved(tmp_path / "gps.json", ARRANGED[arrangement](rows)))
 
     by_features = "feature" in arrangement or "places" in arrangement
     field = "geometry.coordinates.1" if by_features else "lat"
@@ -91,7 +91,7 @@ def test_each_record_is_read_at_its_time(tmp_path: Path, arrangement: str, time:
 def test_a_time_that_cannot_be_read_is_named_and_counted(tmp_path: Path) -> None:
     rows = [{"time": "late" if k == 5 else MOMENTS[k].isoformat(), "lat": 45, "lon": 7} for k in range(COUNT)]
 
-    (lost,) = losses(open_log(saved(tmp_path / "gps.json", ARRANGED["lines"](rows))).findings())
+    (lost,) = losses(open_reader(saved(tmp_path / "gps.json", ARRANGED["lines"](rows))).findings())
 
     assert (
         lost
@@ -111,7 +111,7 @@ def test_a_time_that_cannot_be_read_is_named_and_counted(tmp_path: Path) -> None
 )
 def test_odd_objects_are_read_or_refused(tmp_path: Path, text: str) -> None:
     with suppress(LogError):
-        log = open_log(saved(tmp_path / "a.json", text))
+        log = open_reader(saved(tmp_path / "a.json", text))
         read_whole(log, {topic.key: list(topic.fields) for topic in log.topics() if topic.count})
 
 
@@ -119,4 +119,4 @@ def test_what_records_share_may_not_fill_the_memory(tmp_path: Path) -> None:
     shared = {"note": "n" * 100_000, "time": [*range(60_000)], "x": [*range(60_000)]}
 
     with pytest.raises(LogError, match="too much for its size"):
-        open_log(saved(tmp_path / "a.json", json.dumps({"log": shared}, indent=1))).topics()
+        open_reader(saved(tmp_path / "a.json", json.dumps({"log": shared}, indent=1))).topics()
