@@ -116,6 +116,8 @@ def extrapolated_fixes(time_s: Vector, fixes_m: Array) -> Mask:
     Software goes on so if no reply comes. Four on a line are none by chance, if rounding does not explain them.
     """
     found = np.zeros(len(time_s), dtype=np.bool_)
+    if len(time_s) < MIN_FRESH_FIXES:
+        return found
     near = np.abs(_off_line_m(time_s, fixes_m)) <= LINE_M
     on_line = np.all(near, axis=1)
     if on_line.mean() > MOST_EXTRAPOLATED or not _beyond_rounding(near):

@@ -405,7 +405,7 @@ def test_a_folder_for_each_sensor_is_one_log(tmp_path: Path) -> None:
 def test_the_current_folder_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(dive(tmp_path / "dive_7"))
 
-    assert session.open_reader(".").path.name == "dive_7"
+    assert session.open_log(".").path.name == "dive_7"
 
 
 @pytest.mark.parametrize("writer", [as_csv, as_parquet], ids=["CSV", "Parquet"])
