@@ -73,6 +73,7 @@ MAX_PRIOR_SIGMAS = 4.0  # [-] a lever arm of 20 m that explains a vehicle going 
 MOST_LOST = 6  # [spans] of a DVL that loses its lock, or of a compass beside iron: each takes some seconds to be found
 ROUNDS = 2  # of noise and errors in turn: a third changes nothing on the field logs
 LINEARISATIONS = 2  # about the estimates of each subset
+WIDE_LINEARISATIONS = 4  # the same of large errors: a deviation of 22 deg is right after them
 
 
 def identify(timeline: Timeline, given: Parameters) -> Identification:
@@ -234,7 +235,7 @@ def _with_every_error(timeline: Timeline, stated: Parameters) -> tuple[list[Memb
         errors = replace(stated.errors, **{FIELDS[key]: FAR_SD[key] for key in keys})
         about = {state: start[state] for key in keys for state in KEYS[key]}
         wide = _about(Member(replace(stated, errors=errors), usual.present), about)
-        for _ in range(LINEARISATIONS):
+        for _ in range(WIDE_LINEARISATIONS):
             (wide,) = _relinearised([wide], fix_likelihoods(timeline, [wide]))
         wide = wide._replace(parameters=estimate_usbl_noise(timeline, wide, wide.parameters))
         contradicted = wide.parameters.process.position_m > CONTRADICTED * stated.process.position_m

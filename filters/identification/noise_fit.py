@@ -135,9 +135,8 @@ def estimate_usbl_noise(timeline: Timeline, member: Member, given: Parameters) -
         still = [one for one in USBL if one.name not in GROWING]
         waves = replace(given, errors=replace(given.errors, usbl_bias_s=WAVES_S))
         walk = searched(given, [one for one in USBL if one.name not in CORRELATED], given)
-        found = max(
-            searched(waves, still, waves), _both(walk, searched(given, still, given)), key=lambda one: one.value
-        )
+        shared = _shared((found, walk, searched(given, still, given)))
+        found = max(searched(waves, still, waves), shared, key=lambda one: one.value)
     return _grown(given, found.parameters, [one for one in USBL if one.name in GROWING])
 
 
@@ -148,19 +147,19 @@ class _Found(NamedTuple):
     value: float  # log posterior, but for a constant
 
 
-def _both(walk: _Found, slow: _Found) -> _Found:
-    """Return the likelier of two explanations with the mean of their variances, weighted by how likely they are.
+def _shared(explanations: Sequence[_Found]) -> _Found:
+    """Return the likeliest of some explanations with the mean of their variances, weighted by how likely they are.
 
-    Whether dead reckoning walks, or fixes share a slow error, is open if their likelihoods are alike.
+    The last one, by a slow error alone, has its correlation time. Whether dead reckoning walks, or fixes share a slow
+    error, is open if their likelihoods are alike.
     """
-    likelier, less = (walk, slow) if walk.value > slow.value else (slow, walk)
-    share = 1 / (1 + math.exp(less.value - likelier.value))
-    of_both = [(one.parameters.process.position_m, one.parameters.errors.usbl_bias_m) for one in (likelier, less)]
-    position_m, bias_m = np.sqrt(np.array([share, 1 - share]) @ np.square(of_both)).tolist()
-    known = likelier.parameters
-    errors = replace(known.errors, usbl_bias_m=bias_m, usbl_bias_s=slow.parameters.errors.usbl_bias_s)
-    mixed = replace(known, process=replace(known.process, position_m=position_m), errors=errors)
-    return _Found(mixed, likelier.value)
+    likeliest = max(explanations, key=lambda one: one.value)
+    weight = np.exp([one.value - likeliest.value for one in explanations])
+    parts = [(one.parameters.process.position_m, one.parameters.errors.usbl_bias_m) for one in explanations]
+    position_m, bias_m = np.sqrt(weight @ np.square(parts) / weight.sum()).tolist()
+    known, slow = likeliest.parameters, explanations[-1].parameters
+    errors = replace(known.errors, usbl_bias_m=bias_m, usbl_bias_s=slow.errors.usbl_bias_s)
+    return _Found(replace(known, process=replace(known.process, position_m=position_m), errors=errors), likeliest.value)
 
 
 def _grown(given: Parameters, found: Parameters, among: Sequence[TunableParameter]) -> Parameters:

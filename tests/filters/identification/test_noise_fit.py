@@ -237,12 +237,12 @@ def test_a_slow_error_of_the_fixes_and_a_walk_of_dead_reckoning_share_what_scatt
         nees.append(mean_nees(track, replace(clean, mean=mean)) / 2)
 
     walks_m, slow_sds_m = zip(*[(one.process.position_m, one.errors.usbl_bias_m) for one in found], strict=True)
-    assert np.median(walks_m) == pytest.approx(walk_m or STATED.position_m, rel=0.2 if walk_m else 1.0)
+    assert np.median(walks_m) == pytest.approx(walk_m, rel=0.2, abs=0.04)  # a walk alone would be 0.35
     assert np.median(slow_sds_m) == pytest.approx(slow_m or PLAIN.errors.usbl_bias_m, rel=0.3)
-    open_dive = 1 if walk_m else 0
-    assert 2 * STATED.position_m < walks_m[open_dive] < 0.2
-    assert slow_sds_m[open_dive] > 2.0
     assert sum(one < 3.0 for one in nees) >= 5
+    if slow_m:  # of the first dive both are likely
+        assert 0.05 < walks_m[0] < 0.2
+        assert slow_sds_m[0] > 2.0
 
 
 def test_two_fixes_hardly_move_the_noise_from_what_is_stated() -> None:
