@@ -28,7 +28,9 @@ LEAST_BESIDE = 3  # [fixes] of a side: one or two false ones say nothing of a ve
 RIGHT = 0.5  # [-] of the way between fixes, by judgement: what right velocities leave of it, noise included, at most
 DRIFTS_M = (0.03, 0.1, 0.3, 1.0, 3.0)  # [m/√s] of dead reckoning, from good to hardly any
 FIX_DOF = 4.0  # [-] by judgement: of Student's t, as fixes have outliers
+LONGEST_S = 300.0  # [s] by judgement, of a stretch that a vehicle can make: any velocity explains fixes far apart
 DR_ERROR = 0.1  # [-] of the way, by judgement: of dead reckoning, if the log does not show it
+EXPLAINED = 4.0  # [sigmas] off the fixes, by judgement: a way that is further off explains them no better than another
 
 
 class Stretch(NamedTuple):
@@ -87,7 +89,8 @@ def false_velocities(time_s: Vector, velocity_mps: Array, fixes: Fixes | None) -
         judge = _Judge(time_s, velocity_mps.copy(), fixes, stretches)
         confirmed = MIN_LOG_ODDS + math.log(len(stretches))  # by chance, one of all may be likely
         for one in sorted(stretches, key=lambda one: one.end - one.first):  # one may lie within another
-            least = -MIN_LOG_ODDS if not one.possible else confirmed if judge.trusts_most else math.inf
+            judged = judge.trusts_most and time_s[one.end - 1] - time_s[one.first] < LONGEST_S
+            least = -MIN_LOG_ODDS if not one.possible else confirmed if judged else math.inf
             far = min(judge.log_odds_against(one, *beside_s) for beside_s in FAR_S)
             if judge.log_odds_against(one) > least and far > min(least, 0.0):
                 false[one.first : one.end] = True
@@ -160,8 +163,9 @@ class _Judge:
         self._variance_m2ps2 = float(np.var(velocity_mps[~inside], axis=0).mean()) if not inside.all() else 0.0
         left_m2, way_m2 = self._left_by_most(min(map(self._span_s, stretches)))
         self.trusts_most = left_m2 < RIGHT**2 * way_m2
-        of_dr_m2 = max(left_m2 - 4 * math.log(2) * self._fix_variance_m2, 0.0)  # the median of the noise of two fixes
-        self._dr_error2 = of_dr_m2 / way_m2 if self.trusts_most else DR_ERROR**2
+        of_dr_m2 = left_m2 - 4 * math.log(2) * self._fix_variance_m2  # the median of the noise of two fixes
+        shown2 = max(of_dr_m2, self._fix_variance_m2) / max(way_m2, 1e-12)  # less is hidden by the noise
+        self._dr_error2 = shown2 if self.trusts_most else DR_ERROR**2
 
     def _span_s(self, one: Stretch) -> float:
         return float(self._time_s[one.end - 1] - self._time_s[one.first])
@@ -218,8 +222,10 @@ class _Judge:
         of_dr_m2 = self._dr_error2 * float(np.median(np.sum(of_fixes_m**2, axis=1)))
         variance_m2 = math.pi * self._fix_variance_m2 / count + of_dr_m2  # pi / 2: of a median
         of_both_m2 = variance_m2 + np.array([0.0, self._variance_m2ps2 * self._span_s(one) ** 2])
-        cost = np.sum(error_m**2, axis=1) / of_both_m2 + error_m.shape[1] * np.log(of_both_m2)
-        return float(cost[0] - cost[1]) / 2
+        squares = np.sum(error_m**2, axis=1) / of_both_m2
+        cost = squares + error_m.shape[1] * np.log(of_both_m2)
+        log_odds = float(cost[0] - cost[1]) / 2
+        return log_odds if squares[1] < EXPLAINED**2 else min(log_odds, 0.0)
 
 
 def _lengths(ways_m: Array) -> Array:
