@@ -72,7 +72,7 @@ def test_a_truth_with_the_clock_of_the_fixes_shows_whose_clock_is_wrong(tmp_path
     ("how", "weight"),
     [
         ("a weight of 20%", lambda age: 0.8**age * np.where(age == age.max(), 1.0, 0.2)),
-        ("the mean of the last 11:", lambda age: age < 11),
+        ("the mean of the last 15:", lambda age: age < 15),
     ],
 )
 @pytest.mark.long
