@@ -272,3 +272,13 @@ def test_dates_of_other_sensors_come_before_those_in_names(tmp_path: Path) -> No
     log = read_log(receiver(tmp_path, moments(-60, 60)))
 
     assert log.start_ns == (MIDNIGHT.timestamp() - 40) * SECOND  # the compass begins
+
+
+def test_the_date_in_a_name_counts_if_no_other_sensor_is_near(tmp_path: Path) -> None:
+    saved(tmp_path / "compass_20240512.csv", UNDATED["csv"](moments(6 * 3600, 6 * 3600 + 60)))
+    receiver(tmp_path, moments(-60, 60))
+
+    reader = open_configured(tmp_path, DEFAULT_REQUEST).reader
+
+    (first_ns,) = (topic.first_ns for topic in reader.topics() if "compass" in topic.name)
+    assert first_ns == datetime(2024, 5, 12, 6, tzinfo=UTC).timestamp() * SECOND
