@@ -299,7 +299,7 @@ class Identification:
 
 
 def _gradual_text(changes: Sequence[SensorChange]) -> str:
-    """Return how headings drift or differ twice per turn, and what the DVL adds at any speed."""
+    """Return how headings drift or differ twice per turn, what the DVL adds at any speed, and how clocks part."""
     turned = {one.start_s: -math.degrees(one.heading_bias_rad) for one in changes}
     shown_s = dict.fromkeys((max(turned, key=lambda time_s: abs(turned[time_s])), changes[-1].start_s))
     read = " and ".join(f"{turned[time_s]:+.1f}° at {time_s:.0f} s" for time_s in shown_s)
@@ -310,6 +310,10 @@ def _gradual_text(changes: Sequence[SensorChange]) -> str:
             f"the compass has a deviation of ({-sine_deg:.1f}) sin 2H + ({cosine_deg:.1f}) cos 2H deg at heading H"
         )
     check = ["the compass: iron or currents near it, warm-up of a gyro"] if texts else []
+    if late_s := changes[-1].fix_late_s:
+        later = "later" if late_s > 0 else "earlier"
+        texts.append(f"stamps of the USBL fixes become {abs(late_s):.2f} s {later} than at the start of the log")
+        check.append("that the clocks of USBL and vehicle are synchronised, or whether positions wait in a queue")
     if any(bias_mps := changes[0].dvl_bias_mps):
         starboard, forward = bias_mps
         texts.append(f"the DVL reads {forward:+.3f} m/s forward and {starboard:+.3f} m/s to starboard at any speed")
@@ -319,7 +323,7 @@ def _gradual_text(changes: Sequence[SensorChange]) -> str:
 
 def _change_of_fixes_text(before: SensorChange, after: SensorChange) -> str:
     """Return how the fixes differ from those before; "" if they do not."""
-    since, late_s = f"from {after.start_s:.0f} s on", after.fix_late_s - before.fix_late_s
+    since, late_s = f"from {after.start_s:.0f} s on", (after.fix_late_s - before.fix_late_s) * (not after.gradual)
     if after.fix_sd_scale != before.fix_sd_scale:
         factor = after.fix_sd_scale / before.fix_sd_scale
         return f"{since} the USBL fixes scatter {factor:.2g} times as much as before (check range, noise and the head)"

@@ -8,7 +8,7 @@ import pytest
 from textbook import log_density
 from usbldr.filters.identification.blocks import blocks_about, blocks_of
 from usbldr.filters.identification.evidence import identify
-from usbldr.filters.identification.linearisation import NO_ERROR
+from usbldr.filters.identification.linearisation import NO_ERROR, PASS_STATES
 from usbldr.filters.identification.unmodelled_errors import Shape, _fitted, _moved, unmodelled_errors
 from usbldr.filters.models.parameters import SensorChange
 from usbldr.filters.replay.dead_reckoning import displacement_m, without_changes
@@ -80,6 +80,21 @@ def test_a_bias_of_the_dvl_is_found_and_taken_off() -> None:
     assert apart_m(freed, clean).mean() < 0.2 < 0.5 * apart_m(run("adf", biased, ASSUMED), clean).mean()
 
 
+@pytest.mark.parametrize("late_s", [2.0, -2.0])
+def test_a_clock_of_the_fixes_that_drifts_is_found_and_taken_off(late_s: float) -> None:
+    share = DIVE.fix_time_s / DIVE.fix_time_s[-1]
+    drifting = replace(DIVE, fix_time_s=DIVE.fix_time_s + late_s * share)
+
+    identified = identify(drifting, ASSUMED)
+
+    changes = identified.parameters.changes
+    apart_s = [one.fix_late_s - late_s * one.start_s / DIVE.fix_time_s[-1] for one in changes]
+    assert np.std(apart_s) < 0.1  # a constant part is the latency
+    assert f" s {'later' if late_s > 0 else 'earlier'} than at" in " ".join(identified.change_texts.values())
+    freed, clean = run("adf", drifting, identified.parameters), run("adf", DIVE, ASSUMED)
+    assert apart_m(freed, clean).mean() < 0.2 < 0.5 * apart_m(run("adf", drifting, ASSUMED), clean).mean()
+
+
 @pytest.mark.parametrize(
     "line",
     [
@@ -98,19 +113,23 @@ def test_other_errors_are_no_drift(line: Timeline) -> None:
     assert found(line) == ()
 
 
-def test_the_evidence_is_the_density_of_a_drift_a_deviation_and_a_bias() -> None:
+def test_the_evidence_is_the_density_of_a_drift_a_deviation_a_bias_and_a_clock() -> None:
     """The covariance is written out from the motion of each block by an error that grows as min(t, t')."""
     blocks = blocks_about(headings_off(OVER_TIME["even"]), ASSUMED, NO_ERROR, 1.0)
     moved = _moved(DIVE, blocks)
     t = blocks.time_s[blocks.first]
 
-    one, none = (_fitted(DIVE, ASSUMED, moved, Shape(on, 3.0 * on, on, on)) for on in (True, False))
+    one, none = (_fitted(DIVE, ASSUMED, moved, Shape(on, 3.0 * on, on, on, on)) for on in (True, False))
 
     q = (3.0 * ASSUMED.errors.heading_walk_rad) ** 2
     trend = moved.by_step @ np.diff(t) / (t[-1] - t[0]) * np.radians(5.0)
     walked = moved.by_step @ np.diag(q * np.diff(t)) @ moved.by_step.T
     twice = moved.twice_per_turn @ moved.twice_per_turn.T * ASSUMED.errors.deviation_rad**2
+    columns = blocks.measurement_matrix[:, :, PASS_STATES.index("usbl_latency")]
+    late = columns * ((DIVE.fix_time_s - DIVE.fix_time_s[0]) / np.ptp(DIVE.fix_time_s))[:, None]
+    clock = np.concatenate([late[first : first + int(blocks.first[1])].mean(axis=0) for first in blocks.first])
     cov = blocks.cov_m2 + walked + np.outer(trend, trend) + twice + moved.dvl_bias @ moved.dvl_bias.T * 0.03**2
+    cov += np.outer(clock, clock)
     expected = log_density(blocks.residual_m, cov) - log_density(blocks.residual_m, blocks.cov_m2)
     assert one.evidence - none.evidence == pytest.approx(expected, rel=1e-6)
 
