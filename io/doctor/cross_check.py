@@ -18,6 +18,7 @@ from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.replay.dead_reckoning import without_smoothing
 from usbldr.filters.types import Timeline, Vector
+from usbldr.io.conventions.usbl import AWAY_COLUMNS
 from usbldr.io.doctor.clocks import clock_by_evidence, clock_offset_findings, clock_step_findings, correct_clock_offset
 from usbldr.io.doctor.fix_noise import fix_noise_findings, motion_findings
 from usbldr.io.doctor.gross_errors import (
@@ -316,8 +317,7 @@ def _heading_offset_findings(
     offset, sd, far = heading_offset(result, identification)
     if not result.heading_sense_known or not sd < THRESHOLDS.max_offset_sd_deg:
         return []
-    settings = log.settings
-    mount, bias = settings.dvl.mount_deg, settings.compass.bias_deg
+    mount, bias = log.settings.dvl.mount_deg, log.settings.compass.bias_deg
     code, role = ("HEADING-BIAS", "compass") if mount or bias else ("DVL-MOUNT", "dvl")
     by = "" if best == result.as_read and result.observable else f", with {best.description}"
     odds, found = "", identification
@@ -330,6 +330,8 @@ def _heading_offset_findings(
             f"; state mount_deg = {wrapped(mount + offset, 180.0):.1f} under [dvl] if the DVL is mounted so, or "
             f"bias_deg = {wrapped(bias - offset, 180.0):.1f} under [compass] if the heading is biased"
         )
+        if not {*AWAY_COLUMNS} <= {*log.tables["usbl"]}:
+            text += '; if the USBL head is turned instead, state its place (head, relative_to = "map" under [usbl])'
     return [log.finding(code if far else "HEADING-CHECKED", role, text, None, offset, "deg")]
 
 

@@ -125,6 +125,7 @@ def test_the_mount_is_found_whatever_else_is_wrong(tmp_path: Path, conventions: 
 
     assert found["DVL-MOUNT"]["worst"] == pytest.approx(-50.0, abs=1.0)
     assert "mount_deg = -" in found["DVL-MOUNT"]["text"]
+    assert "if the USBL head is turned instead, state its place" in found["DVL-MOUNT"]["text"]
 
 
 def test_what_the_doctor_names_cures_the_log(tmp_path: Path) -> None:
