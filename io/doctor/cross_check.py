@@ -169,12 +169,15 @@ def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: I
     """Return the interpretations between which and an identified one the evidence decides; none is its mirror image.
 
     Sensor errors may bend dead reckoning, and a convention that is only the default may be another. If one of them
-    leaves far larger residuals, no sensor error is the cause.
+    leaves far larger residuals and no error bends it, no sensor error is the cause.
     """
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
     by_default = {one[:2] for one in result.best.conventions if log.convention(*one[:2]).chosen_by == "default"}
     read, residuals_m = {result.best.flips, result.as_read.flips}, (by.residual_m, result.best.residual_m)
-    as_read, most_m = set(result.as_read.conventions), THRESHOLDS.max_rival_residual * min(residuals_m)
+    as_read, most_m = (
+        set(result.as_read.conventions),
+        math.inf if bent else THRESHOLDS.max_rival_residual * min(residuals_m),
+    )
     possible = [
         one
         for one in (*result.plausible, result.best, result.as_read)
