@@ -6,7 +6,7 @@ once (ros_byte_layout); rosbags decodes the others one by one, and reports which
 
 import re
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -16,17 +16,16 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from usbldr.io.decoding.columns import (
-    TYPE_FIELDS,
     DecodedRows,
     DefinitionError,
     Extractor,
     arrays_within,
     decode_one_by_one,
     extractor,
+    limited,
 )
 from usbldr.io.decoding.definitions import Types, ros2_name
 from usbldr.io.decoding.ros_byte_layout import TIMES, decode_by_layout
-from usbldr.io.limits import RAISE, limit
 from usbldr.io.reader import listed_field
 
 IDL_TEXT = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)  # strings and comments
@@ -50,34 +49,13 @@ class RosDecoder:
         self._name = ros2_name(name)
         self._definitions = dict(types)
         try:
-            self._refuse_endless(self._name, {}, set())
-            self._kinds = self._leaves(self._name)
+            self._kinds: Mapping[str, Leaf] = limited(self._leaves(self._name))
         except RecursionError as err:
             raise DefinitionError("it is nested too deeply") from err
         except KeyError as err:
             raise DefinitionError(" ".join(str(err).split())[:80]) from err
         self.fields = tuple(self._kinds)
         self.arrays = arrays_within(self.fields) | {path for path, leaf in self._kinds.items() if leaf.is_array}
-
-    def _refuse_endless(self, name: str, counted: dict[str, int], within: set[str]) -> int:
-        """Return the number of fields below a type; raise DefinitionError if it contains itself, or has too many.
-
-        ``counted``: numbers of other types; ``within``: the types that this one is part of.
-        """
-        if name in within:
-            raise DefinitionError(f"{name} contains itself")
-        if name not in counted:
-            total = 0
-            for _, (kind, what) in self._definitions[name][1]:
-                element, times = ((kind, what), 1) if kind in (Nodetype.BASE, Nodetype.NAME) else what
-                inside = element[0] is Nodetype.NAME and element[1] not in TIMES
-                below = self._refuse_endless(str(element[1]), counted, within | {name}) if inside else 1
-                loops = kind is Nodetype.ARRAY and (inside or element[1][0] == "string")
-                total += below * max(1, times) if loops else below
-            counted[name] = total
-        if counted[name] > limit(TYPE_FIELDS):
-            raise DefinitionError(f"{name} has more than {limit(TYPE_FIELDS)} fields; {RAISE}")
-        return counted[name]
 
     @cached_property
     def _store(self) -> Typestore:
@@ -86,18 +64,26 @@ class RosDecoder:
         store.register({name: what for name, what in self._definitions.items() if name not in TIMES})  # it has those
         return store
 
-    def _leaves(self, name: str, prefix: str = "") -> dict[str, Leaf]:
-        """Return the fields below a type by their path; of an array of messages those of the first."""
-        found: dict[str, Leaf] = {}
+    def _leaves(
+        self, name: str, prefix: str = "", within: frozenset[str] = frozenset()
+    ) -> Iterator[tuple[str, Leaf | None]]:
+        """Yield the fields below a type by path, None for a message; of an array of messages those of the first.
+
+        A fixed number of messages or texts counts as so many fields: they are read one by one. Raises DefinitionError
+        if the type is one of those that it is ``within``.
+        """
+        if name in within:
+            raise DefinitionError(f"{name} contains itself")
         for field, (kind, what) in self._definitions[name][1]:
-            is_array = kind not in (Nodetype.BASE, Nodetype.NAME)
+            path, is_array = prefix + field, kind not in (Nodetype.BASE, Nodetype.NAME)
             node, element = what[0] if is_array else (kind, what)
-            if node is Nodetype.NAME and element not in TIMES:
-                found |= self._leaves(str(element), f"{prefix}{field}.0." if is_array else f"{prefix}{field}.")
-            else:
-                unset = 0 if node is Nodetype.NAME else "" if "string" in element[0] else float("nan")
-                found[prefix + field] = Leaf(unset, is_array)
-        return found
+            inside = node is Nodetype.NAME and element not in TIMES
+            text = node is Nodetype.BASE and "string" in element[0]
+            unset = "" if text else float("nan") if node is Nodetype.BASE else 0
+            for _ in range(max(1, what[1]) if kind is Nodetype.ARRAY and (inside or text) else 1):
+                yield path, None if inside else Leaf(unset, is_array)
+                if inside:
+                    yield from self._leaves(str(element), path + (".0." if is_array else "."), within | {name})
 
     def _unset(self, path: str) -> Any:
         """Return the value of a field of a message whose array is too short to have it."""
