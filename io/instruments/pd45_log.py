@@ -5,9 +5,7 @@ and Workhorse Navigator are the same). Velocities are those of the instrument ov
 day and no date.
 """
 
-import struct
-from collections.abc import Mapping, Sequence
-from datetime import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +18,15 @@ from usbldr.io.instruments.records_log import RecordsLog, log_in_memory
 from usbldr.io.reader import Records
 
 BEGIN = (b"\x7d\x00\x2d\x00", b"\x7d\x01\x56\x00")  # fixed: mark, PD4 or PD5, and the size of each
-COMMON = struct.Struct("<4xB3h24x4B")  # fixed: coordinates in the highest bits, x, y, z [mm/s], time of the first ping
-PD5 = struct.Struct("<46xH4xH")  # fixed: depth [dm], heading [0.01 deg]
-PD4_BYTES = 45  # fixed: without checksum
+ROW = np.dtype(
+    {
+        "names": ["coordinates", "velocity_mmps", "clock", "depth_dm", "heading_cdeg"],
+        "formats": ["u1", ("<i2", 3), ("u1", 4), "<u2", "<u2"],
+        "offsets": [4, 5, 35, 46, 52],
+    }
+)
+"""What is used of an ensemble, fixed by the formats; PD4 ends before the depth."""
+CLOCK = (24, 60, 60, 100)  # fixed: what hours, minutes, seconds and hundredths of the first ping are below
 NO_VELOCITY = -32768  # fixed by the format
 HUNDREDTH_NS = 10_000_000  # fixed
 
@@ -40,36 +44,23 @@ def pd45_log(file: Path) -> RecordsLog:
 
 
 def _read(file: Path, findings: list[Finding]) -> Mapping[str, Records]:
-    rows: list[tuple[int, ...]] = []  # time of day [ns], coordinates, x, y, z, depth, heading
-    unused = 0
-    for whole in ensembles(file, BEGIN, findings):
-        system, x, y, z, *clock = COMMON.unpack_from(whole)
-        depth, heading = PD5.unpack_from(whole) if len(whole) > PD4_BYTES else (0, 0)
-        try:
-            rows.append((_time_of_day(*clock), system >> 6, x, y, z, depth, heading))
-        except ValueError:
-            unused += 1
-    if unused:
+    """Return the topics; midnight passes where the time of day jumps back by more than half a day."""
+    size = ROW.itemsize
+    rows = np.frombuffer(b"".join(one[:size].ljust(size, b"\0") for one in ensembles(file, BEGIN, findings)), ROW)
+    timed = np.all(rows["clock"] < CLOCK, axis=1)
+    if unused := int(np.sum(~timed)):
         findings.append(Finding("UNDECODED", f"{unused} ensembles have no valid time; left out"))
-    if not rows:
+    if not timed.any():
         return {}
     findings.append(Finding("NO-DATE", f"{file.name}: {UNDATED}"))
-    return _records(rows)
-
-
-def _time_of_day(hour: int, minute: int, second: int, hundredths: int) -> int:
-    """Return nanoseconds since midnight; raise ValueError if it is no time."""
-    whole = time(hour, minute, second, hundredths * 10_000)
-    return ((whole.hour * 60 + whole.minute) * 60 + whole.second) * 100 * HUNDREDTH_NS + hundredths * HUNDREDTH_NS
-
-
-def _records(rows: Sequence[tuple[int, ...]]) -> dict[str, Records]:
-    """Return the topics; midnight passes where the time of day jumps back by more than half a day."""
-    of_day, coordinates, x, y, z, depth, heading = np.array(rows, dtype=np.int64).T
+    rows = rows[timed]
+    hour, minute, second, hundredths = rows["clock"].astype(np.int64).T
+    of_day = (((hour * 60 + minute) * 60 + second) * 100 + hundredths) * HUNDREDTH_NS
     times, _ = times_from_sentences(of_day, np.full(len(of_day), NO_TIME))
-    velocity = {axis: np.where(v == NO_VELOCITY, np.nan, v / 1000) for axis, v in zip("xyz", (x, y, z), strict=True)}
+    mps = np.where(rows["velocity_mmps"] == NO_VELOCITY, np.nan, rows["velocity_mmps"] / 1000)
+    track = dict(zip("xyz", mps.T, strict=True)) | {"coordinates": rows["coordinates"].astype(np.int64) >> 6}
     return {
-        "/bottom_track": Records(times, {**velocity, "coordinates": coordinates}),
-        "/heading": Records(times, {"heading_deg": heading / 100}),
-        "/depth": Records(times, {"depth_m": depth / 10}),
+        "/bottom_track": Records(times, track),  # coordinates are in the highest bits
+        "/heading": Records(times, {"heading_deg": rows["heading_cdeg"] / 100}),
+        "/depth": Records(times, {"depth_m": rows["depth_dm"] / 10}),
     }
