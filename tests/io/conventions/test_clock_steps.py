@@ -394,25 +394,29 @@ def test_a_counter_that_is_full_counts_on(counter: str, container: str, first: i
     np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), 0.2, atol=1e-6)
 
 
-@pytest.mark.parametrize("container", ["csv", "HDF5"])
 @pytest.mark.parametrize(
-    ("bits", "unit_ns", "name"),
-    [(16, 10**6, "milliseconds"), (24, 1000, "microseconds"), (24, 10**6, "milliseconds")],
+    "counter", [(16, 10**6, "milliseconds"), (24, 1000, "microseconds"), (24, 10**6, "milliseconds")]
 )
-def test_a_narrow_counter_that_is_full_twice_counts_on(tmp_path, container, bits, unit_ns, name) -> None:
+@settings(max_examples=4)
+@given(
+    container=st.sampled_from(["csv", "Parquet", "HDF5", "MATLAB"]),
+    rounds=st.integers(22, COUNT // 2 - 5),
+    phase=st.integers(0, 2**16 - 1),
+)
+def test_a_narrow_counter_that_is_full_twice_counts_on(counter, container, rounds, phase) -> None:
     """A clock that goes back once by as much was set."""
-    width = 2**bits * unit_ns
-    step = width // 30
-    times = (width // 2 + np.arange(COUNT) * step) % width
+    bits, unit_ns, name = counter
+    width, step = 2**bits, 2**bits // rounds
+    times = (phase + np.arange(COUNT) * step) % width * unit_ns
+    _, second = np.flatnonzero(np.diff(times) < 0)[:2] + 1
 
-    log = read_log(CONTAINERS[container](tmp_path, times))
+    with TemporaryDirectory() as folder, TemporaryDirectory() as once:
+        log = read_log(CONTAINERS[container](Path(folder), times))
+        with pytest.raises(PartsError):
+            read_log(CONTAINERS[container](Path(once), times[second - 11 : second + 11]))
 
     assert f"{bits}-bit counter of {name}" in codes(log)["CLOCK-WRAP"]
-    np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), step / SECOND, rtol=1e-6)
-    once = tmp_path / "once"
-    once.mkdir()
-    with pytest.raises(PartsError):
-        read_log(CONTAINERS[container](once, times[:30]))
+    np.testing.assert_allclose(np.diff(log.tables["compass"]["time_s"]), step * unit_ns / SECOND, rtol=1e-6)
 
 
 @pytest.mark.parametrize("width", WIDTHS.values())

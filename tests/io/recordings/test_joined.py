@@ -1,12 +1,16 @@
 """Files of one dive, with other clocks or without dates, are one log; tables that follow each other are one topic."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from logs import read_as, refusal
 from pd45_recordings import pd45_ensemble
@@ -239,29 +243,31 @@ UNDATED: dict[str, Callable[[Sequence[datetime]], str | bytes]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["a_20240512.{}", "2024-05-12 a.{}", "20240512T235900_a.{}", "20240512235900.{}"])
-@pytest.mark.parametrize("form", UNDATED)
-def test_the_date_in_the_name_of_a_file_is_that_of_its_first_time(tmp_path: Path, form: str, name: str) -> None:
-    log = saved(tmp_path / name.format(form), UNDATED[form](moments(-60, 60)))
+@settings(max_examples=60)
+@given(
+    form=st.sampled_from(sorted(UNDATED)),
+    numbers=st.tuples(st.integers(2000, 2099), st.integers(1, 14), st.integers(1, 33)),
+    mark=st.sampled_from(["", "-", "_", "."]),
+    around=st.tuples(st.sampled_from(["", "a_", "a ", "7"]), st.sampled_from(["", "_a", " 2", "T2359", "235900", "1"])),
+)
+def test_a_date_in_the_name_of_a_file_is_that_of_its_first_time(form, numbers, mark, around) -> None:
+    """Not a day that there is not, nor one beside digits of no time; a date that the user states comes first."""
+    days = [datetime(1970, 1, 1, tzinfo=UTC), MIDNIGHT]
+    with suppress(ValueError):
+        days[0] = datetime(*numbers, tzinfo=UTC) if around[0] != "7" and around[1] != "1" else days[0]
+    name = mark.join(f"{number:02d}" for number in numbers).join(around)
 
-    reader = open_configured(log, DEFAULT_REQUEST).reader
+    with TemporaryDirectory() as folder:
+        log = saved(Path(folder) / f"{name}.{form}", UNDATED[form](moments(-60, 60)))
+        named = open_configured(log, DEFAULT_REQUEST).reader
+        saved(Path(folder) / "usbldr.toml", f'[[file]]\npath = "{log.name}"\ndate = {MIDNIGHT:%Y-%m-%d}\n')
+        stated = open_configured(log, DEFAULT_REQUEST).reader
+        spans = [(topic.first_ns, topic.last_ns) for reader in (named, stated) for topic in reader.topics()]
+        undated = {"NO-DATE", "NMEA-DATE"} & {one.code for one in named.findings()}
 
-    (topic,) = reader.topics()
-    begin = datetime(2024, 5, 12, 23, 59, tzinfo=UTC).timestamp()
-    assert (topic.first_ns, topic.last_ns) == ((begin + 0) * SECOND, (begin + 119) * SECOND)
-    assert "NO-DATE" not in {one.code for one in reader.findings()}
-    saved(tmp_path / "usbldr.toml", f'[[file]]\npath = "{log.name}"\ndate = 2020-09-13\n')
-    (stated,) = open_configured(log, DEFAULT_REQUEST).reader.topics()
-    assert stated.first_ns == (MIDNIGHT.timestamp() + 86340) * SECOND
-
-
-@pytest.mark.parametrize("name", ["a_20241340.csv", "a_120240512.csv", "a_2024.csv", "run_3.csv"])
-def test_other_numbers_in_names_are_no_dates(tmp_path: Path, name: str) -> None:
-    (topic,) = open_configured(
-        saved(tmp_path / name, UNDATED["csv"](moments(-60, 60))), DEFAULT_REQUEST
-    ).reader.topics()
-
-    assert topic.first_ns == 86340 * SECOND
+    begins_s = [round(day.timestamp()) + 86400 - 60 for day in days]
+    assert spans == [(begin_s * SECOND, (begin_s + 119) * SECOND) for begin_s in begins_s]
+    assert bool(undated) == (days[0].year == 1970)
 
 
 def test_dates_of_other_sensors_come_before_those_in_names(tmp_path: Path) -> None:

@@ -5,25 +5,28 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from logs import losses
-from recordings import SECOND, T0, saved
+from recordings import saved
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.formats.detect import open_reader
 
 Rows = Sequence[dict[str, Any]]
-COUNT, STEP_MS = 60, 250
-MOMENTS = [datetime.fromtimestamp(T0 // SECOND, UTC) + timedelta(milliseconds=STEP_MS * k) for k in range(COUNT)]
-SINCE_MS = T0 // 1_000_000
-NOON_MS = (MOMENTS[0].hour * 3600 + MOMENTS[0].minute * 60 + MOMENTS[0].second) * 1000
+COUNT = 60
+DAY_MS = 86_400_000
+CENTURY_MS = st.integers(10**12, 3 * 10**12)  # 2001 to 2065: later ones may count from 1904
+OWN_MS = st.integers(0, 10**6)  # [ms] since power-on
 
 
-def stamp_of(k: int) -> tuple[int, int]:
-    return divmod((SINCE_MS + STEP_MS * k) * 10**6, SECOND)
+def moment(ms: int) -> datetime:
+    return datetime.fromtimestamp(ms // 1000, UTC) + timedelta(milliseconds=ms % 1000)
 
 
 def feature(row: dict[str, Any]) -> dict[str, Any]:
@@ -56,45 +59,48 @@ ARRANGED: dict[str, Callable[[Rows], str]] = {
     "indented features": lambda rows: json.dumps(features(rows), indent=2),
     "a line of places": lambda rows: json.dumps(line_string(rows), indent=2),
 }
-TIMES: dict[str, tuple[str, Callable[[int], Any], int]] = {
-    "s": ("time", lambda k: SINCE_MS / 1000 + STEP_MS * k / 1000, SINCE_MS),
-    "ms": ("timestamp", lambda k: SINCE_MS + STEP_MS * k, SINCE_MS),
-    "ns": ("time_ns", lambda k: (SINCE_MS + STEP_MS * k) * 1_000_000, SINCE_MS),
-    "ISO": ("created", lambda k: MOMENTS[k].isoformat(), SINCE_MS),
-    "day first": ("date", lambda k: f"{MOMENTS[k]:%d.%m.%Y %H:%M:%S.%f}", SINCE_MS),
-    "s of its own clock": ("time_s", lambda k: 7 + STEP_MS * k / 1000, 7000),
-    "us of its own clock": ("time_us", lambda k: 7_000_000 + 1000 * STEP_MS * k, 7000),
-    "s without a unit": ("t", lambda k: 7 + STEP_MS * k / 1000, 7000),
-    "time of day": ("utc", lambda k: f"{MOMENTS[k]:%H:%M:%S.%f}", NOON_MS),
-    "stamp": ("stamp", lambda k: dict(zip(("sec", "nanosec"), stamp_of(k), strict=True)), SINCE_MS),
-}  # fmt: skip
+TIMES: dict[str, tuple[st.SearchStrategy[int], Callable[[int], Any]]] = {  # name -> in ms from 1970 on, as written
+    "time": (CENTURY_MS, lambda ms: ms / 1000),
+    "timestamp": (CENTURY_MS, lambda ms: ms),
+    "time_ns": (CENTURY_MS, lambda ms: ms * 1_000_000),
+    "created": (CENTURY_MS, lambda ms: moment(ms).isoformat()),
+    "date": (CENTURY_MS, lambda ms: f"{moment(ms):%d.%m.%Y %H:%M:%S.%f}"),
+    "time_s": (OWN_MS, lambda ms: ms / 1000),
+    "time_us": (OWN_MS, lambda ms: ms * 1000),
+    "t": (OWN_MS, lambda ms: ms / 1000),
+    "utc": (st.integers(0, DAY_MS - 1), lambda ms: f"{moment(ms):%H:%M:%S.%f}"),
+    "stamp": (CENTURY_MS, lambda ms: {"sec": ms // 1000, "nanosec": ms % 1000 * 10**6}),
+}
 
 
-WRITTEN = [
-    (arrangement, time)
-    for arrangement in ARRANGED
-    for time in TIMES
-    if arrangement != "a line of places" or time not in ("day first", "stamp", "time of day")  # which no program writes
-]
-
-
-@pytest.mark.parametrize(("arrangement", "time"), WRITTEN)
-def test_each_record_is_read_at_its_time(tmp_path: Path, arrangement: str, time: str) -> None:
-    name, of, first_ms = TIMES[time]
-    rows = [{name: of(k), "lat": 45 + k / 1000, "lon": 7.0} for k in range(COUNT)]
-    log = open_reader(saved(tmp_path / "gps.json", ARRANGED[arrangement](rows)))
-
+@pytest.mark.parametrize("arrangement", ARRANGED)
+@settings(max_examples=10)
+@given(
+    name=st.sampled_from(sorted(TIMES)),
+    data=st.data(),
+    step_ms=st.integers(1, DAY_MS // 4),
+    degrees=st.lists(st.floats(-90, 90), min_size=3, max_size=30),
+)
+def test_each_record_is_read_at_its_time(arrangement: str, name: str, data: Any, step_ms: int, degrees: Any) -> None:
+    assume(arrangement != "a line of places" or name not in ("date", "stamp", "utc"))  # which no program writes
+    begins_ms, written = TIMES[name]
+    first_ms = data.draw(begins_ms)
+    times_ms = [first_ms + step_ms * k for k in range(len(degrees))]
+    rows = [{name: written(ms), "lat": lat, "lon": 7.0} for ms, lat in zip(times_ms, degrees, strict=True)]
     by_features = "feature" in arrangement or "places" in arrangement
     field = "geometry.coordinates.1" if by_features else "lat"
-    read = read_whole(log, {"/gps": [field]})["/gps"]
 
-    assert read.received_ns.tolist() == [(first_ms + STEP_MS * k) * 1_000_000 for k in range(COUNT)]
-    assert read.columns[field].tolist() == [45 + k / 1000 for k in range(COUNT)]
+    with TemporaryDirectory() as folder:
+        log = open_reader(saved(Path(folder) / "gps.json", ARRANGED[arrangement](rows)))
+        read = read_whole(log, {"/gps": [field]})["/gps"]
+
+    assert read.received_ns.tolist() == [ms * 1_000_000 for ms in times_ms]
+    assert read.columns[field].tolist() == degrees
     assert not any(losses(log.findings()).values())
 
 
 def test_a_time_that_cannot_be_read_is_named_and_counted(tmp_path: Path) -> None:
-    rows = [{"time": "late" if k == 5 else MOMENTS[k].isoformat(), "lat": 45, "lon": 7} for k in range(COUNT)]
+    rows = [{"time": "late" if k == 5 else moment(10**12 + k).isoformat(), "lat": 45, "lon": 7} for k in range(COUNT)]
 
     (lost,) = losses(open_reader(saved(tmp_path / "gps.json", ARRANGED["lines"](rows))).findings())
 
