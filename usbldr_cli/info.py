@@ -64,21 +64,23 @@ def _survey(log: str, request: "Request") -> "Survey":
     if is_simulated(log):
         return survey_of(open_log(log, request))
     found = survey(Path(log), request)
-    return found if found.roles or found.fault else _proposing(found, request)
+    return found if found.roles or found.fault else _without_sensors(found, request)
 
 
-def _proposing(found: "Survey", request: "Request") -> "Survey":
-    """Return the survey of a log without sensors, with what to do if the names of its fields look like sensors."""
+def _without_sensors(found: "Survey", request: "Request") -> "Survey":
+    """Return the survey with what to do with its fields if their names look like sensors, else with its tracks."""
     from dataclasses import replace
 
     from usbldr.io.doctor.proposed_columns import proposed_columns
     from usbldr.io.messages.roles import Roles
+    from usbldr.io.reading.read import computed_tracks
     from usbldr.io.settings.sensor_sections import Configuration
 
     proposed = proposed_columns(found.topics, Roles({}, {}, ()), request, Configuration())
     fields = f"fields of {' and '.join(dict.fromkeys(one.topic.name for one in proposed.values()))}"
     text = f"{NO_SENSOR}, but {fields} look like {', '.join(proposed)}; run usbldr init {found.path.name}"
-    return replace(found, fault=text) if proposed else found
+    tracks = [f"{name} {judged}" for name, judged in computed_tracks(found.path, found.topics).items()]
+    return replace(found, fault=text if proposed else "; ".join([NO_SENSOR, *tracks]))
 
 
 def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
@@ -105,11 +107,6 @@ def _text(found: "Survey", all_topics: bool, fields_of: Sequence[str]) -> str:
         lines += ["", *(f"{finding.code}: {finding.text}" for finding in found.findings)]
     if found.fault:
         lines += ["", f"cannot be replayed as is: {found.fault}"]
-    elif not found.roles and found.complete:
-        from usbldr.io.reading.read import computed_tracks
-
-        tracks = computed_tracks(found.path, found.topics)
-        lines += ["", NO_SENSOR, *(f"{name} {judged}" for name, judged in tracks.items())]
     return "\n".join(map(printable, lines))
 
 

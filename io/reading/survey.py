@@ -25,7 +25,7 @@ class Survey:
     roles: Mapping[str, str]  # role -> topic
     findings: tuple[Finding, ...]
     log: Log | None  # without the undecided roles; None: see fault
-    fault: str  # why it cannot be replayed as is; a log without any sensor needs no reason
+    fault: str  # why it cannot be replayed as is; empty also for a log without any sensor
     complete: bool = True  # whether all topics of sensors could be read, and nothing of the file was lost
 
 

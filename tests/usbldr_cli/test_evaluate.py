@@ -222,7 +222,7 @@ def test_a_track_or_a_truth_in_a_recording_of_its_own_is_its_only_topic_of_posit
         judged(log, "/nav", "--truth", tmp_path / "both.mcap", "--force")
     said = f"/nav is a track: usbldr evaluate LOG --estimate {nav.name} judges it"
     assert said in str(run("replay", nav).exception)
-    assert said in output_of("info", nav)
+    assert said in run("info", nav).stdout
     assert said in str(run("init", nav, "-o", tmp_path / "draft.toml").exception)
 
 

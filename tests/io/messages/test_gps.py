@@ -181,6 +181,7 @@ CALLED_INVALID: dict[str, Callable[[Path], Path]] = {
     "CSV": lambda d: as_csv(d, tables("quality", 1, 6)),
     "CSV of words": lambda d: as_csv(d, tables("valid", "A", "V")),
     "CSV of another name": lambda d: as_csv(d, tables("GPS Fix Quality", 4, 0)),
+    "CSV of GSA's mode": lambda d: as_csv(d, tables("fix_mode", 2, 1)),
     "Parquet": lambda d: as_parquet(d, tables("fix_status", 0, -1)),
     "Parquet of words": lambda d: as_parquet(d, tables("fix_type", "3D", "no")),
     "HDF5": lambda d: as_hdf5(d, tables("valid", 1, 0)),
