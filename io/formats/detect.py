@@ -42,10 +42,10 @@ def _is_matlab_4(path: Path) -> bool:
 def _csv(path: Path, head: bytes, known: Definitions) -> Reader | None:
     from usbldr.io.formats.stacked_tables import stacked_log
     from usbldr.io.tables.csv_begin import looks_like_csv
-    from usbldr.io.tables.csv_log import CsvLog
+    from usbldr.io.tables.csv_log import csv_log
 
     table = looks_like_csv(head) and not _is_other_text(head)
-    return (stacked_log(path) or CsvLog(path)) if table else None
+    return (stacked_log(path) or csv_log(path)) if table else None
 
 
 def _by_look(

@@ -15,10 +15,10 @@ from usbldr.io.messages.topic_names import suggested_sensors
 from usbldr.io.reader import Reader
 from usbldr.io.recordings.joined import JoinedLog, LogPart
 from usbldr.io.recordings.rosbag2_log import holds_recording, open_rosbag2, recording_files
-from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.array_tables import array_log
+from usbldr.io.tables.csv_log import csv_log
 from usbldr.io.tables.csv_text import compressed_texts, text_files
 from usbldr.io.tables.parquet_tables import ENDING, NAME, is_parted, parquet_files, parquet_table
-from usbldr.io.tables.table_log import TableLog
 
 FILES = 10_000  # [files] of a folder that are examined; a dive has some hundred
 SHOWN = 5  # [files] that a sentence names
@@ -75,7 +75,7 @@ def folder_log(path: Path, open_file: Callable[[Path], Reader], apart: Collectio
         texts = [file for folder in folders for file in text_files(folder)]
         others = [file for one in others for file in (_inner(one) if one in folders else [one]) if file not in texts]
         if texts:
-            return _one_log(path, [CsvLog(path, files=texts)], _not_read(others, open_file))
+            return _one_log(path, [csv_log(path, files=texts)], _not_read(others, open_file))
     if folders:
         names = ", ".join(folder.name for folder in folders[:SHOWN])
         raise LogError(f"holds folders with files like those of a log ({names}); name one of them", path=path)
@@ -151,18 +151,18 @@ def _together(
         return [open_rosbag2(path, open_file)], recording_files(path)
     if is_parted(path):
         parts = [*parquet_files(path)]
-        return [TableLog(path, NAME, [parquet_table(file, path.stem)]) for file in parts], {*parts}
+        return [array_log(path, NAME, [parquet_table(file, path.stem)]) for file in parts], {*parts}
     texts = [file for file in text_files(path) if file in among]
     packed = {file: kind for file, kind in compressed_texts(path).items() if file in among}
     tables = [file for file in parquet_files(path) if file in among]
     parted = [folder for folder in sorted(path.iterdir()) if folder in among and is_parted(folder)]
     readers = [open_file(folder) for folder in parted]
     if packed:
-        readers.append(compressed_log(path, packed, lambda copies: CsvLog(path, files=[*texts, *copies])))
+        readers.append(compressed_log(path, packed, lambda copies: csv_log(path, files=[*texts, *copies])))
     elif texts:
-        readers.append(CsvLog(path, files=texts))
+        readers.append(csv_log(path, files=texts))
     if tables:
-        readers.append(TableLog(path, NAME, [parquet_table(file) for file in tables]))
+        readers.append(array_log(path, NAME, [parquet_table(file) for file in tables]))
     copied = {file.with_name(file.name + ending) for file in (*texts, *tables) for ending in ENDINGS}
     damaged = [file for file in sorted(among) if file.suffix == ENDING and file not in tables and _is_filled(file)]
     more, unread = _readable(damaged, open_file)

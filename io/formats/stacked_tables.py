@@ -23,7 +23,7 @@ from usbldr.io.formats.compressed_log import CopiedLog, Copies, written
 from usbldr.io.limits import UnpackingBudget, note_copy
 from usbldr.io.messages.field_names import words_of
 from usbldr.io.tables.csv_begin import BLANKS, COMMENTS, cells_of, is_unit, is_value, separator_of
-from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.csv_log import csv_log
 from usbldr.io.tables.date_times import foreign_time
 
 ANOTHER = re.compile(
@@ -76,7 +76,7 @@ def stacked_log(path: Path) -> CopiedLog | None:
             note_copy(to, path, min(1.0, to.stat().st_size / path.stat().st_size))
         return dict.fromkeys(copies, path), [Finding("CONCATENATED", text)]
 
-    return CopiedLog(path, ", tables below each other", copy, lambda copies: CsvLog(copies[0].parent))
+    return CopiedLog(path, ", tables below each other", copy, lambda copies: csv_log(copies[0].parent))
 
 
 def workbook_log(path: Path) -> CopiedLog | None:
@@ -107,7 +107,7 @@ def workbook_log(path: Path) -> CopiedLog | None:
                 copies[to] = path
         return copies, []
 
-    return CopiedLog(path, ", sheets of a workbook", copy, lambda copies: CsvLog(copies[0].parent))
+    return CopiedLog(path, ", sheets of a workbook", copy, lambda copies: csv_log(copies[0].parent))
 
 
 def _line(row: Iterable[Any]) -> bytes:

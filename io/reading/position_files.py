@@ -27,7 +27,7 @@ from usbldr.io.provenance import ChosenBy, Convention, Provenance
 from usbldr.io.reader import Reader, TopicInfo, name_of
 from usbldr.io.reading.opening import Request, open_configured
 from usbldr.io.settings.sensor_sections import GpsSection, TruthSection
-from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.csv_log import csv_log
 from usbldr.io.tables.csv_sheets import side_columns
 from usbldr.io.tables.csv_text import read_texts
 from usbldr.io.tables.time_columns import dated_columns, keys_since_1970
@@ -105,9 +105,9 @@ def _of_table(
     if section.skip_rows:
         columns = {name: column[section.skip_rows :] for name, column in cells.columns.items()}
         cells = cells._replace(columns=columns, lines=cells.lines[section.skip_rows :])
-    columns, frame, columns_by = _columns(file, dict(CsvLog(file, cells=cells).first_row), section)
+    columns, frame, columns_by = _columns(file, dict(csv_log(file, cells=cells).first_row), section)
     stated = ConfiguredColumns("truth", name_of(file.stem.replace("__", "/")), columns)
-    log = CsvLog(file, [stated], cells=cells)
+    log = csv_log(file, cells=cells).with_columns([stated])
     choice = topic_named(file, log.topics(), "truth", str(stated.topic), chosen_by, stated)
     fixed = {**choice.layout.fixed, "frame": frame} if frame else choice.layout.fixed
     choice = replace(choice, layout=replace(choice.layout, fixed=fixed))

@@ -5,14 +5,14 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
+from itertools import islice
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from usbldr.io.messages.field_names import named_column
 from usbldr.io.reader import MAX_TIME_NS, Column
-from usbldr.io.tables.clean_csv import NumberColumn
-from usbldr.io.tables.text_table import MAX_CHARACTERS
+from usbldr.io.tables.text_table import MAX_CHARACTERS, Cells
 from usbldr.io.tables.time_columns import ISO, SECOND_NS
 from usbldr.io.units import stated_degrees, unit_of
 
@@ -48,9 +48,11 @@ def times(texts: Sequence[str], name: str, unit_ns: int = 1, at_1970: float = 0)
     representable in float64.
     """
 
-    fast = texts.times(unit_ns, at_1970, MAX_TIME_NS) if isinstance(texts, NumberColumn) else None
-    if fast is not None:
-        return ParsedColumn(fast, {})
+    known = texts.times(unit_ns, at_1970, MAX_TIME_NS) if isinstance(texts, Cells) else None
+    if known is not None:
+        values, bad = known
+        cell = next(islice(texts, bad[0], None)) if bad else ""
+        return ParsedColumn(values, dict.fromkeys(bad, f'{name} is "{cell}", no time before 2116 in its unit'))
 
     def exact(text: str) -> int:
         if unit_ns == 1:
@@ -72,8 +74,8 @@ def numbers(texts: Sequence[str], name: str, by_commas: bool = True) -> ParsedCo
 
     ``by_commas``: commas part the columns; else all cells are faults if their points may part thousands.
     """
-    if isinstance(texts, NumberColumn):
-        return ParsedColumn(texts.numbers(), {})
+    if isinstance(texts, Cells) and (known := texts.numbers()) is not None:
+        return ParsedColumn(known, {})
     if not by_commas and (unclear := _unclear_points(texts)):
         text = f"{name} holds {unclear}: is that a thousands separator or a decimal point? Write all numbers alike"
         return ParsedColumn(np.full(len(texts), np.nan), dict.fromkeys(range(len(texts)), text))

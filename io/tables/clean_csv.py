@@ -51,11 +51,12 @@ class NumberColumn(Cells):
         """Return the cells as numbers, NaN for empty ones."""
         return self.values.astype(np.float64, copy=False)
 
-    def times(self, unit_ns: int, at_1970: float, most_ns: int) -> Column | None:
+    def times(self, unit_ns: int, at_1970: float, most_ns: int) -> tuple[Column, Sequence[int]] | None:
         """Return times in a unit as nanoseconds since 1970, exactly; None if their text has to be read one by one."""
         if (unit_ns, at_1970) not in self._times:
             self._times[unit_ns, at_1970] = self._exact_times(unit_ns, at_1970, most_ns)
-        return self._times[unit_ns, at_1970]
+        known = self._times[unit_ns, at_1970]
+        return None if known is None else (known, ())
 
     def _exact_times(self, unit_ns: int, at_1970: float, most_ns: int) -> Column | None:
         whole = self.values

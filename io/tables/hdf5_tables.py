@@ -24,9 +24,10 @@ from usbldr.io.file_access.open_file import mapped
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
+from usbldr.io.tables.array_tables import Array, Table, array_log, tables_of
 from usbldr.io.tables.cf_times import Clock, clock_of
 from usbldr.io.tables.csv_sheets import OWN_NAMES
-from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
+from usbldr.io.tables.table_log import TableLog
 from usbldr.io.units import named_unit
 
 DECODE = "MATLAB_object_decode"  # fixed by MATLAB: the attribute of an object, as a datetime or a timetable
@@ -38,7 +39,7 @@ REFERENCE = np.dtype([("bytes", "<u4"), ("heap", "<u8"), ("text", "<u4")])  # of
 
 def hdf5_log(file: Path, kind: str = NAME) -> TableLog:
     """Return the log of a file; raise as `hdf5_tables` does."""
-    return TableLog(file, kind, hdf5_tables(file, kind))
+    return array_log(file, kind, hdf5_tables(file, kind))
 
 
 def hdf5_tables(file: Path, kind: str = NAME) -> list[Table]:
@@ -68,7 +69,7 @@ class _Contents:
         self.objects: dict[str, dict[str, str]] = defaultdict(dict)  # of MATLAB: name -> class
         self.left_out: dict[str, str] = {}  # path -> why
         self._texts: dict[str, list[Array]] = defaultdict(list)
-        self._dated: dict[str, set[str]] = defaultdict(set)  # names of those arrays of numbers that are times
+        self._dated: dict[str, set[str]] = defaultdict(set)  # those of numbers that are times
 
     def visit(self, path: str, item: Any) -> None:
         """Take an item of the file."""
@@ -134,12 +135,9 @@ class _Contents:
         """Return the tables of a group: its numbers, and texts of as many rows."""
         sizes = {max(shape) for _, shape, _ in self.numbers[group] or self._texts[group]}
         beside = [one for one in self._texts[group] if one[1][0] in sizes]
-        of_texts = frozenset(label for label, _, _ in beside)
-        others, dated = unread(self.objects[group]), frozenset(self._dated[group])
-        return [
-            replace(one, unread=others, texts=of_texts & one.columns.keys())
-            for one in tables_of(self._file, group, [*self.numbers[group], *beside], dated)
-        ]
+        others, texts = unread(self.objects[group]), {*self._dated[group], *(label for label, _, _ in beside)}
+        tables = tables_of(self._file, group, [*self.numbers[group], *beside], texts)
+        return [replace(one, unread=others) for one in tables]
 
 
 def _number(content: Any, reference: Any) -> float | None:

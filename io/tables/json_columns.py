@@ -16,8 +16,9 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import reading
 from usbldr.io.limits import limit
 from usbldr.io.reader import Column
+from usbldr.io.tables.array_tables import TEXT, Table, array_log
 from usbldr.io.tables.json_objects import MOST_BYTES
-from usbldr.io.tables.table_log import TEXT, Table, TableLog
+from usbldr.io.tables.table_log import TableLog
 
 NAME = "JSON columns"
 KEY = rb'\s*\{\s*"[^"\n]*"\s*:'
@@ -36,7 +37,7 @@ def json_columns_log(file: Path) -> TableLog | None:
         raise LogError(f"is JSON of more than {limit(MOST_BYTES)} bytes; write it as CSV or Parquet", path=file)
     with opened(file) as content, reading(file, NAME):
         tables = list(_tables(file, file.stem, json.loads(content.read())))
-    return TableLog(file, NAME, tables) if tables else None
+    return array_log(file, NAME, tables) if tables else None
 
 
 def _tables(file: Path, name: str, value: Mapping[str, Any]) -> Iterator[Table]:

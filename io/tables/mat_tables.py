@@ -19,9 +19,10 @@ from usbldr.io.file_access.open_file import opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
+from usbldr.io.tables.array_tables import Array, Table, array_log, tables_of
 from usbldr.io.tables.date_times import SHOWN_ROWS
 from usbldr.io.tables.hdf5_tables import hdf5_log, refuse_objects, unread
-from usbldr.io.tables.table_log import Array, Table, TableLog, tables_of
+from usbldr.io.tables.table_log import TableLog
 
 NAME = "MATLAB"
 OPAQUE = ("s0", "s1", "s2", "arr")  # fixed by SciPy: the fields of an object of versions 5 to 7, as of a datetime
@@ -48,7 +49,7 @@ def mat_log(file: Path) -> TableLog:
     tables = list(_tables(file, file.stem, {k: v for k, v in variables.items() if not k.startswith("__")}))
     if not tables:
         refuse_objects(file, unread(objects_of(variables)))
-    return TableLog(file, NAME, tables)
+    return array_log(file, NAME, tables)
 
 
 def _checked(file: Path, order: Any) -> int:
@@ -107,8 +108,8 @@ def _tables(file: Path, name: str, variables: Mapping[str, Any]) -> Iterator[Tab
         texts |= {label} if text else set()
         if values.dtype.kind in "biuf" or text:
             arrays.append((label, values.shape or (1,), np.atleast_1d(values).__getitem__))
-    for table in tables_of(file, name, arrays):
-        yield replace(table, texts=frozenset(texts & table.columns.keys()), unread=unread(objects_of(variables)))
+    for table in tables_of(file, name, arrays, texts):
+        yield replace(table, unread=unread(objects_of(variables)))
 
 
 def objects_of(variables: Mapping[str, Any]) -> dict[str, str]:

@@ -18,11 +18,13 @@ from usbldr.io.file_access.open_file import filled_files, opened
 from usbldr.io.file_access.optional_library import library, reading
 from usbldr.io.limits import UnpackingBudget
 from usbldr.io.reader import Column
-from usbldr.io.tables.table_log import MOST_ELEMENTS, Table, TableLog
+from usbldr.io.tables.array_tables import MOST_ELEMENTS, Table, array_log
+from usbldr.io.tables.table_log import TableLog
 
 NAME, ARROW = "Parquet", "Arrow"
 PYARROW = "pyarrow.parquet"
 ENDING = ".parquet"
+LOOKED_AT = {"STRING", "DATE", "TIME", "TIMESTAMP", "INT96"}  # types of texts, dates and times
 
 
 def parquet_files(folder: Path) -> Iterator[Path]:
@@ -44,7 +46,7 @@ def is_parted(folder: Path) -> bool:
 
 def parquet_log(file: Path) -> TableLog:
     """Return the log of a file; raise as `parquet_table` does."""
-    return TableLog(file, NAME, [parquet_table(file)])
+    return array_log(file, NAME, [parquet_table(file)])
 
 
 def arrow_log(file: Path) -> TableLog:
@@ -61,7 +63,7 @@ def arrow_log(file: Path) -> TableLog:
     why = "its type is {}; write it as numbers or texts"
     others = {field.name: why.format(field.type) for field in read.schema if field not in kept}
     table = parquet_table(file, content=arrow.BufferReader(copy.getvalue()))
-    return TableLog(file, ARROW, [replace(table, left_out={**table.left_out, **others})])
+    return array_log(file, ARROW, [replace(table, left_out={**table.left_out, **others})])
 
 
 def _in_parquet(arrow: Any, parquet: Any, field: Any) -> bool:
@@ -84,9 +86,8 @@ def parquet_table(file: Path, name: str = "", content: Any = None) -> Table:
         content = parquet.ParquetFile(content or file, page_checksum_verification=True)
         leaves = [content.schema.column(k) for k in range(len(content.schema))]
         places = {leaf.path: k for k, leaf in enumerate(leaves) if leaf.max_repetition_level == 0}
-        dated = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type == "TIMESTAMP")
-        dated |= {leaf.path for leaf in leaves if leaf.physical_type == "INT96"}
-        texts = frozenset(leaf.path for leaf in leaves if leaf.logical_type.type in ("STRING", "DATE", "TIME"))
+        kinds = {leaf.path: {leaf.logical_type.type, leaf.physical_type} for leaf in leaves}
+        texts = frozenset(path for path, kind in kinds.items() if kind & LOOKED_AT)
         lists = dict.fromkeys(leaf.path.partition(".list.")[0] for leaf in leaves if leaf.max_repetition_level)
         rows = int(content.metadata.num_rows)
         lengths = {path: _first_length(content, path) for path in lists}
@@ -112,7 +113,7 @@ def parquet_table(file: Path, name: str = "", content: Any = None) -> Table:
     lists = [path for path in lists if not lengths[path]]
     left_out = dict.fromkeys(lists, "it holds a list in each row; write the elements as columns")
     lost = tuple(f"{one} (a list, not read)" for one in lists)
-    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, dated, texts, lost, left_out)
+    return Table(file, (name or file.stem).replace("__", "/"), rows, columns, texts, lost, left_out)
 
 
 def _first_length(content: Any, path: str) -> int:

@@ -1,37 +1,39 @@
-"""Logs of tables in binary files: Parquet, HDF5 (also netCDF-4) and MATLAB, read like the columns of CSV files.
+"""Logs of tables: text files, and files that hold arrays. What their columns mean, topic_sheets says.
 
-Each kind of file lists its tables; what their columns mean, topic_sheets says. A column may be masked: those rows have
-no value.
+A row with a cell that cannot be read is left out. One long table may hold several sensors: its column ``sensor`` names
+each row's sensor, which is the topic.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import takewhile
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usbldr.filters.errors import LogError
 from usbldr.io.decoding.date_order import DateOrder
-from usbldr.io.file_access.optional_library import reading
 from usbldr.io.findings import Finding
-from usbldr.io.limits import BeyondLimitError, UnpackingBudget
-from usbldr.io.messages.configured import ConfiguredColumns
-from usbldr.io.messages.field_names import named_column, sensors_by_name
+from usbldr.io.limits import BeyondLimitError
+from usbldr.io.messages.configured import ConfiguredColumns, plain
+from usbldr.io.messages.field_names import sensors_by_name, utm_code, words_of
+from usbldr.io.messages.registry import FRAMES
 from usbldr.io.messages.topic_names import suggested_sensors
-from usbldr.io.reader import MAX_TIME_NS, Column, Nanoseconds, Records, TopicInfo, name_of
-from usbldr.io.tables.cells import ParsedColumn, numbers, times
-from usbldr.io.tables.cf_times import whole_ns
-from usbldr.io.tables.csv_sheets import Sheet, first_telling, open_angle, plain_names, sheet_of
-from usbldr.io.tables.date_times import orders_of, with_iso_times
+from usbldr.io.reader import Records, TopicInfo, name_of
+from usbldr.io.tables.array_column import ArrayColumn
+from usbldr.io.tables.cells import ParsedColumn, numbers, times, with_whole_angles
+from usbldr.io.tables.csv_begin import stated_date, stated_start
+from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
+from usbldr.io.tables.date_times import SECONDS_OF_DAY, clock_digits, foreign_time, orders_of, with_iso_times
 from usbldr.io.tables.long_tables import long_columns, widened
-from usbldr.io.tables.text_table import TextTable, listed
-from usbldr.io.tables.time_columns import ISO, TimeColumn, is_date
+from usbldr.io.tables.text_table import TextTable, line_findings, listed, row_findings
+from usbldr.io.tables.time_columns import ISO, SECOND_NS, SINCE_NS, TimeColumn, is_date
 from usbldr.io.tables.time_parts import parted_time, week_and_time
 from usbldr.io.tables.topic_sheets import (
+    OF_WORDS,
     FirstRow,
     TableHead,
     TopicSheet,
@@ -40,303 +42,296 @@ from usbldr.io.tables.topic_sheets import (
     topic_sheets,
     unmatched_text,
 )
-from usbldr.io.units import named_unit
 
-TEXT = "OUT"  # fixed: the kinds of NumPy's arrays of texts
-MOST_ELEMENTS = 36  # [columns] of a matrix whose rows are records: a covariance of six quantities
-Mask: TypeAlias = NDArray[np.bool_]
-Array: TypeAlias = tuple[str, tuple[int, ...], Callable[[Any], Column]]
-"""Its name, its shape, and a function that reads a part of it."""
+Value = TypeVar("Value")
+WORDS = FRAMES | {"name", "lat_dir", "lon_dir", "fixtype", "bi_status"}
+"""Fields of messages that are texts."""
+SEVERAL = re.compile(r"([A-Z]+ ?)?[\[{(].*[,: ].*[\]})]|.*\d\W*[NS]?[,;] .*\d.*|.*[NS][,; ]+\d.*[EW]")
+"""A cell that holds an array, an object of JSON, a geometry, or a latitude and a longitude."""
+SUMMARY = re.compile(
+    r"\W*(mean|average|avg|mittel(wert)?|moyenne|media|min(imum)?|max(imum)?|range|st(an)?d(ard)?\W?(dev(iation)?)?|sum(me)?|"
+    r"total|median|count|n)\W*",
+    re.IGNORECASE,
+)  # in place of a time: "Mean:"
+EASTING = re.compile(r"(^|_)e(ast(ing)?s?)?(_|$)")  # "USBL E (m)"
+ENDS = 500  # [characters] of a cell from either end: matching takes their square
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table of a file, whose columns are read one by one."""
+@dataclass(frozen=True, eq=False, slots=True)
+class TableSource:
+    """A table as its file holds it, which is read when it is asked for; LogError says why that is not possible."""
 
     file: Path
-    topic: str
-    rows: int
-    columns: Mapping[str, Callable[[], Column]]  # name as written -> a function that reads it, (rows,)
-    dated: frozenset[str] = frozenset()  # columns of dates and times, datetime64[ns]
-    texts: frozenset[str] = frozenset()  # columns of texts, which are read as the cells of a CSV file
+    name: str  # the topic without its first slash
+    stem: str  # which may suggest the sensor
+    title: str  # what it is called in a sentence
+    where: str  # before what is said of a row in an error: of a file's only table nothing
+    row: str  # what a row is called
+    encoding: str
+    begin: Callable[[], tuple[Sequence[str], Sequence[str]]]  # names as written, first cells if they are known
+    read: Callable[[], TextTable]
+    remarks: Callable[[], Sequence[str]] = lambda: ()  # the lines before the names
+    rows: int | None = None  # None: unknown before it is read
     unread: Sequence[str] = ()  # what else is there
     left_out: Mapping[str, str] = field(default_factory=dict[str, str])  # what else its file holds -> why
 
 
-def tables_of(file: Path, name: str, arrays: Iterable[Array], dated: frozenset[str] = frozenset()) -> list[Table]:
-    """Return the tables of a group from its arrays.
+@dataclass(frozen=True, slots=True)
+class TopicRows:
+    """The table and rows that hold the records of one topic."""
 
-    Arrays of one length are the columns of one table. A matrix is as many columns as its shorter side: "velocity.0".
-    Arrays of one element are no columns, unless there are no others.
-    """
-    by_length: dict[int, dict[str, Callable[[], Column]]] = {}
-    for label, shape, read in arrays:
-        sides = [side for side in shape if side != 1] or [1]
-        if len(sides) == 1 and len(shape) <= 2:
-            by_length.setdefault(sides[0], {})[label] = lambda read=read: np.ravel(read(()))
-        elif len(shape) == 2 and min(shape) <= MOST_ELEMENTS:
-            column, bracket, unit = label.partition(" [")  # which stays at the end
-            for k in range(min(shape)):
-                part = (slice(None), k) if shape[0] >= shape[1] else (k, slice(None))
-                columns = by_length.setdefault(max(shape), {})
-                columns[f"{column}.{k}{bracket}{unit}"] = lambda read=read, part=part: read(part)
-    if len(by_length) > 1:
-        by_length.pop(1, None)
-    several = len(by_length) > 1
-    topics = {rows: f"{name}/{rows}_rows" if several else name for rows in by_length}
-    return [Table(file, topics[rows], rows, columns, dated & columns.keys()) for rows, columns in by_length.items()]
-
-
-def _may_tell(name: str) -> bool:
-    """Return whether the first value of a column may tell its unit, by its plain name: a time, date or angle."""
-    column = named_column(name)
-    timed = named_unit(name).dimension == "time" or (column and column.rule.dimension == "time")
-    return bool(timed or open_angle(name) or is_date(name))
-
-
-def _cells(values: Column) -> list[str]:
-    """Return a column as the cells of a CSV file."""
-    return ["" if value is None else str(value).strip() for value in values]
-
-
-def _own_sheet(table: Table) -> Sheet | None:
-    """Return how usbldr's own names interpret the columns of a table."""
-    return sheet_of(table.topic.rpartition("/")[2], list(table.columns))
+    source: TableSource
+    header: tuple[str, ...]  # names as written
+    sensor: str | None = None  # of a table with several sensors: whose rows
 
 
 class TableLog:
-    """A log of tables; one of a single row holds parameters, unless all do."""
+    """The tables of a file or folder."""
 
     def __init__(
-        self, path: Path, kind: str, tables: Sequence[Table], configured: Sequence[ConfiguredColumns] = ()
+        self, path: Path, kind: str, sources: Sequence[TableSource], configured: Sequence[ConfiguredColumns] = ()
     ) -> None:
-        """Take the tables of a file, or of the files of a folder."""
-        self.path, self.format = path, kind
+        self.path, self.format, self._sources = path, kind, tuple(sources)
         self._configured, self._formats = tuple(configured), time_formats(configured)
-        self._left_out: dict[str, str] = {}  # topic -> how many rows, and why
-        self._faults: dict[tuple[str, str], Mapping[int, str]] = {}  # table and column of texts -> row -> its fault
-        self._columns: dict[tuple[str, str], Column] = {}
-        self._read = cache(self._read_column)
-        tables = [self._widened(one) for one in tables]
-        self._all = [one for one in tables if one.rows > 1 or (not one.rows and _own_sheet(one))] or tables
-        sizes = {table.file: table.file.stat().st_size for table in tables}
-        self._budget = UnpackingBudget(path, sum(sizes.values()))
-
-    def _widened(self, table: Table) -> Table:
-        """Return a long table (topic, field, value) with a column for each name, any other as it is."""
-        if (long := long_columns(list(table.columns))) is None:
-            return table
-        with reading(table.file, self.format):
-            cells = {name: _cells(read()) for name, read in table.columns.items()}
-        wide = widened(read := TextTable(cells, range(table.rows), {}), long)
-        if wide is read:
-            return table
-        reads = {name: lambda cells=cells: np.array(cells, dtype=object) for name, cells in wide.columns.items()}
-        return Table(table.file, table.topic, len(wide.lines), reads, texts=frozenset(reads))
+        self._read: dict[TableSource, TextTable] = {}
+        self._raw = cache(self._wide_texts)
+        self._begin = cache(self._header_and_row)
+        self._row = cache(self._first_cells)
+        self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line or row -> why
+        self._summaries: dict[str, Collection[int]] = {}  # topic -> lines behind its last row
+        self._starts: dict[TableSource, str] = {}  # the stated starts from which times count
 
     def with_columns(self, configured: Sequence[ConfiguredColumns]) -> "TableLog":
         """Return this log with the columns that the configuration states."""
-        return TableLog(self.path, self.format, self._all, configured)
-
-    @cached_property
-    def _tables(self) -> Mapping[str, Table]:
-        found: dict[str, Table] = {}
-        for table in self._all:
-            topic = "/" + name_of(table.topic)
-            if topic in found:
-                raise LogError(f"has two tables {topic}; rename one", path=self.path)
-            found[topic] = table
-        return found
+        return TableLog(self.path, self.format, self._sources, configured)
 
     @cached_property
     def _topics(self) -> Mapping[str, TopicSheet]:
-        heads: dict[str, TableHead] = {}
-        for topic, table in self._tables.items():
-            stem, names = table.topic.rpartition("/")[2], list(table.columns)
-            date = [self._date(table, name) for name in names]
-            timed = "" in sensors_by_name(names, stem) or any(map(ISO.fullmatch, date)) or any(map(is_date, names))
-            alike = [one for one in self._all if one.rows == table.rows and one is not table]
-            elsewhere = [f"/{one.topic}/{name}" for one in alike for name in one.columns]
-            own, first_row, texts = _own_sheet(table), date if timed else None, self._iso.get(table.topic, {})
-            heads[topic] = TableHead(table.file, stem, names, own, first_row, elsewhere, texts)
+        heads = {topic: self._head(rows) for topic, rows in self._rows.items()}
         return topic_sheets(heads, self._configured, self.path)
 
-    @cached_property
-    def _raw(self) -> Mapping[str, Mapping[str, Sequence[str]]]:
-        """Table -> the cells of its texts, and of numbers that make up a time; one that cannot be read is left out."""
-        found: dict[str, dict[str, Sequence[str]]] = {}
-        for table in self._all:
-            names = plain_names(list(table.columns))
-            parts = {*parted_time(names).values(), *(week_and_time(names) or ())}
-            texts = {short for name, short in zip(table.columns, names, strict=True) if name in table.texts}
-            stem = table.topic.rpartition("/")[2]
-            for name in texts | parts if self._configured or sensors_by_name(names, stem) else ():
-                with suppress(LogError):
-                    found.setdefault(table.topic, {})[name] = _cells(self._read(table.topic, name))
-        return found
+    def _head(self, rows: TopicRows) -> TableHead:
+        source, header = rows.source, rows.header
+        if rows.sensor is not None:
+            names = self._table(source).columns
+            filled = [name for name in names if name == "time_ns" or any(self._cells(rows, name))]
+            return TableHead(source.file, source.stem, header, sheet_of(rows.sensor.replace("/", "__"), filled))
+        own, first_row = sheet_of(source.stem, header), self._row(source)
+        worded = len({*header}) == len(header) and any(map(OF_WORDS.match, first_row))  # else it cannot be read
+        texts = self._table(source).columns if worded else dict[str, Sequence[str]]()
+        alike = [one for one in self._sources if one.rows == source.rows is not None and one is not source]
+        elsewhere = [f"/{one.name}/{name}" for one in alike for name in self._begin(one)[0]]
+        timed = source.rows is None or any(map(ISO.fullmatch, first_row)) or any(map(is_date, header))
+        timed = timed or "" in sensors_by_name(plain_names(header), source.stem)  # else they are parameters
+        return TableHead(source.file, source.stem, header, own, first_row if timed else None, elsewhere, texts)
+
+    def _wide_texts(self, source: TableSource) -> TextTable:
+        """Return the cells of a table; those of a long one made wide."""
+        read = source.read()
+        long = long_columns(list(read.columns))
+        return widened(read, long) if long else read
+
+    def _header_and_row(self, source: TableSource) -> tuple[Sequence[str], Sequence[str]]:
+        """Return a table's column names as written, and the cells of its first row; those of a long one made wide."""
+        names, cells = source.begin()
+        if long_columns(names) is None:
+            return names, cells
+        columns = self._table(source).columns
+        return list(columns), [next(iter(column), "") for column in columns.values()]
+
+    def _first_cells(self, source: TableSource) -> Sequence[str]:
+        """Return the first filled cell of each column; dates and times as ISO text, for which all rows are read."""
+        names, cells = self._begin(source)
+        read = self._formats or any(map(foreign_time, cells)) or week_and_time(names) or parted_time(names)
+        read = read or any(map(SECONDS_OF_DAY.search, map(str.lower, names)))
+        read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)] or any(map(open_angle, names))
+        if not read or len({*names}) < len(names) or not len(self._table(source).lines):
+            return cells
+        begun, columns = dict(zip(plain_names(names), cells, strict=False)), self._table(source).columns
+        told = self._told(source).keys()
+        return [first_telling(name, column) if name in told else begun[name] for name, column in columns.items()]
+
+    def _told(self, source: TableSource) -> Mapping[str, Sequence[str]]:
+        """Return the columns whose cells are looked at."""
+        columns = self._raw(source).columns
+        return {name: one for name, one in columns.items() if not isinstance(one, ArrayColumn) or one.is_told}
 
     @cached_property
     def _orders(self) -> Mapping[str, DateOrder]:
         """Separator -> how dates with it are read in all tables."""
-        return orders_of(self._raw.values(), self._formats)
+        dated = [one for one in self._sources if one.rows is not None or any(map(foreign_time, one.begin()[1]))]
+        return orders_of(map(self._told, dated), self._formats)
 
     @cached_property
-    def _iso(self) -> Mapping[str, Mapping[str, Sequence[str]]]:
-        """The same with dates and times in ISO's notation."""
-        return {topic: with_iso_times(cells, self._formats, self._orders) for topic, cells in self._raw.items()}
+    def _rows(self) -> Mapping[str, TopicRows]:
+        found: dict[str, TopicRows] = {}
+        for source in self._sources:
+            for topic, rows in self._topics_of(source).items():
+                if topic in found:
+                    files = dict.fromkeys((found[topic].source.file.name, source.file.name))
+                    twice = f"{' and '.join(files)} are both" if len(files) > 1 else "has two tables"
+                    raise LogError(f"{twice} {topic}; rename one", path=self.path)
+                found[topic] = rows
+        return found
 
-    def _date(self, table: Table, name: str) -> str:
-        """Return a date and time for a column of dates, the first value of texts and times; else an empty text."""
-        if name in table.dated:
-            return "2000-01-01 00:00:00"
-        (short,) = plain_names([name])
-        shown = short in self._iso.get(table.topic, ()) or _may_tell(short)
-        return self._first_value(table, short) if shown else ""
+    def _topics_of(self, source: TableSource) -> Mapping[str, TopicRows]:
+        header = tuple(self._begin(source)[0])
+        names = [*map(plain, header)]
+        several = "sensor" in names and "sensor" in self._told(source)
+        sensors = dict.fromkeys(self._table(source).columns["sensor"]) if several else ()
+        roles = set[str]().union(*map(suggested_sensors, sensors))
+        if not sensors or ("time_ns" not in names and len(roles) < 2):  # else it names devices of one sensor
+            return {"/" + name_of(source.name): TopicRows(source, header)}
+        return {"/" + name_of(sensor.lstrip("/")): TopicRows(source, header, sensor) for sensor in sensors if sensor}
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """List the tables, or their parts."""
+        """List the topics; one whose columns match no sensor has no type."""
         return tuple(self._info(topic, one) for topic, one in self._topics.items())
 
     def _info(self, topic: str, one: TopicSheet) -> TopicInfo:
-        table, sheet = self._tables[one.table], one.sheet
+        rows, sheet = self._rows[one.table], one.sheet
+        source = rows.source
         if sheet is None or sheet.received is None:
-            beside = f"; beside these: {listed(table.unread)}" if table.unread else ""
-            known = sheet and f"{table.topic} {sheet.problem + beside if table.rows else 'has no rows'}"
-            problem = known or unmatched_text([*table.columns, *table.unread])
-            return one.unread_info(topic, "table", problem, self._first_row(table))
+            return one.unread_info(topic, source.encoding, self._problem(rows, sheet), self._first_row(rows))
         try:
-            times, good = self._times(table, sheet.received)
-        except BeyondLimitError:
-            raise
+            times, faults = self._times(rows, sheet.received)
         except LogError as fault:
+            if source.rows is None or isinstance(fault, BeyondLimitError):
+                raise
             fields = (*(("header.stamp",) if sheet.stamp else ()), *sheet.columns)
-            return TopicInfo(topic, sheet.type, "table", 0, None, None, fields, fault.text)
-        times = times[good]
-        none = f"/{table.topic}: no value of the column {sheet.received.column} is a time before 2116 in its unit"
-        none = none if table.rows > len(times) == 0 else ""
-        return one.info(topic, "table", times, none, lambda: self._first_row(table))
+            return TopicInfo(topic, sheet.type, source.encoding, 0, None, None, fields, fault.text)
+        lines = self._own_rows(rows, self._table(source).lines)
+        times = np.delete(times, list(faults)) if faults else times
+        problem = ""
+        if faults and not len(times):
+            self._left_out[topic] = {lines[row]: text for row, text in faults.items()}
+            where = source.where or f"{source.file}: "
+            problem = f"{where}{source.row} {lines[min(faults)]}: {faults[min(faults)]}"
+        return one.info(topic, source.encoding, times, problem, lambda: self._first_row(rows))
 
-    def _first_row(self, table: Table) -> FirstRow:
-        """Return the columns, and the first value of those that may be times; the others are not read."""
-        names = plain_names(list(table.columns))
-        return tuple((short, self._date(table, name)) for short, name in zip(names, table.columns, strict=True))
+    def _problem(self, rows: TopicRows, sheet: Sheet | None) -> str:
+        source, cells = rows.source, self._begin(rows.source)[1]
+        for name, cell in zip(plain_names(rows.header), cells, strict=False):
+            if SEVERAL.fullmatch(cell[:ENDS] + cell[ENDS:][-ENDS:]) and not foreign_time(cell):
+                text = f"holds several values in the cells of {name} ({cell}); write each in a column of its own"
+                return f"{source.title} {text}"
+        if sheet:
+            empty = cells in ([], [""]) if source.rows is None else not source.rows
+            beside = f"; beside these: {listed(source.unread)}" if source.unread else ""
+            return f"{source.title} {'has no rows' if empty else sheet.problem + beside}"
+        unnamed = rows.header[:1] == ("1",)
+        return f"{source.title} {NO_HEADER}" if unnamed else unmatched_text([*rows.header, *source.unread])
 
-    def _first_value(self, table: Table, name: str) -> str:
-        """Return the first value of a column as text, empty if there is none or it cannot be read."""
-        values: Column = np.empty(0)
-        with suppress(LogError):
-            values = self._column(table, name)
-            if open_angle(name):
-                return first_telling(name, map(str, np.ma.compressed(values)))
-            values = values[values != ""][:1] if values.dtype.kind in TEXT else values[:1]
-        if values.dtype.kind == "M":
-            values = np.datetime_as_string(values, unit="ms")
-        return "" if np.ma.getmaskarray(values).any() else "".join(map(str, values))
+    @property
+    def first_row(self) -> FirstRow:
+        """The columns and first cells of a log of one table."""
+        (source,) = self._sources
+        return self._first_row(TopicRows(source, tuple(self._begin(source)[0])))
+
+    def _first_row(self, rows: TopicRows) -> FirstRow:
+        """Return the columns and first cells of a table with one sensor."""
+        cells = () if rows.sensor else self._row(rows.source)
+        return tuple(zip(plain_names(rows.header), cells, strict=False))
+
+    def _table(self, source: TableSource) -> TextTable:
+        if source not in self._read:
+            raw = self._raw(source)
+            iso = with_iso_times(self._told(source), self._formats, self._orders, stated_date(source.remarks()))
+            self._read[source] = raw._replace(columns=with_whole_angles({**raw.columns, **iso}))
+        return self._read[source]
+
+    def _cells(self, rows: TopicRows, name: str) -> Sequence[str]:
+        """Return the cells of a column, which may be one of another table of as many rows: "/group/time"."""
+        names = ((one, name.removeprefix(f"/{one.name}/")) for one in (rows.source, *self._sources))
+        source, own = next((one, own) for one, own in names if own in self._table(one).columns)
+        return self._own_rows(rows, self._table(source).columns[own])
+
+    def _own_rows(self, rows: TopicRows, values: Sequence[Value]) -> Sequence[Value]:
+        """Return the values of a table's rows that belong to the sensor."""
+        if rows.sensor is None:
+            return values
+        sensors = self._table(rows.source).columns["sensor"]
+        return [value for value, sensor in zip(values, sensors, strict=True) if sensor == rows.sensor]
+
+    def _times(self, rows: TopicRows, clock: TimeColumn) -> ParsedColumn:
+        """Return times; those before 2000 count from the start that a line before the names states."""
+        found = times(self._cells(rows, clock.column), *clock)
+        start = stated_start(rows.source.remarks())
+        if not start or np.any(found.values >= SINCE_NS):
+            return found
+        (start_ns,) = times(with_iso_times({"": [start]}, {}, self._orders)[""], "", SECOND_NS).values
+        self._starts[rows.source] = start
+        return found._replace(values=found.values + start_ns)
 
     def blocks(self, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, Records]]:
-        """Read the wanted columns; rows without a time are left out."""
+        """Read the wanted columns; rows with an invalid cell in one of them are left out."""
         for topic, paths in wanted.items():
             yield topic, self._records(topic, paths)
 
     def _records(self, topic: str, paths: Sequence[str]) -> Records:
-        table, (sheet, clock) = self._tables[self._topics[topic].table], self._topics[topic].readable(topic, self.path)
-        received, good = self._times(table, clock)
-        columns: dict[str, Column] = {}
-        for path in paths:
-            if path == "header.stamp" and sheet.stamp:
-                columns[path], stamped = self._times(table, sheet.stamp)
-                good = good & stamped
-            else:
-                columns[path] = self._values(table, sheet, path)
-        used = [sheet.columns[path] for path in columns if path in sheet.columns]
-        faults = [self._faults.get((table.topic, name), {}) for name in (clock.column, *used)]
-        if unread := {row: cell for found in reversed(faults) for row, cell in found.items()}:
-            good = good & ~np.isin(np.arange(len(good)), list(unread))
-        if not good.all():
-            why = f"are left out: row {min(unread) + 1}: {unread[min(unread)]}" if unread else "have no time; left out"
-            self._left_out[topic] = f"{int(np.sum(~good))} of {len(good)} rows {why}"
-        return Records(received[good], {path: column[good] for path, column in columns.items()})
+        rows, (sheet, clock) = self._rows[self._topics[topic].table], self._topics[topic].readable(topic, self.path)
+        source, received = rows.source, self._times(rows, clock)
+        columns = {path: self._column(rows, sheet, path) for path in paths}
+        faults: dict[int, str] = {}
+        wholly = False
+        for parsed in (received, *columns.values()):
+            faults = {**parsed.faults, **faults}
+            wholly |= bool(parsed.faults) and parsed.values.dtype.kind == "f" and not np.isfinite(parsed.values).any()
+        lines = self._own_rows(rows, self._table(source).lines)
+        known = [np.isfinite(parsed.values) for parsed in columns.values() if parsed.values.dtype.kind == "f"]
+        blank = {row for row in received.faults if known and not any(column[row] for column in known)}
+        if wholly or (faults and len(faults) == len(lines)):
+            text = f"{source.where}{source.row} {lines[min(faults)]}: {faults[min(faults)]}"
+            raise LogError(text, path=source.file)
+        self._left_out[topic] = {lines[row]: text for row, text in faults.items() if row not in blank}
+        clocks = self._cells(rows, clock.column) if len(lines) - 1 in received.faults else ()
+        ends = takewhile(lambda row: SUMMARY.fullmatch(clocks[row]), reversed(range(len(clocks))))
+        self._summaries[topic] = {lines[row] for row in ends}
+        good = np.delete(np.arange(len(lines)), list(faults)) if faults else slice(None)
+        return Records(received.values[good], {path: parsed.values[good] for path, parsed in columns.items()})
 
-    def _values(self, table: Table, sheet: Sheet, path: str) -> Column:
-        values = self._column(table, sheet.columns[path])
-        if path in sheet.texts:
-            return np.array([str(value) for value in values])
-        if values.dtype.kind in TEXT:
-            values = self._parsed(table, sheet.columns[path], numbers(values.tolist(), sheet.columns[path])).values
-        if values.dtype.kind not in "biuf":
-            raise LogError(f"/{table.topic}: the column {sheet.columns[path]} holds no numbers", path=table.file)
-        if np.ma.isMaskedArray(values):
-            values = np.ma.filled(values.astype(np.float64), np.nan)
+    def _column(self, rows: TopicRows, sheet: Sheet, path: str) -> ParsedColumn:
+        if path == "header.stamp" and sheet.stamp:
+            return self._times(rows, sheet.stamp)
+        name = sheet.columns[path]
+        cells = self._cells(rows, name)
+        if path in WORDS | sheet.texts:
+            return ParsedColumn(np.array(list(cells)), {})
+        parsed = numbers(cells, name, self._table(rows.source).by_commas)
         with np.errstate(invalid="ignore"):  # damage may make any number
-            return values * sheet.scale[path] if path in sheet.scale else values
+            return parsed._replace(values=parsed.values * sheet.scale[path]) if path in sheet.scale else parsed
 
-    def _times(self, table: Table, clock: TimeColumn) -> tuple[Nanoseconds, Mask]:
-        """Return a column of times as nanoseconds since 1970, and which of them are times; integers stay exact."""
-        values = self._column(table, clock.column)
-        if values.dtype.kind in TEXT:
-            parsed = self._parsed(table, clock.column, times(values.tolist(), *clock))
-            return parsed.values.astype(np.int64), ~np.isin(np.arange(len(values)), list(parsed.faults))
-        masked, values = np.ma.getmaskarray(values), np.ma.getdata(values)
-        if values.dtype.kind not in "iufM":
-            raise LogError(f"/{table.topic}: the column {clock.column} holds no times", path=table.file)
-        dated = values.dtype.kind == "M"
-        if clock.at_1970 and not dated:
-            values = (values.astype(np.int64) if values.dtype.kind in "iu" else values) - clock.at_1970
-        values, unit_ns = (values.astype(np.int64), 1) if dated else (values, clock.unit_ns)
-        good = (np.abs(values.astype(np.float64)) * unit_ns < MAX_TIME_NS) & ~masked  # False for NaN, and for no date
-        return whole_ns(np.where(good, values, 0), unit_ns), good
-
-    def _parsed(self, table: Table, name: str, parsed: ParsedColumn) -> ParsedColumn:
-        """Return a column of texts; raise LogError that names the first cell if none can be read."""
-        self._faults[table.topic, name] = faults = parsed.faults
-        if faults and len(faults) == len(parsed.values):
-            raise LogError(f"/{table.topic}: row {min(faults) + 1}: {faults[min(faults)]}", path=table.file)
-        return parsed
-
-    def _column(self, table: Table, name: str) -> Column:
-        if (key := (table.topic, name)) not in self._columns:
-            values = self._read(*key)
-            raw, iso = self._raw.get(table.topic, {}), self._iso.get(table.topic, {})
-            if name in iso and (values.dtype.kind in TEXT or iso[name] is not raw[name]):
-                values = np.array(iso[name], dtype=object)
-            elif values.dtype.kind in TEXT:
-                values = np.array(with_iso_times({name: _cells(values)}, self._formats)[name], dtype=object)
-            self._columns[key] = values
-        return self._columns[key]
-
-    def _read_column(self, topic: str, name: str) -> Column:
-        """Return a column as its file holds it; raise LogError if that is not possible."""
-        table = next(one for one in self._all if one.topic == topic)
-        self._budget.take_bytes(table.rows * 8)
-        with reading(table.file, self.format):
-            own = dict(zip(plain_names(list(table.columns)), table.columns.values(), strict=True))
-            values = (own.get(name) or self._by_full_name[name])()
-        if len(values) != table.rows:
-            count = f"{len(values)} of {table.rows} values"
-            raise LogError(f"/{table.topic}: the column {name} has {count}: the file is damaged", path=table.file)
-        long = values.dtype.kind == "f" and values.dtype.itemsize > np.float64().itemsize
-        return values.astype(np.float64) if long else values
-
-    @cached_property
-    def _by_full_name(self) -> Mapping[str, Callable[[], Column]]:
-        """The functions that read the columns of all tables."""
-        return {f"/{one.topic}/{name}": read for one in self._all for name, read in one.columns.items()}
+    def _stated_before(self, topic: str, one: TopicSheet) -> list[Finding]:
+        """Report what lines before the names of a file's columns state: a start, and of eastings their grid."""
+        source = self._rows[one.table].source
+        code = next((code for line in source.remarks() if (code := utm_code(line))), "")
+        eastings = one.sheet and any(EASTING.search(words_of(name)) for name in one.sheet.columns.values())
+        found = [f"grid, {code}"] if code and eastings else []
+        found += [f"start, {start}, from which its times count"] if (start := self._starts.get(source)) else []
+        begun = f"{topic}: a line before its columns states their "
+        return [Finding("COLUMNS-BY-NAME", begun + text, topic) for text in found]
 
     def findings(self) -> tuple[Finding, ...]:
-        """Report what is not read, the rows that are left out, and what the names of columns were taken for."""
+        """Report what is not read, the rows that are left out, and dates that have two readings."""
+        of_files = {source.file: source.left_out for source in self._sources}
+        unread = [(file, path, why) for file, left_out in of_files.items() for path, why in left_out.items()]
         found = [
             Finding("NOT-READ", f"{file.name}: {path} is not read: {why}", lost_data=bool(suggested_sensors(path)))
-            for file, left_out in {table.file: table.left_out for table in self._all}.items()
-            for path, why in left_out.items()
+            for file, path, why in unread
         ]
         first: dict[str, str] = {}
         for one in self._topics.values():
-            table, clock = self._tables[one.table], one.sheet and one.sheet.received
-            if clock and clock.column in self._iso.get(table.topic, ()):
-                first[table.topic] = self._first_value(table, clock.column)
+            if clock := one.sheet and one.sheet.received:
+                rows = self._rows[one.table]
+                first[rows.source.title] = dict(self._first_row(rows)).get(clock.column, "")
         found += time_findings(self.path.name, self._orders, first)
         for topic, one in self._topics.items():
-            found += one.findings(topic)
-            if why := self._left_out.get(topic):
-                found.append(Finding("UNDECODED", f"{topic}: {why}", topic, lost_data=True))
+            found += [*one.findings(topic), *self._stated_before(topic, one)] if topic in self._left_out else []
+            if self._left_out.get(topic):
+                source = self._rows[one.table].source
+                lost = bool(self._left_out[topic].keys() - self._summaries.get(topic, ()))
+                title = topic if source.where else source.title
+                found += row_findings(title, self._table(source), self._left_out[topic], source.row, topic, lost)
+        for source, table in self._read.items():
+            found += line_findings(source.file, table)
         return tuple(found)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from usbldr.filters import errors
 from usbldr.io.file_access.open_file import cut_line
 from usbldr.io.findings import Finding
+from usbldr.io.reader import Column
 
 MAX_NAMES = 20  # of names in a sentence
 MAX_CHARACTERS = 60  # of a name or a cell in a sentence
@@ -18,6 +19,17 @@ class Cells(Sequence[str]):
     def __getitem__(self, index: Any) -> Any:
         cells: Any = list(self)
         return cells[index]
+
+    def numbers(self) -> Column | None:
+        """Return the cells as numbers, NaN for empty ones, if they are known; else their text is to be read."""
+        return None
+
+    def times(self, unit_ns: int, at_1970: float, most_ns: int) -> tuple[Column, Sequence[int]] | None:
+        """Return times in a unit as nanoseconds since 1970, exactly, and the rows of those that are none, if known.
+
+        ``at_1970``: that moment in the unit; ``most_ns``: what they and their differences are below.
+        """
+        return None
 
 
 class TextColumn(Cells):
@@ -56,17 +68,17 @@ def listed(names: Sequence[str]) -> str:
 
 
 def row_findings(
-    file: Path, table: TextTable, left_out: Mapping[int, str], topic: str = "", lost: bool = True
+    title: str, table: TextTable, left_out: Mapping[int, str], what: str = "line", topic: str = "", lost: bool = True
 ) -> list[Finding]:
-    """Report the rows of a table that are left out (line -> why), and whether data is lost by that."""
+    """Report the rows of a table that are left out (line or row -> why), and whether data is lost by that."""
     if not left_out:
         return []
     first, *others = sorted(left_out)
-    more = f"; so are lines {listed(list(map(str, others)))}" if others else ""
-    text = f"{file.name}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
-    return [Finding("UNDECODED", f"{text}: line {first}: {left_out[first]}{more}", topic, lost_data=lost)]
+    more = f"; so are {what}s {listed(list(map(str, others)))}" if others else ""
+    text = f"{title}: {len(left_out)} of {len(table.lines) + len(table.left_out)} rows are left out"
+    return [Finding("UNDECODED", f"{text}: {what} {first}: {left_out[first]}{more}", topic, lost_data=lost)]
 
 
 def line_findings(file: Path, table: TextTable) -> list[Finding]:
     """Report the lines of a file that are no rows, and its cut line."""
-    return [*row_findings(file, table, table.left_out), *cut_line(file, table.cut_line)]
+    return [*row_findings(file.name, table, table.left_out), *cut_line(file, table.cut_line)]

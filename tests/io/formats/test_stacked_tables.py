@@ -14,7 +14,7 @@ from recordings import SECOND, T0, saved, saved_lines, write_csv
 from usbldr.io.formats.detect import open_reader
 from usbldr.io.limits import VARIABLE
 from usbldr.io.reading.read import read_log
-from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.table_log import TableLog
 
 ROWS = 12
 TABLES = {
@@ -104,7 +104,7 @@ def test_a_table_that_goes_on_behind_its_names_is_one(tmp_path: Path, between: s
 
     log = open_reader(saved_lines(tmp_path / "dive.csv", ["A title", "", names, *rows[:6], between, names, *rows[6:]]))
 
-    assert isinstance(log, CsvLog)
+    assert isinstance(log, TableLog)
     assert [topic.count for topic in log.topics()] == [ROWS]
 
 

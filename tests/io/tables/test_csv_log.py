@@ -16,7 +16,7 @@ from usbldr.io.decoding.collected import read_whole
 from usbldr.io.log import Log
 from usbldr.io.reading.read import read_log
 from usbldr.io.tables import csv_text
-from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.csv_log import csv_log
 
 WHEN = '[compass]\ncolumns = { time_unix_s = "when", heading = "hdg" }\n'
 DVL = f"time_ns,received_ns,starboard_mps,forward_mps\n{T0},{T0 + 7},0.1,1.25\n{T0 + 2},{T0 + 5},,-1e-3"
@@ -32,7 +32,7 @@ def test_a_stem_is_a_topic_and_its_columns_determine_the_type_and_keep_the_order
     (folder / "notes.md").write_text("a, b\n", encoding="utf-8")
     (folder / "usbldr.toml").write_text("# a, b\n", encoding="utf-8")
 
-    log = CsvLog(folder)
+    log = csv_log(folder)
     topics = {topic.name: topic for topic in log.topics()}
     dvl = read_whole(log, {"/dvl": ["header.stamp", "starboard_mps", "forward_mps"]})["/dvl"]
 
@@ -191,7 +191,8 @@ def test_cells_kept_in_pieces_are_those_of_the_file(tmp_path: Path, rows: int, m
     lines[rows // 2] = f"{T0 + rows // 2};;1,25"
     text = "\n".join(["time_ns;starboard_mps;forward_mps", *lines])
 
-    dvl = read_whole(CsvLog(write_csv(tmp_path / "dive", dvl=text)), {"/dvl": ["starboard_mps", "forward_mps"]})["/dvl"]
+    log = csv_log(write_csv(tmp_path / "dive", dvl=text))
+    dvl = read_whole(log, {"/dvl": ["starboard_mps", "forward_mps"]})["/dvl"]
 
     at = np.arange(rows)
     np.testing.assert_array_equal(dvl.received_ns, T0 + at)

@@ -11,7 +11,7 @@ from usbldr.filters.errors import LogError
 from usbldr.io.decoding.collected import read_whole
 from usbldr.io.provenance import Convention
 from usbldr.io.reading.read import read_log
-from usbldr.io.tables.csv_log import CsvLog
+from usbldr.io.tables.csv_log import csv_log
 
 STAMP = 1474477150941968287  # no float64
 COVARIANCE = ",".join(f"field.twist.covariance{k}" for k in range(36))
@@ -24,7 +24,7 @@ TWIST = f"""
 
 
 def test_times_are_whole_nanoseconds_and_arrays_have_numbered_fields(tmp_path: Path) -> None:
-    log = CsvLog(write_csv(tmp_path / "dive", nav__dvl=TWIST))
+    log = csv_log(write_csv(tmp_path / "dive", nav__dvl=TWIST))
 
     (topic,) = log.topics()
     paths = ["header.stamp", "header.frame_id", "twist.twist.linear.y", "twist.covariance.0", "twist.covariance.35"]
@@ -60,7 +60,7 @@ def test_the_type_of_a_message_is_known_by_its_columns(tmp_path: Path, kind: str
     columns = [f"field.{name}" for name in BY_COLUMNS[kind].split(",")]
     text = f"{HEADER},{','.join(columns)}\n{T0},1,{T0},f,{','.join('0' * len(columns))}"
 
-    (topic,) = CsvLog(write_csv(tmp_path / "dive", a=text)).topics()
+    (topic,) = csv_log(write_csv(tmp_path / "dive", a=text)).topics()
 
     assert (topic.type.rpartition("/")[2], topic.problem) == (kind.strip(), "")
 
@@ -79,7 +79,7 @@ def test_a_frame_is_a_text_wherever_its_type_names_it(tmp_path: Path) -> None:
 def test_a_field_called_time_is_not_the_log_time(tmp_path: Path) -> None:
     text = f"{HEADER},field.time,field.velocity.x,field.velocity_valid\n{T0 + 5},1,{T0},f,123.5,1,True"
 
-    records = read_whole(CsvLog(write_csv(tmp_path / "dive", dvl=text)), {"/dvl": ["time", "header.stamp"]})["/dvl"]
+    records = read_whole(csv_log(write_csv(tmp_path / "dive", dvl=text)), {"/dvl": ["time", "header.stamp"]})["/dvl"]
 
     stamp, time = records.columns["header.stamp"][0], records.columns["time"][0]
     assert (records.received_ns[0], stamp, time) == (T0 + 5, T0, 123.5)
@@ -114,7 +114,7 @@ def test_a_long_file_gives_each_sensor_its_rows(tmp_path: Path) -> None:
 def test_a_broken_number_of_a_long_file_is_reported_with_its_line(tmp_path: Path) -> None:
     file = write_csv(tmp_path / "dive", everything=LONG.replace("0.2,1.5", "0.2,fast")) / "everything.csv"
 
-    findings = CsvLog(file)
+    findings = csv_log(file)
     read_whole(findings, {"/dvl": ["forward_mps"]})
 
     said = '1 of 4 rows are left out: line 5: forward_mps is "fast", not a number'
@@ -176,9 +176,9 @@ def test_messages_in_csv_with_stamps_in_two_columns_are_of_their_type(tmp_path: 
     rows = f"{fix},-1,46,7,{','.join('012345678')}\n{fix},0,45,7,{','.join('012345678')}"
     folder = write_csv(tmp_path / "dive", gps_fix=f"{stamps},status.status,latitude,longitude,{covariance}\n{rows}")
 
-    (topic,) = CsvLog(folder).topics()
+    (topic,) = csv_log(folder).topics()
     paths = ["header.stamp", "position_covariance.8"]
-    records = read_whole(CsvLog(folder), {topic.name: paths})[topic.name]
+    records = read_whole(csv_log(folder), {topic.name: paths})[topic.name]
 
     assert (topic.type, topic.count) == ("sensor_msgs/NavSatFix", 2)
     assert [records.columns[path][0] for path in paths] == [T0, 8]

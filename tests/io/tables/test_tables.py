@@ -39,6 +39,28 @@ def test_a_log_of_tables_is_the_log_of_the_csv_files_that_it_equals(tmp_path: Pa
         pd.testing.assert_frame_equal(log.tables[sensor], table, check_exact=True)
 
 
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"sensor": ["compass", "depth"] * 3, "heading_deg": [5.5, np.nan] * 3, "depth_m": [np.nan, 1.5] * 3},
+        {"Lat Deg": [45] * 6, "Lat Min": np.arange(6) * 1.5, "Lon Deg": [-7] * 6, "Lon Min": [30.5] * 6},
+    ],
+)
+def test_sensors_in_turn_and_parts_of_angles_are_read_in_arrays_as_in_csv(tmp_path: Path, columns: Any) -> None:
+    table = pd.DataFrame({"time_ns": T0 + np.arange(6) * SECOND, **columns})
+    table.to_parquet(tmp_path / "gps.parquet")
+    table.to_csv(tmp_path / "gps.csv", index=False)
+
+    csv, arrays = (open_reader(tmp_path / f"gps.{ending}") for ending in ("csv", "parquet"))
+
+    assert [(one.name, one.count) for one in csv.topics()] == [(one.name, one.count) for one in arrays.topics()]
+    for topic in csv.topics():
+        paths = [path for path in topic.fields if path != "device"]
+        read, same = (read_whole(log, {topic.key: paths})[topic.key] for log in (csv, arrays))
+        pd.testing.assert_frame_equal(pd.DataFrame(read.columns), pd.DataFrame(same.columns))
+        assert read.received_ns.tolist() == same.received_ns.tolist()
+
+
 @pytest.mark.parametrize("key", TIME_UNITS_NS)
 @pytest.mark.parametrize("write", [as_csv, WRITERS["HDF5"], WRITERS["MATLAB"]])
 def test_the_keys_for_times_are_understood_as_names_of_columns(tmp_path, write, key):
@@ -63,7 +85,10 @@ def test_timestamps_and_nulls_of_parquet_keep_their_meaning(tmp_path: Path, writ
     np.testing.assert_array_equal(log.tables["compass"]["heading_deg"], [1.5, 4.5])
     np.testing.assert_array_equal(log.tables["compass"]["time_s"], [0.0, 1.0])
     np.testing.assert_array_equal(log.tables["depth"]["depth_m"], [1.0, 2.0])
-    assert lost(log) == [f"/nav/{sensor}: 1 of 4 rows have no time; left out" for sensor in ("compass", "depth")]
+    assert lost(log) == [
+        f'/nav/{sensor}: 1 of 4 rows are left out: row 3: UTC is "", no time before 2116 in its unit'
+        for sensor in ("compass", "depth")
+    ]
 
 
 @pytest.mark.parametrize("write", ["to_parquet", "to_feather"])
