@@ -35,7 +35,6 @@ class NumberColumn(Cells):
     def __init__(self, file: Path, options: dict[str, Any], values: Column, first: Sequence[str]) -> None:
         """Take how pandas reads the column, its numbers (n,) and the text of its first cells."""
         self._file, self._options, self.values, self._first = file, options, values, first
-        self._times: dict[tuple[int, float], Column | None] = {}  # by unit and moment: asked for more than once
 
     def __len__(self) -> int:
         return len(self.values)
@@ -53,12 +52,6 @@ class NumberColumn(Cells):
 
     def times(self, unit_ns: int, at_1970: float, most_ns: int) -> tuple[Column, Sequence[int]] | None:
         """Return times in a unit as nanoseconds since 1970, exactly; None if their text has to be read one by one."""
-        if (unit_ns, at_1970) not in self._times:
-            self._times[unit_ns, at_1970] = self._exact_times(unit_ns, at_1970, most_ns)
-        known = self._times[unit_ns, at_1970]
-        return None if known is None else (known, ())
-
-    def _exact_times(self, unit_ns: int, at_1970: float, most_ns: int) -> Column | None:
         whole = self.values
         fraction_ns: Column | int = 0
         if whole.dtype.kind == "f" and len(whole):
@@ -72,7 +65,7 @@ class NumberColumn(Cells):
         if max(abs(int(edge) - at_1970) for edge in (whole.min(), whole.max())) >= most_ns // unit_ns - 1:
             return None
         half_ns = round(at_1970 % 1 * unit_ns)  # of Julian Dates
-        return (whole.astype(np.int64, copy=False) - int(at_1970)) * unit_ns + fraction_ns - half_ns
+        return (whole.astype(np.int64, copy=False) - int(at_1970)) * unit_ns + fraction_ns - half_ns, ()
 
 
 def _parts(texts: Any) -> tuple[Column, Column, int]:

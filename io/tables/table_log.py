@@ -97,6 +97,7 @@ class TableLog:
         self._raw = cache(self._wide_texts)
         self._begin = cache(self._header_and_row)
         self._row = cache(self._first_cells)
+        self._times = cache(self._parsed_times)
         self._left_out: dict[str, Mapping[int, str]] = {}  # topic -> line or row -> why
         self._summaries: dict[str, Collection[int]] = {}  # topic -> lines behind its last row
         self._starts: dict[TableSource, str] = {}  # the stated starts from which times count
@@ -253,7 +254,7 @@ class TableLog:
         sensors = self._table(rows.source).columns["sensor"]
         return [value for value, sensor in zip(values, sensors, strict=True) if sensor == rows.sensor]
 
-    def _times(self, rows: TopicRows, clock: TimeColumn) -> ParsedColumn:
+    def _parsed_times(self, rows: TopicRows, clock: TimeColumn) -> ParsedColumn:
         """Return times; those before 2000 count from the start that a line before the names states."""
         found = times(self._cells(rows, clock.column), *clock)
         start = stated_start(rows.source.remarks())
