@@ -28,6 +28,7 @@ MAX_ROUNDS = 400  # of the steps after
 FALSE_ROUNDS = 12  # of searches for false fixes: one or two are usual; with wrong axes or headings they find no end
 MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
 MIN_FIXES = 40  # four for each parameter that a pattern can settle
+AT_EDGE = 0.005  # [1] of fixes that are false in every second round: one or two at the very edge of false
 FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
 RANGE, ANGLE = 0, 1  # kinds of residuals; bearing and elevation share a sigma
 KINDS = np.array([RANGE, ANGLE, ANGLE])
@@ -86,23 +87,24 @@ def calibrated(survey: UsblSurvey, stated: Vector, known: Known, starts: bool = 
 
 def _without_false(survey: UsblSurvey, fit: Installation, known: Known) -> Installation:
     """Fit again without the false fixes until they are the same: many of them widen all sigmas, and look good then."""
-    converged = False
+    converged, changed = False, 0
     for _ in range(FALSE_ROUNDS):
         r = residuals(survey, fit.values)
         good: Mask = ~np.any(np.abs(r) > FALSE_SIGMAS * _median_sds(r), axis=1)
         good &= np.isfinite(r[:, :2]).all(axis=1)
-        if np.array_equal(good, fit.good):
-            if converged:
-                return _with_covariance(survey.part(good), fit, known)
+        changed = int(np.sum(good != fit.good))
+        if not changed:
             break
         if int(good.sum()) < MIN_FIXES:
             raise LogError(f"{int(good.sum())} of {len(good)} fixes agree with each other; {MIN_FIXES} are needed")
         fit, converged = _fitted(survey.part(good), fit, known)
         fit = replace(fit, good=good)
-    raise LogError(
-        "the fit of the USBL's installation does not converge; check head, heading_topic, their conventions and axes, "
-        "and if most fixes are false"
-    )
+    if not converged or changed > AT_EDGE * len(survey):
+        raise LogError(
+            "the fit of the USBL's installation does not converge; check head, heading_topic, their conventions and "
+            "axes, and if most fixes are false"
+        )
+    return _with_covariance(survey.part(fit.good), fit, known)
 
 
 def expected_cov(survey: UsblSurvey, fit: Installation, known: Known) -> Array:
