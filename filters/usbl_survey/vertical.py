@@ -15,6 +15,7 @@ from usbldr.filters.usbl_survey.verdict import UNCHANGED
 NAMES = ("roll_deg", "pitch_deg", "scale", "offset_m")  # of the parameters, in this order
 OFFSET_SD_M = 5.0  # of the depth of the head below the surface, and of the pressure of the air, before the fit
 LEAST = 40  # fixes with a vertical and a depth, ten for each parameter
+MIRRORED_FACTOR = 2.0  # [1] by judgement: how much nearer fixes are to the depth mirrored; not near the head's depth
 ROUNDS = 20  # of reweighting: it converges in ten
 
 
@@ -26,6 +27,7 @@ class VerticalFit(NamedTuple):
     prior_sd: Vector
     noise_m: float  # 1-sigma of the vertical of a fix, median
     fixes: int
+    mirrored: bool  # the fixes lie as far above the head as the vehicle lies below it
 
     @property
     def settled(self) -> list[bool]:
@@ -63,7 +65,8 @@ def vertical_fit(drop_m: Vector, depth_m: Vector, along_m: Array) -> VerticalFit
     pulls = long_run(scores), scores.T @ scores  # neighbours that differ by chance do not make the fit surer
     sd = np.sqrt(np.max([np.diag(bread @ (pull + prior) @ bread) for pull in pulls], axis=0))
     value[2] = 1.0 + value[2]
-    return VerticalFit(value, sd, prior_sd, float(np.median(sd_m)), len(y))
+    above, below = (np.median(np.abs(drop_m[there] + sign * depth_m[there])) for sign in (1, -1))
+    return VerticalFit(value, sd, prior_sd, float(np.median(sd_m)), len(y), bool(MIRRORED_FACTOR * above < below))
 
 
 def _noise_m(residual_m: Vector, reach_m: Vector) -> Vector:

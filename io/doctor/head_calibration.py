@@ -47,6 +47,9 @@ RIVALS = {
     "mount_heading_deg": (("heading of the compass",), LEG_HEADING),
     "scale": (("scale of the DVL",), LEG_HEADING),
 }
+MIRRORED = (
+    "fixes lie as far above the head as the vehicle lies below it: check the third of axes, or the sign of their depth"
+)
 SOUND_MPS = 1500.0  # of usual sea water, to state a scale as a speed
 
 
@@ -89,8 +92,11 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     off_m = _judged(line, sides, [_with_head_of(whole, one) for one in found])
     before, after = (scatter(each, slant_m, good) for each in off_m)
     median_m = float(np.median(slant_m))
-    parameters = _parameters(log, whole, vertical_of(log), median_m, after.drms_m)
+    vertical = vertical_of(log)
+    parameters = _parameters(log, whole, vertical, median_m, after.drms_m)
     verdict = decided(parameters, before, after, good, disagreement, DISAGREEMENT)
+    if vertical is not None and vertical.mirrored:
+        verdict = replace(verdict, result="bad", why=MIRRORED)
     return DiveCalibration(verdict, whole, line, track, median_m)
 
 
@@ -188,5 +194,6 @@ def vertical_findings(log: Log) -> list[Finding]:
     left = [name for name, settled in zip(texts, found.settled, strict=True) if not settled]
     known = ", ".join(text for name, text in texts.items() if name not in left)
     open_too = f"; open: {', '.join(left)}" if left and known else ""
-    text = f"z of {found.fixes} fixes against the depth: the head has {known or 'nothing is settled'}{open_too}"
+    says = MIRRORED if found.mirrored else f"the head has {known or 'nothing is settled'}{open_too}"
+    text = f"z of {found.fixes} fixes against the depth: {says}"
     return [log.finding("USBL-VERTICAL", "usbl", f"{text}; noise of z {found.noise_m:.2f} m", None, found.noise_m, "m")]

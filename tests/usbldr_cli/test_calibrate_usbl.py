@@ -6,6 +6,7 @@ z, y, x. The earth is pymap3d's, the antenna is at sea off Sydney, and positions
 """
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -197,6 +198,22 @@ def test_a_moving_ship_and_a_depth_settle_the_head_and_its_configuration_needs_n
     left = findings(dive, "--config", str(tmp_path / "found.toml"))
     assert {"USBL-HEADING", "USBL-RANGE"}.isdisjoint(left)
     assert "z of 200 fixes against the depth: the head has roll -0.8" in left["USBL-VERTICAL"]["text"]
+
+
+def test_a_dive_whose_vertical_is_mirrored_is_bad_and_says_why(dive, tmp_path):
+    mirrored = shutil.copytree(dive, tmp_path / "mirrored")
+    fixes = pd.read_csv(dive / "usbl.csv")
+    bearing, down = np.radians(fixes[["bearing_deg", "elevation_deg"]].to_numpy().T)
+    forward, starboard = np.cos(down) * np.cos(bearing), np.cos(down) * np.sin(bearing)
+    axes = {"x": forward, "y": starboard, "z": -np.sin(down)}  # up, and stated as down
+    table = {"time_ns": fixes.time_ns} | {name: fixes.slant_range_m * part for name, part in axes.items()}
+    pd.DataFrame(table).to_csv(mirrored / "usbl.csv", index=False)
+    keys = 'axes = "FSD"\ncolumns = { time_ns = "time_ns", x = "x", y = "y", z = "z" }\n'
+    (mirrored / "usbldr.toml").write_text((dive / "usbldr.toml").read_text().replace("head =", f"{keys}head ="))
+    code, content, _ = judged(mirrored)
+    assert (code, content["result"]) == (1, "bad")
+    for text in (content["why"], findings(mirrored)["USBL-VERTICAL"]["text"]):
+        assert "fixes lie as far above the head as the vehicle lies below it: check the third of axes" in text
 
 
 def test_a_ship_that_rests_without_depths_leaves_the_head_open_and_says_what_would_settle_it(tmp_path):
