@@ -31,21 +31,14 @@ if TYPE_CHECKING:
 
 AT_LEAST_0 = click.FloatRange(min=0)
 DEPTH = "Depth of the transponder below the surface."
+DEPTH_SD = "1-sigma of --transponder-depth.  [default: 0.5]"
 LATENCY = "1-sigma of the stated latencies: 0.02 if pulses synchronise the clocks.  [default: 1]"
 
 
 @click.command()
 @log_options
 @click.option("--transponder-depth", "depth_m", type=AT_LEAST_0, metavar="METRES", help=DEPTH)
-@click.option(
-    "--transponder-depth-sd",
-    "depth_sd_m",
-    type=AT_LEAST_0,
-    metavar="METRES",
-    default=0.5,
-    show_default=True,
-    help="1-sigma of --transponder-depth.",
-)
+@click.option("--transponder-depth-sd", "depth_sd_m", type=AT_LEAST_0, metavar="METRES", default=0.5, help=DEPTH_SD)
 @click.option("--latency-sd", "latency_sd_s", type=AT_LEAST_0, metavar="SECONDS", help=LATENCY)
 @toml_option("--write", "write_to", help="Write a configuration with the installation that was found.")
 @folder_option("Folder for figures, page and report.json.  [default: none]")
@@ -116,8 +109,8 @@ def calibrate_usbl(
 
 
 def _by_survey(log: str, request: "Request", made: "RunProvenance", stated: "Stated") -> "Found":
-    from usbldr.filters.usbl_survey.calibration import known_of
-    from usbldr.filters.usbl_survey.verdict import judged, levelled
+    from usbldr.filters.usbl_survey.calibration import known_of, levelled
+    from usbldr.filters.usbl_survey.verdict import judged
     from usbldr.io.reading.usbl_survey import read_usbl_survey
     from usbldr.io.reports.usbl_calibration import of_survey
 
@@ -182,11 +175,9 @@ def _print_plan(scenario: str, stated: "Stated", json_to: str | None) -> None:
     from usbldr.filters.usbl_survey.calibration import known_of
     from usbldr.filters.usbl_survey.verdict import planned
     from usbldr.io.reports.usbl_calibration import plan_content, plan_table, states
-    from usbldr.io.scenarios.survey_scenarios import find_survey, is_survey
+    from usbldr.io.scenarios.survey_scenarios import find_survey
     from usbldr_cli.tables.run_table import aligned
 
-    if not is_survey(scenario):
-        raise UsageError(f"{scenario} is not a survey: --plan takes a survey's scenario (usbldr simulate --list)")
     chosen = find_survey(scenario)
     survey = simulate_survey(chosen, 0)
     noise = (chosen.range_sd_m, float(np.radians(chosen.angle_sd_deg)))

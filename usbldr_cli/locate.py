@@ -16,50 +16,24 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ENDINGS = (".csv", ".geojson", ".kml", ".parquet")
+PATH, NEW_FOLDER = click.Path(path_type=Path), click.Path(path_type=Path, file_okay=False)
+ANGLE = click.FloatRange(0, 170, min_open=True)
+LEVER_ARM = "Place of the sensor on the vehicle: metres starboard, forward, up.  [default: 0 0 0]"
+CLOCK = "How far the clock of these times is ahead, or the time that a photo of a clock shows.  [default: 0]"
+OUTPUT = "NAME.csv, .geojson, .kml or .parquet.  [may be repeated; default: CSV to stdout]"
+OPENING = "Opening angles in degrees of a camera that looks down: adds its footprint on the bottom."
+GEOTAG = "Write copies of the photos with GPS tags into FOLDER; a sidecar (.xmp) if one is no JPEG."
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run", type=PATH)
 @click.option("--at", "place", metavar="FILE|TOPIC|FOLDER", required=True, help="Table of times, topic, or photos.")
 @click.option("--log", type=LOG, help="Log of the topic of --at.  [default: that of RUN]")
-@click.option(
-    "--lever-arm",
-    "lever_m",
-    type=float,
-    nargs=3,
-    default=(0.0, 0.0, 0.0),
-    metavar="S F U",
-    help="Place of the sensor on the vehicle: metres starboard, forward, up.  [default: 0 0 0]",
-)
-@click.option(
-    "--clock",
-    "clock",
-    default="0",
-    metavar="SECONDS|PHOTO=TIME",
-    help="How far the clock of these times is ahead, or the time that a photo of a clock shows.  [default: 0]",
-)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    metavar="FILE",
-    help="NAME.csv, .geojson, .kml or .parquet.  [may be repeated; default: CSV to stdout]",
-)
-@click.option(
-    "--opening-angle",
-    "opening_deg",
-    type=click.FloatRange(0, 170, min_open=True),
-    nargs=2,
-    metavar="ACROSS ALONG",
-    help="Opening angles in degrees of a camera that looks down: adds its footprint on the bottom.",
-)
-@click.option(
-    "--geotag",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="FOLDER",
-    help="Write copies of the photos with GPS tags into FOLDER; a sidecar (.xmp) if one is no JPEG.",
-)
+@click.option("--lever-arm", "lever_m", type=float, nargs=3, default=(0.0,) * 3, metavar="S F U", help=LEVER_ARM)
+@click.option("--clock", default="0", metavar="SECONDS|PHOTO=TIME", help=CLOCK)
+@click.option("-o", "--output", type=PATH, multiple=True, metavar="FILE", help=OUTPUT)
+@click.option("--opening-angle", "opening_deg", type=ANGLE, nargs=2, metavar="ACROSS ALONG", help=OPENING)
+@click.option("--geotag", type=NEW_FOLDER, metavar="FOLDER", help=GEOTAG)
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @verbose_option
 def locate(
@@ -94,11 +68,10 @@ def locate(
         read = [path for path in (Path(place), run / "report.json") if path.exists()]
         refuse_file("--output", file, force, read)
     smoothed = read_smoothed_run(run)
-    if smoothed.origin is None and any(file.suffix.lower() in (".geojson", ".kml") for file in output):
+    if geotag is not None and not Path(place).is_dir():
+        raise UsageError("--geotag: --at is no folder of photos")
+    if smoothed.origin is None and (geotag or any(file.suffix.lower() in (".geojson", ".kml") for file in output)):
         raise UsageError(f"{run} has no latitudes: state origin_lat_deg and origin_lon_deg under [map] and repeat it")
-    if geotag is not None and (smoothed.origin is None or not Path(place).is_dir()):
-        why = "--at is no folder of photos" if smoothed.origin is not None else f"{run} has no latitudes"
-        raise UsageError(f"--geotag: {why}")
     time_ns, own, untimed = sample_times(place, Path(log) if log else smoothed.log, smoothed.start_ns, clock)
     if untimed:
         click.echo(f"usbldr: left out, without a time (EXIF DateTimeOriginal): {listed(untimed, 3)}", err=True)
@@ -118,16 +91,14 @@ def locate(
             write_file("--output", file, _text(file.suffix.lower(), table, smoothed.folder.name))
         click.echo(f"{file}: written")
     if geotag is not None:
-        columns = [table[name] for name in (NAME, *Place._fields)]
-        places = {Path(place) / name: Place(*where) for name, *where in zip(*columns, strict=True)}
-        placed = {photo: where for photo, where in places.items() if math.isfinite(where.lat_deg)}
-        copies, sidecars = write_geotags(geotag, placed, force)
+        known = table.loc[table["lat_deg"].notna(), [NAME, *Place._fields]]
+        places = {Path(place) / name: Place(*where) for name, *where in known.itertuples(index=False)}
+        copies, sidecars = write_geotags(geotag, places, force)
         click.echo(f"{geotag}: {copies} copies with GPS tags and {sidecars} sidecars written")
     outside = int((found["note"] == OUTSIDE).sum())
-    marked = int((found["note"] != "").sum()) - outside
-    if outside or marked:
-        text = f"of {len(found)} times, outside the run and without a position: {outside}; with another note: {marked}"
-        click.echo(f"usbldr: {text}", err=True)
+    if marked := int((found["note"] != "").sum()):
+        text = f"outside the run and without a position: {outside}; with another note: {marked - outside}"
+        click.echo(f"usbldr: of {len(found)} times, {text}", err=True)
 
 
 def _text(form: str, table: "pd.DataFrame", title: str) -> str:

@@ -77,10 +77,8 @@ def fix_statistics(
     if away_m is not None:
         # to the track: by its own line, no fix would have an error of bearing
         to_track = away_m - position_m + columns_at(time_s, track.time_s, track.position_m)
-        reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
-        line = to_track / reach[:, None]
-        along = _noise(time_s, position_m, moved, inside, line)
-        across = _noise(time_s, position_m, moved, inside, np.degrees(line[:, ::-1] * [1, -1] / reach[:, None]))
+        reach, *axes = sight(to_track)
+        along, across = (_noise(time_s, position_m, moved, inside, axis) for axis in axes)
         shares = _by_range(reach[judged], good[judged])
     residual = left_out_residuals(time_s, position_m, track, cov_m2) if track.smoothed and cov_m2 is not None else None
     return FixStatistics(
@@ -96,6 +94,13 @@ def fix_statistics(
         by_range=shares,
         scatter=None if residual is None else _scatter(residual, away_m, good, drop_m),
     )
+
+
+def sight(away_m: Array) -> tuple[Vector, Array, Array]:
+    """Return horizontal ranges (n,), and axes of range and of bearing in degrees per metre (n, 2), of places (n, 2)."""
+    reach = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]), 1e-6)
+    line = away_m / reach[:, None]
+    return reach, line, np.degrees(line[:, ::-1] * [1, -1] / reach[:, None])
 
 
 def left_out_residuals(time_s: Vector, position_m: Array, track: Trajectory, cov_m2: Array) -> Array | None:

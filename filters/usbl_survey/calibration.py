@@ -28,7 +28,7 @@ MAX_ROUNDS = 400  # of the steps after
 FALSE_ROUNDS = 12  # of searches for false fixes: one or two are usual; with wrong axes or headings they find no end
 MIN_CHANGE = 1e-4  # of a sigma: the fit has converged
 MIN_FIXES = 40  # four for each parameter that a pattern can settle
-AT_EDGE = 0.005  # [1] of fixes that are false in every second round: one or two at the very edge of false
+AT_EDGE = 0.005  # [1] of the fixes, by judgement: so many may be false in every second round, at the very edge
 FALSE_SIGMAS = 7.0  # of a residual: 2 in 1000 of good ones, by their heavy tails
 RANGE, ANGLE = 0, 1  # kinds of residuals; bearing and elevation share a sigma
 KINDS = np.array([RANGE, ANGLE, ANGLE])
@@ -107,11 +107,24 @@ def _without_false(survey: UsblSurvey, fit: Installation, known: Known) -> Insta
     return _with_covariance(survey.part(fit.good), fit, known)
 
 
-def expected_cov(survey: UsblSurvey, fit: Installation, known: Known) -> Array:
-    """Return the covariance (11, 11) that fixes with Student-t errors of the sigmas of the fit will give."""
+def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> UsblSurvey:
+    """Return the survey as it is, or as one whose fixes are level already: the better fit decides.
+
+    Raises LogError as `calibrated` does.
+    """
+    surveys = (survey, replace(survey, level=True))
+    fits = [calibrated(one, stated, known) for one in surveys]
+    good = fits[0].good & fits[1].good
+    costs = [cost(one.part(good), fit, known) for one, fit in zip(surveys, fits, strict=True)]
+    return surveys[0] if costs[0] <= costs[1] else surveys[1]
+
+
+def expected(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> Installation:
+    """Return the fit to be expected of fixes whose Student-t errors have these sigmas (metres, radians)."""
+    fit = Installation(values, np.eye(len(NAMES)), np.array(sd)[KINDS], np.ones(len(survey), dtype=np.bool_))
     _, G, _ = _in_sigmas(survey, fit)
     information = (DOF + 1) / (DOF + 3) * np.einsum("nki,nkj->ij", G, G)
-    return _inverse(information + np.diag(known.sd**-2.0))
+    return replace(fit, cov=_inverse(information + np.diag(known.sd**-2.0)))
 
 
 def _inverse(information: Array) -> Array:

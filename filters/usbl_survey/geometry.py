@@ -28,6 +28,7 @@ NAMES = (
 )
 """The errors of an installation, and the place of the transponder: the order of every vector of parameters here."""
 LATENCIES, PLACE = slice(6, 8), slice(8, 11)  # of attitude and of position, of the transponder in NAMES
+OF_FIXES = ("time_s", "range_m", "direction", "bearing_rad", "two_way_s")  # fields of a survey with a row for each fix
 SMOOTHED_S = 2.01  # [s] more than the noise of positions, less than a wave; 0.01 lest rounding decide what is within
 
 
@@ -93,14 +94,8 @@ class UsblSurvey:
 
     def part(self, chosen: Mask) -> "UsblSurvey":
         """Return the survey with the chosen fixes, (n,)."""
-        return replace(
-            self,
-            time_s=self.time_s[chosen],
-            range_m=self.range_m[chosen],
-            direction=self.direction[chosen],
-            bearing_rad=self.bearing_rad[chosen],
-            two_way_s=None if self.two_way_s is None else self.two_way_s[chosen],
-        )
+        columns = {name: getattr(self, name) for name in OF_FIXES}
+        return replace(self, **{name: column[chosen] for name, column in columns.items() if column is not None})
 
 
 def attitude_matrix(heading_deg: Vector, pitch_deg: Vector, roll_deg: Vector) -> Array:

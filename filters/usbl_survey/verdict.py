@@ -6,24 +6,14 @@ that of fixes which the fit has not seen.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from usbldr.filters.types import Array, Mask, Vector
-from usbldr.filters.usbl_survey.calibration import (
-    KINDS,
-    PRIOR_SD,
-    Installation,
-    Known,
-    assumed,
-    calibrated,
-    cost,
-    expected_cov,
-    halves,
-)
+from usbldr.filters.usbl_survey.calibration import PRIOR_SD, Installation, Known, assumed, calibrated, expected, halves
 from usbldr.filters.usbl_survey.geometry import NAMES, UsblSurvey, placed
 
 SETTLED_SHARE = 0.25  # of the noise of one fix: an error this small adds 3 % to its scatter
@@ -92,18 +82,6 @@ class Verdict:
     why: str
 
 
-def levelled(survey: UsblSurvey, stated: Vector, known: Known) -> UsblSurvey:
-    """Return the survey as it is, or as one whose fixes are level already: the better fit decides.
-
-    Raises LogError as `calibrated` does.
-    """
-    surveys = (survey, replace(survey, level=True))
-    fits = [calibrated(one, stated, known) for one in surveys]
-    good = fits[0].good & fits[1].good
-    costs = [cost(one.part(good), fit, known) for one, fit in zip(surveys, fits, strict=True)]
-    return surveys[0] if costs[0] <= costs[1] else surveys[1]
-
-
 def judged(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[Verdict, Installation]:
     """Judge the fitted installation and return both; raise LogError as `calibrated` does."""
     fit = calibrated(survey, stated, known)
@@ -121,8 +99,7 @@ def judged(survey: UsblSurvey, stated: Vector, known: Known) -> tuple[Verdict, I
 
 def planned(survey: UsblSurvey, values: Vector, known: Known, sd: tuple[float, float]) -> list[Parameter]:
     """Return what `judged` will say of a survey with Student-t errors of these sigmas (metres, radians)."""
-    fit = Installation(values, np.eye(len(NAMES)), np.array(sd)[KINDS], np.ones(len(survey), dtype=np.bool_))
-    return described(survey, replace(fit, cov=expected_cov(survey, fit, known)))
+    return described(survey, expected(survey, values, known, sd))
 
 
 def scatter(positions_m: Array, range_m: Vector, good: Mask) -> Scatter:

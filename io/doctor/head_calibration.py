@@ -16,6 +16,7 @@ from usbldr.filters.identification.evidence import identify
 from usbldr.filters.identification.identification import Identification
 from usbldr.filters.identification.linearisation import HEAD, KEYS, RANGE, REPORTED
 from usbldr.filters.models.calibration import AUTO
+from usbldr.filters.models.parameters import Parameters
 from usbldr.filters.replay.dead_reckoning import freed
 from usbldr.filters.replay.methods import FilterSettings
 from usbldr.filters.replay.run import run
@@ -39,14 +40,9 @@ SMOOTHED = FilterSettings(smooth=True)
 ANGLE_SD_DEG = float(PRIOR_SD[0])  # of heading, roll and pitch before the dive, as in a survey
 RANGE_SD = float(PRIOR_SD[3])  # before the dive, as in a survey
 DISAGREEMENT = 13.8  # chi-square of two differences, 1 in 1000
-LEG_HEADING = (
-    "drive the ship around the vehicle during the dive, or for longer, or survey a transponder that lies still"
-)
+LEG_LEVEL = "drive the ship around the vehicle during the dive, or for longer, or survey a transponder that lies still"
 LEG_TILT = "record the vertical of the fixes and the vehicle's depth, and dive on all sides of the head"
-RIVALS = {
-    "mount_heading_deg": (("heading of the compass",), LEG_HEADING),
-    "scale": (("scale of the DVL",), LEG_HEADING),
-}
+RIVALS = {"mount_heading_deg": ("heading of the compass",), "scale": ("scale of the DVL",)}
 MIRRORED = (
     "fixes lie as far above the head as the vehicle lies below it: check the third of axes, or the sign of their depth"
 )
@@ -89,7 +85,7 @@ def calibrated_by_dive(log: Log) -> DiveCalibration:
     (one, one_sd), (other, other_sd) = map(_head, found)
     disagreement = float(np.sum((one - other) ** 2 / (one_sd**2 + other_sd**2)))
     slant_m = np.hypot(np.hypot(*line.fix_away_m.T), np.nan_to_num(log.depth_below_head_m(line.fix_time_s)))
-    off_m = _judged(line, sides, [_with_head_of(whole, one) for one in found])
+    off_m = _judged(line, sides, [_with_head_of(whole.parameters, one.parameters) for one in found])
     before, after = (scatter(each, slant_m, good) for each in off_m)
     median_m = float(np.median(slant_m))
     vertical = vertical_of(log)
@@ -106,11 +102,10 @@ def _identified(log: Log, line: Timeline) -> Identification:
     return identify(line, replace(log.parameters, calibrate=(AUTO,), errors=errors))
 
 
-def _with_head_of(found: Identification, other: Identification) -> Identification:
+def _with_head_of(found: Parameters, other: Parameters) -> Parameters:
     """Return what was found with the head of another, for a part of the fixes."""
-    head = {name: other.parameters.settled[name] for name in (HEADING, SCALE)}
-    settled = {**found.parameters.settled, **head}
-    return replace(found, parameters=replace(found.parameters, settled=settled, false_fixes=()))
+    head = {name: other.settled[name] for name in (HEADING, SCALE)}
+    return replace(found, settled={**found.settled, **head}, false_fixes=())
 
 
 def _head(found: Identification) -> tuple[Vector, Vector]:
@@ -119,14 +114,13 @@ def _head(found: Identification) -> tuple[Vector, Vector]:
     return np.array([value[HEADING], value[SCALE]]), np.array([sd[HEADING], sd[SCALE]])
 
 
-def _judged(line: Timeline, sides: tuple[Mask, Mask], found: list[Identification]) -> tuple[Array, Array]:
+def _judged(line: Timeline, sides: tuple[Mask, Mask], found: list[Parameters]) -> tuple[Array, Array]:
     """Return fixes less the track of their other half: by the head as stated, and by that which it found, (F, 2)."""
     before_m, after_m = np.empty(line.fix_m.shape), np.empty(line.fix_m.shape)
     for side, other, one in zip(sides, sides[::-1], found[::-1], strict=True):
-        track = run(METHOD, line.with_fixes(other), one.parameters, SMOOTHED)
-        settled = one.parameters.settled
-        as_stated = {name: value for name, value in settled.items() if name not in (HEADING, SCALE)}
-        for off_m, errors in ((before_m, as_stated), (after_m, settled)):
+        track = run(METHOD, line.with_fixes(other), one, SMOOTHED)
+        as_stated = {name: value for name, value in one.settled.items() if name not in (HEADING, SCALE)}
+        for off_m, errors in ((before_m, as_stated), (after_m, one.settled)):
             free = freed(line, errors)
             off_m[side] = (free.fix_m - columns_at(free.fix_time_s, track.time_s, track.position_m))[side]
     return before_m, after_m
@@ -150,10 +144,11 @@ def _parameters(
     rows: list[Parameter] = []
     for name, (value, sd) in estimates.items():
         prior_sd, moves_m = (RANGE_SD, slant_m) if name == "scale" else (ANGLE_SD_DEG, math.radians(slant_m))
-        effect_m = sd * moves_m
-        unsettled = sd > UNCHANGED * prior_sd or effect_m > SETTLED_SHARE * noise_m
-        rivals, leg = RIVALS.get(name, ((), LEG_TILT)) if unsettled else ((), "")
-        rows.append(Parameter(name, value, sd, effect_m, unsettled, rivals, leg))
+        if sd > UNCHANGED * prior_sd or sd * moves_m > SETTLED_SHARE * noise_m:
+            leg = LEG_LEVEL if name in RIVALS else LEG_TILT
+            rows.append(Parameter(name, value, sd, sd * moves_m, True, RIVALS.get(name, ()), leg))
+        else:
+            rows.append(Parameter(name, value, sd, sd * moves_m, False, (), ""))
     return tuple(rows)
 
 

@@ -78,9 +78,8 @@ def _table(path: Path, start_ns: int) -> tuple[Nanoseconds, pd.DataFrame]:
     else:
         numbers = pd.to_numeric(column, errors="coerce")
         bad = numbers.isna()
-        exact = numbers.dtype.kind in "iu" and units[key] == 1
-        counted = numbers if exact else (numbers.fillna(0) * units[key]).round()
-        time_ns = counted.astype("int64").to_numpy() + (start_ns if key == "time_s" else 0)
+        counted = (numbers.fillna(0) * units[key]).round().astype("int64")  # whole numbers stay exact
+        time_ns = counted.to_numpy() + (start_ns if key == "time_s" else 0)
     if bad.any():
         row = int(np.argmax(bad.to_numpy()))
         raise LogError(f"row {row + 2}: {column.iloc[row]!r} is no time ({lower[key]})", path=path)

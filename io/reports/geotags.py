@@ -59,7 +59,7 @@ def tagged_jpeg(content: bytes, place: Place) -> bytes | None:
         if content[at + 1] == APP1 and content[at + 4 : at + 4 + len(HEAD)] == HEAD:
             try:
                 block = HEAD + _with_gps(content[at + 4 + len(HEAD) : at + 2 + length], place)
-            except (struct.error, ValueError):
+            except (struct.error, KeyError):  # no block of TIFF
                 return None
             if len(block) > MAX_SEGMENT:
                 return None
@@ -70,22 +70,20 @@ def tagged_jpeg(content: bytes, place: Place) -> bytes | None:
 
 def _with_gps(tiff: bytes, place: Place) -> bytes:
     """Return a TIFF block with its first directory again at its end, there with GPS tags, which follow."""
-    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
-    if order is None:
-        raise ValueError("no TIFF block")
+    order = {b"II": "<", b"MM": ">"}[tiff[:2]]
     (first,) = struct.unpack_from(order + "I", tiff, 4)
     (count,) = struct.unpack_from(order + "H", tiff, first)
     end = first + 2 + 12 * count
     (following,) = struct.unpack_from(order + "I", tiff, end)
-    entries = [tiff[at : at + 12] for at in range(first + 2, end, 12)]
-    entries = [one for one in entries if struct.unpack_from(order + "H", one)[0] != GPS_POINTER]
+    entries = {tiff[at : at + 2]: tiff[at : at + 12] for at in range(first + 2, end, 12)}
+    tag = struct.pack(order + "H", GPS_POINTER)
     made = tiff + b"\0" * (len(tiff) % 2)
-    gps_at = len(made) + 2 + 12 * (len(entries) + 1) + 4
-    pointer = struct.pack(order + "HHII", GPS_POINTER, LONG, 1, gps_at)
-    entries = sorted([*entries, pointer], key=lambda one: struct.unpack_from(order + "H", one)[0])
-    directory = struct.pack(order + "H", len(entries)) + b"".join(entries) + struct.pack(order + "I", following)
+    gps_at = len(made) + 2 + 12 * len({*entries, tag}) + 4
+    entries[tag] = tag + struct.pack(order + "HII", LONG, 1, gps_at)
+    ascending = sorted(entries, key=lambda one: struct.unpack(order + "H", one))
+    directory = struct.pack(order + "H", len(entries)) + b"".join(entries[one] for one in ascending)
     header = tiff[:4] + struct.pack(order + "I", len(made))
-    return header + made[8:] + directory + _gps_directory(tiff[:2], gps_at, place)
+    return header + made[8:] + directory + struct.pack(order + "I", following) + _gps_directory(tiff[:2], gps_at, place)
 
 
 def _gps_directory(order: bytes, at: int, place: Place) -> bytes:

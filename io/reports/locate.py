@@ -52,8 +52,7 @@ def read_smoothed_run(folder: Path) -> SmoothedRun:
         raise LogError(f"{folder} is not a run directory of a filter: usbldr replay LOG --smooth -o {folder}") from err
     if not smoothed:
         words = [word for word in report["provenance"]["command"] if word != "--force"]
-        given = words or ["usbldr", "replay", str(log)]
-        again = shlex.join([*given, "--smooth", "--force"])
+        again = shlex.join([*(words or ("usbldr", "replay", str(log))), "--smooth", "--force"])
         raise UsageError(f"{folder} is not smoothed, so later fixes are not used: repeat it by {again}")
     pose = folder / track.name.replace("track", "pose")
     if not pose.is_file():

@@ -140,7 +140,7 @@ def test_a_plan_needs_a_survey():
     said = output_of("calibrate-usbl", "survey-spin", "--plan")
     assert "transponder depth" in said
     assert "usbldr simulate survey-spin" in str(run("calibrate-usbl", "survey-spin").exception)
-    assert "is not a survey" in str(run("calibrate-usbl", "turns", "--plan").exception)
+    assert "there is no survey 'turns'" in str(run("calibrate-usbl", "turns", "--plan").exception)
 
 
 def test_a_plan_is_also_json_and_has_no_other_files(tmp_path):

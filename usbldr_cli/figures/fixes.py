@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from usbldr.filters.evaluation.fix_statistics import sight
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.run import Run, fix_outcomes
 from usbldr_cli.figures import style
@@ -67,9 +68,8 @@ def _axes(run: Run, residual_m: Array) -> tuple[dict[str, Vector], dict[str, Vec
         east_m, north_m = residual_m.T
         return {"residual east [m]": east_m, "residual north [m]": north_m}, against | {"time [s]": line.fix_time_s}
     to_track = line.fix_away_m - residual_m
-    reach = np.maximum(np.hypot(to_track[:, 0], to_track[:, 1]), 1e-6)
-    along = np.sum(residual_m * to_track, axis=1) / reach
-    across = np.degrees(np.sum(residual_m * to_track[:, ::-1] * [1, -1], axis=1) / reach**2)
+    reach, *axes = sight(to_track)
+    along, across = (np.sum(residual_m * axis, axis=1) for axis in axes)
     places = {BEARING: np.degrees(np.arctan2(to_track[:, 0], to_track[:, 1])) % 360, "horizontal range [m]": reach}
     return {"residual in range [m]": along, "residual in bearing [deg]": across}, places | against
 

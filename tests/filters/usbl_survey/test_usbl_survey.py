@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from usbldr.filters.errors import LogError
 from usbldr.filters.simulation.simulate import simulate_survey
-from usbldr.filters.usbl_survey.calibration import assumed, calibrated, halves, known_of
+from usbldr.filters.usbl_survey.calibration import assumed, calibrated, halves, known_of, levelled
 from usbldr.filters.usbl_survey.geometry import (
     LATENCIES,
     NAMES,
@@ -20,7 +20,7 @@ from usbldr.filters.usbl_survey.geometry import (
     seen_from_head,
     ship_motion,
 )
-from usbldr.filters.usbl_survey.verdict import Scatter, decided, judged, levelled, planned
+from usbldr.filters.usbl_survey.verdict import Scatter, decided, judged, planned
 from usbldr.filters.usbl_survey.vertical import VerticalFit, vertical_fit
 from usbldr.io.scenarios.survey_scenarios import find_survey
 
