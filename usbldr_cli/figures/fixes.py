@@ -1,14 +1,12 @@
 """How far fixes lie from a track that leaves each of them out, against bearing, range and heading."""
 
-from typing import Any
-
 import numpy as np
 
 from usbldr.filters.evaluation.fix_statistics import sight
 from usbldr.filters.types import Array, Vector
 from usbldr.io.reports.run import Run, fix_outcomes
 from usbldr_cli.figures import style
-from usbldr_cli.figures.page_data import plot_inside
+from usbldr_cli.figures.page_data import plot_kinds
 from usbldr_cli.figures.style import Axes, Figure
 
 SECTORS = 12  # of a turn, and of the ranges: the mean of each is a mark
@@ -35,15 +33,10 @@ def fix_figure(run: Run) -> Figure | None:
         half = 1.12 * style.usual_most(usual) if len(usual) and usual.max() > 0 else 1.0
         for column, (name, where) in enumerate(against.items()):
             axes: Axes = panels[row, column]
-            for chosen, face, kind in ((good, style.colour("usbl"), "used"), (~good, style.REJECTED_COLOUR, NOT_USED)):
-                kept = chosen & np.isfinite(values) & np.isfinite(where)
-                if kept.any():
-                    once = f"{'' if row == column == 0 else '_'}{kind}"
-                    look: dict[str, Any] = {"ls": "", "marker": ".", "ms": 5, "mew": 0, "alpha": 0.6, "label": once}
-                    plot_inside(
-                        axes, where[kept], values[kept], (-style.EDGE * half, style.EDGE * half), color=face, **look
-                    )
-            _draw_means(axes, where, values, good, first=row == column == 0)
+            once = "" if row == column == 0 else "_"  # in the legend
+            kinds = (good, style.colour("usbl"), f"{once}used"), (~good, style.REJECTED_COLOUR, f"{once}{NOT_USED}")
+            plot_kinds(axes, where, values, kinds, style.EDGE * half, ms=5, mew=0, alpha=0.6)
+            _draw_means(axes, where, values, good, f"{once}mean")
             axes.axhline(0, color="#444444", lw=0.8, zorder=1)
             axes.set_ylim(-half, half)
             if column == 0:
@@ -74,7 +67,7 @@ def _axes(run: Run, residual_m: Array) -> tuple[dict[str, Vector], dict[str, Vec
     return {"residual in range [m]": along, "residual in bearing [deg]": across}, places | against
 
 
-def _draw_means(axes: Axes, where: Vector, values: Vector, good: Array, first: bool) -> None:
+def _draw_means(axes: Axes, where: Vector, values: Vector, good: Array, label: str) -> None:
     kept = good & np.isfinite(values) & np.isfinite(where)
     if not kept.any():
         return
@@ -83,4 +76,4 @@ def _draw_means(axes: Axes, where: Vector, values: Vector, good: Array, first: b
     count = np.bincount(sector, minlength=SECTORS)
     mean = [np.bincount(sector, one[kept], SECTORS) / np.maximum(count, 1) for one in (where, values)]
     there = count >= LEAST_MARKED
-    axes.plot(mean[0][there], mean[1][there], "o", color=MEAN_COLOUR, ms=4.5, label="mean" if first else "_mean")
+    axes.plot(mean[0][there], mean[1][there], "o", color=MEAN_COLOUR, ms=4.5, label=label)

@@ -7,14 +7,14 @@ from it here. A column of numbers is stored once for all series that share it, i
 import base64
 from collections.abc import Iterable, Mapping
 from itertools import zip_longest
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.ticker import FixedLocator
 
-from usbldr.filters.types import Array, Vector
+from usbldr.filters.types import Array, Mask, Vector
 from usbldr_cli.figures.style import WRAPPED, Axes, Figure, one_a_dot
 
 DETAILS = "usbldr_details"  # attribute of an artist
@@ -27,6 +27,9 @@ SHADES = 16  # of a scale of colours
 DASHES = {"-": "", "--": "7 4", ":": "2 3", "-.": "7 3 2 3"}  # [pixels] drawn and left out
 SCREEN = {"#000000": "ink", "#ffffff": "paper", "#333333": "soft", "#444444": "soft", "#cc0000": "bad"}
 """Colours that the page has by name, because they differ between light and dark."""
+
+
+Kind: TypeAlias = tuple[Mask, str, str]  # which points are of it (n,), their colour and label
 
 
 def detail(artists: Any, rows: Mapping[str, Any] | None = None, **shown: Any) -> None:
@@ -45,6 +48,15 @@ def plot_inside(axes: Axes, x: Vector, y: Vector, limits: tuple[float, float], *
     shown = one_a_dot(x, np.log(inside) if limits[0] > 0 else inside) if points else np.arange(len(x))
     (drawn,) = axes.plot(x[shown], inside[shown], **style)
     detail(drawn, y=y[shown])
+
+
+def plot_kinds(axes: Axes, x: Vector, y: Vector, kinds: Iterable[Kind], edge: float = np.inf, **style: Any) -> None:
+    """Plot the known points (n,) of each kind; those whose y is beyond the edge, up or down, at the edge."""
+    for chosen, colour, label in kinds:
+        kept = chosen & np.isfinite(x) & np.isfinite(y)
+        if kept.any():
+            look = {"ls": "", "marker": ".", "color": colour, "label": label, **style}
+            plot_inside(axes, x[kept], y[kept], (-edge, edge), **look)
 
 
 class _Columns:

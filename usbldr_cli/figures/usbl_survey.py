@@ -1,7 +1,7 @@
 """Figures of a survey: the transponder as each fix places it, and what fixes differ from the fitted installation by."""
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from usbldr.filters.usbl_survey.calibration import Installation, assumed
 from usbldr.filters.usbl_survey.geometry import PLACE, UsblSurvey, placed, residuals, seen_from_head
 from usbldr.io.reports.usbl_calibration import Calibration, summary
 from usbldr_cli.figures.drawing import Picture
-from usbldr_cli.figures.page_data import plot_inside
+from usbldr_cli.figures.page_data import plot_kinds
 from usbldr_cli.figures.plane import frame_square, plane_axes, usual_box
 from usbldr_cli.figures.style import REJECTED_COLOUR, Axes, Figure, legend_below, titled_figure
 
@@ -132,7 +132,5 @@ def polar_figure(found: FittedSurvey) -> Figure:
 def _draw_fixes(axes: Axes, found: FittedSurvey, x: Vector, y: Vector, edge: float = np.inf) -> None:
     """Draw the good and the false fixes, those whose y is beyond the edge at the edge."""
     good = found.fit.good
-    for chosen, colour, label in ((good, AFTER_COLOUR, "good fix"), (~good, REJECTED_COLOUR, "false fix")):
-        if chosen.any():
-            style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "color": colour, "label": label}
-            plot_inside(axes, x[chosen], y[chosen], (-edge, edge), **style)
+    kinds = (good, AFTER_COLOUR, "good fix"), (~good, REJECTED_COLOUR, "false fix")
+    plot_kinds(axes, x, y, kinds, edge, ms=2.5)
