@@ -15,7 +15,7 @@ from usbldr.filters.usbl_survey.verdict import UNCHANGED
 NAMES = ("roll_deg", "pitch_deg", "scale", "offset_m")  # of the parameters, in this order
 OFFSET_SD_M = 5.0  # of the depth of the head below the surface, and of the pressure of the air, before the fit
 LEAST = 40  # fixes with a vertical and a depth, ten for each parameter
-MIRRORED_FACTOR = 2.0  # [1] by judgement: how much nearer fixes are to the depth mirrored; not near the head's depth
+MIRRORED_FACTOR = 2.0  # [-] by judgement: how much nearer fixes are to the depth mirrored; not near the head's depth
 ROUNDS = 20  # of reweighting: it converges in ten
 
 

@@ -161,8 +161,7 @@ def _truth_clock_findings(log: Log, offset: TimeOffset | None) -> list[Finding]:
 
 def _identified(log: Log, line: Timeline, result: InterpretationResult) -> Identification | None:
     """Return what the log settles about sensor errors and noise; None without a start."""
-    found = explained_by(log, line, result)
-    return found.conclude() if found else None
+    return found.conclude() if (found := explained_by(log, line, result)) else None
 
 
 def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: Identification) -> list[Interpretation]:
@@ -174,10 +173,8 @@ def _rivals(log: Log, result: InterpretationResult, by: Interpretation, found: I
     bent = found.parameters.changes or any(one.key == "deviation" and one.exists for one in found.evidence)
     by_default = {one[:2] for one in result.best.conventions if log.convention(*one[:2]).chosen_by == "default"}
     read, residuals_m = {result.best.flips, result.as_read.flips}, (by.residual_m, result.best.residual_m)
-    as_read, most_m = (
-        set(result.as_read.conventions),
-        math.inf if bent else THRESHOLDS.max_rival_residual * min(residuals_m),
-    )
+    as_read = set(result.as_read.conventions)
+    most_m = math.inf if bent else THRESHOLDS.max_rival_residual * min(residuals_m)
     possible = [
         one
         for one in (*result.plausible, result.best, result.as_read)
