@@ -70,9 +70,10 @@ def segment_numbers(timeline: Timeline, time_s: Vector, longest_s: float = np.in
         if outage.sensor != "usbl":
             inside |= (time_s > outage.start_s) & (time_s < outage.end_s)
             cuts += time_s >= outage.end_s
-    _, number = np.unique(np.column_stack([cuts, number])[~inside], axis=0, return_inverse=True)
+    span = number.max(initial=0) - number.min(initial=0) + 1
+    key = cuts * span + number  # ascends by cut, then by number
     result = np.full(len(time_s), -1, dtype=np.intp)
-    result[~inside] = number.ravel()
+    result[~inside] = np.unique(key[~inside], return_inverse=True)[1]
     return result
 
 
@@ -82,15 +83,18 @@ def fit_rotation(timeline: Timeline, group: Indices, latencies_s: Sequence[float
     The best latency is chosen: without it a late fix beside a track looks like a mirrored DVL. Nothing is rotated if
     all fixes are left out.
     """
-    track, fixes = as_points(displacement_m(timeline)), fix_points(timeline)
-    tried = [
-        _fit_at_latency(np.interp(timeline.fix_time_s - s, timeline.time_s, track), fixes, group, s)
-        for s in latencies_s
-    ]
+    track = as_points(displacement_m(timeline))
+    tried = (fit_at_latency(timeline, track, group, latency_s) for latency_s in latencies_s)
     return min(tried, key=lambda fit: fit.rms_m)
 
 
-def _fit_at_latency(track: Points, fixes: Points, group: Indices, latency_s: float) -> RotationFit:
+def fit_at_latency(timeline: Timeline, reckoned: Points, group: Indices, latency_s: float) -> RotationFit:
+    """Return `fit_rotation` at one latency; ``reckoned`` (K,) is dead reckoning at the epochs."""
+    track = np.interp(timeline.fix_time_s - latency_s, timeline.time_s, reckoned)
+    return _turned_onto(track, fix_points(timeline), group, latency_s)
+
+
+def _turned_onto(track: Points, fixes: Points, group: Indices, latency_s: float) -> RotationFit:
     used = group >= 0
     if not used.any():
         return RotationFit(latency_s, 0.0, np.full(len(fixes), np.nan), 0.0, np.zeros(0, complex), np.nan)

@@ -9,11 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from usbldr.filters.errors import LogError
-from usbldr.filters.identification.dr_usbl_fit import MIN_FIXES, fit_rotation, fix_points, segment_numbers
+from usbldr.filters.identification.dr_usbl_fit import (
+    MIN_FIXES,
+    as_points,
+    fit_at_latency,
+    fit_rotation,
+    fix_points,
+    segment_numbers,
+)
 from usbldr.filters.identification.evidence import Explained
 from usbldr.filters.identification.identification import STRONG_ODDS, Identification
 from usbldr.filters.models.parameters import NOT_SMOOTHED
-from usbldr.filters.replay.dead_reckoning import freed, without_smoothing
+from usbldr.filters.replay.dead_reckoning import displacement_m, freed, without_smoothing
 from usbldr.filters.types import Array, Mask, Timeline
 from usbldr.io.doctor.gross_errors import AS_READ, SingleError, single_error_findings
 from usbldr.io.doctor.interpretations import (
@@ -72,7 +79,7 @@ def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
     limits = THRESHOLDS
     best_s, least_m, large_m = 0.0, np.inf, 0.0
     for line in lines:
-        group = segment_numbers(line, line.fix_time_s)
+        group, reckoned = segment_numbers(line, line.fix_time_s), as_points(displacement_m(line))
         for late_s in np.arange(-limits.max_far_offset_s, limits.max_far_offset_s + 1, limits.far_offset_step_s):
             valid_s = line.fix_time_s - late_s
             inside = (valid_s >= line.time_s[0]) & (valid_s <= line.time_s[-1]) & (segment_numbers(line, valid_s) >= 0)
@@ -80,11 +87,11 @@ def _far_clock_offset(lines: Sequence[Timeline]) -> tuple[float, float]:
             if np.sum(there >= 0) < max(MIN_FIXES, len(group) // 4):
                 continue
             there = np.unique(there, return_inverse=True)[1] - int(np.any(there < 0))
-            rms_m = fit_rotation(line, there, [float(late_s)]).rms_m
+            rms_m = fit_at_latency(line, reckoned, there, float(late_s)).rms_m
             if rms_m < least_m:
                 best_s, least_m = float(late_s), rms_m
                 way_m = float(np.std(fix_points(line)[there >= 0]))
-                large_m = min(fit_rotation(line, there, [0.0]).rms_m, way_m)
+                large_m = min(fit_at_latency(line, reckoned, there, 0.0).rms_m, way_m)
     return best_s, limits.far_residual_ratio * large_m
 
 
