@@ -35,7 +35,7 @@ from usbldr.filters.replay.position_fixes import RivalFixes, false_run_covarianc
 from usbldr.filters.replay.prior import prior
 from usbldr.filters.replay.running_filter import MAX_FIX_DELAY_S, RunningFilter
 from usbldr.filters.replay.steps import StepSource, sensor_kinds, vehicle_motion
-from usbldr.filters.types import Reacquisition, Timeline, Trajectory, Update, Vector
+from usbldr.filters.types import Array, OutageRecovery, Reacquisition, Timeline, Trajectory, Update, Vector
 from usbldr.filters.updates import UpdateTable, UpdateTableBuilder
 
 MAX_OUTLIER_FRACTION = 0.6  # of the fixes: half of them may have a scalar in the second mode of eq. (23)
@@ -55,6 +55,19 @@ class Stretch(NamedTuple):
     settled: Iterable[Update]
 
 
+class Estimated(NamedTuple):
+    """The estimates of T epochs in n states."""
+
+    mean: Array  # (T, n)
+    cov: Array  # (T, n, n)
+    ess: Vector  # (T,)
+    acceptance: Vector  # (T,)
+    updates: UpdateTable
+    reacquisitions: tuple[Reacquisition, ...]
+    recoveries: tuple[OutageRecovery, ...]
+    late: int  # fixes that came too late to be used
+
+
 def run(
     name: str,
     timeline: Timeline,
@@ -72,9 +85,11 @@ def run(
     if method.make_track is not None:
         return method.make_track(timeline, anchor)
     try:
-        return _run(method, timeline, parameters, settings, progress)
+        track = _run(method, timeline, parameters, settings, progress)
     except np.linalg.LinAlgError as err:
         raise LogError(f"{name}: {SINGULAR_TEXT}") from err
+    texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track, parameters.false_fixes))
+    return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))
 
 
 def _run(
@@ -84,15 +99,60 @@ def _run(
     settings: FilterSettings,
     progress: Callable[[int, int], None],
 ) -> Trajectory:
-    layout = layout_for(parameters.calibrate)
-    timeline = freed(corrected(timeline, parameters), parameters.settled)
-    motion = vehicle_motion(timeline, parameters, layout)
-    name, estimator = method.name, make_estimator(method, motion, settings, parameters)
+    """Return the track of a filter, with what its covariance leaves open."""
     began = time.perf_counter()
-    count = len(timeline.time_s)
-    mean, cov = np.empty((count, len(layout))), np.empty((count, len(layout), len(layout)))
-    ess, acceptance, inflation = np.empty(count), np.empty(count), np.empty(count)
-    widening = np.zeros((count, len(layout)))
+    layout, name = layout_for(parameters.calibrate), method.name
+    timeline = freed(corrected(timeline, parameters), parameters.settled)
+    found = _estimated(method, timeline, parameters, layout, settings, progress)
+    mean, cov, psi = found.mean, found.cov, layout.index("psi")
+    for state, value in parameters.settled.items():
+        mean[:, layout.existing(state)] += value
+    x, y = layout.rows("x", "y")
+    open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters)
+    open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.rival_shift or parameters.changes)
+    at_fixes = timeline, mean[:, x : y + 1], mean[:, psi], np.array(parameters.usbl_lever_m[:2])
+    rivals = rival_fixes(*at_fixes, parameters.usbl_sd_scale)
+    open_cov_m2 += (
+        rivals.cov_m2 if rivals else false_run_covariance_m2(*at_fixes, np.array(parameters.false_fixes, int))
+    )
+    cov[:, x : y + 1, x : y + 1] += open_cov_m2
+    least_outage_s = min((o.end_s - o.start_s for o in timeline.outages if o.sensor == "usbl"), default=math.inf)
+    return Trajectory(
+        name,
+        layout.names,
+        timeline.time_s,
+        mean,
+        cov,
+        found.updates,
+        found.ess if method.draws else None,
+        settings.particles if method.draws else 1,
+        found.acceptance if method.draws else None,
+        _warnings(method, settings, parameters.false_starts, found, rivals)
+        + tuple(f"{name}: {text}" for text in reacquisition_texts(found.reacquisitions, least_outage_s))
+        + tuple(f"{name}: {texts}" for one in found.recoveries if (texts := recovery_warning(one)) is not None),
+        time.perf_counter() - began,
+        found.reacquisitions,
+        found.recoveries,
+        settings.smooth,
+        method.matched_noise and settings.gate is None,
+        open_cov_m2,
+    )
+
+
+def _estimated(
+    method: Method,
+    timeline: Timeline,
+    parameters: Parameters,
+    layout: StateLayout,
+    settings: FilterSettings,
+    progress: Callable[[int, int], None],
+) -> Estimated:
+    """Return the estimates of all epochs, smoothed if the settings say so."""
+    motion = vehicle_motion(timeline, parameters, layout)
+    estimator = make_estimator(method, motion, settings, parameters)
+    count, n = len(timeline.time_s), len(layout)
+    mean, cov, widening = np.empty((count, n)), np.empty((count, n, n)), np.zeros((count, n))
+    ess, acceptance, inflation = np.empty((3, count))
     reacquisitions: tuple[Reacquisition, ...] = ()
     updates = UpdateTableBuilder(expected=3 * count + 2 * (len(timeline.fix_time_s) + len(timeline.gps_time_s)))
     source = before = StepSource(timeline, parameters, layout)
@@ -100,7 +160,7 @@ def _run(
         k = slice(first, first + len(found.mean))
         mean[k], cov[k], ess[k], acceptance[k] = found.mean, found.cov, found.ess, found.acceptance
         inflation[k], reacquisitions = found.inflation, found.reacquisitions
-        if found.widening is not None:
+        if found.widening is not None and settings.smooth:
             widening[k] = found.widening
         updates.add(settled)
         # of another attempt also the fixes that the one before had not settled
@@ -114,43 +174,8 @@ def _run(
     recoveries = outage_recoveries(timeline, source.parameters, layout, mean, cov)
     if settings.smooth and method.smoother_transform is not None:
         mean, cov = smooth(mean, cov, inflation, widening, timeline.time_s, motion, method.smoother_transform)
-    for state, value in parameters.settled.items():
-        mean[:, layout.existing(state)] += value
-    x, y = layout.rows("x", "y")
-    open_cov_m2 = open_covariance_m2(timeline, mean[:, x : y + 1], mean[:, psi], parameters)
-    open_cov_m2 += shift_covariance_m2(timeline.fix_time_s, parameters.rival_shift or parameters.changes)
-    at_fixes = timeline, mean[:, x : y + 1], mean[:, psi], np.array(parameters.usbl_lever_m[:2])
-    rivals = rival_fixes(*at_fixes, parameters.usbl_sd_scale)
-    open_cov_m2 += (
-        rivals.cov_m2 if rivals else false_run_covariance_m2(*at_fixes, np.array(parameters.false_fixes, int))
-    )
-    cov[:, x : y + 1, x : y + 1] += open_cov_m2
-    done = updates.table()
     late = discarded_fixes(source) if settings.order == "arrival" else 0
-    particles = settings.particles if method.draws else 1
-    least_outage_s = min((o.end_s - o.start_s for o in timeline.outages if o.sensor == "usbl"), default=math.inf)
-    track = Trajectory(
-        name,
-        layout.names,
-        timeline.time_s,
-        mean,
-        cov,
-        done,
-        ess if method.draws else None,
-        particles,
-        acceptance if method.draws else None,
-        _warnings(method, settings, parameters.false_starts, ess, done, late, rivals)
-        + tuple(f"{name}: {text}" for text in reacquisition_texts(reacquisitions, least_outage_s))
-        + tuple(f"{name}: {texts}" for one in recoveries if (texts := recovery_warning(one)) is not None),
-        time.perf_counter() - began,
-        reacquisitions,
-        recoveries,
-        settings.smooth,
-        method.matched_noise and settings.gate is None,
-        open_cov_m2,
-    )
-    texts = (*filter(None, [whiteness_warning(whiteness(track))]), *noise_warnings(track, parameters.false_fixes))
-    return replace(track, warnings=(*track.warnings, *(f"{name}: {text}" for text in texts)))
+    return Estimated(mean, cov, ess, acceptance, updates.table(), reacquisitions, recoveries, late)
 
 
 def _stretches(
@@ -217,9 +242,7 @@ def _warnings(
     method: Method,
     settings: FilterSettings,
     starts: Sequence[FalseStart],
-    ess: Vector,
-    updates: UpdateTable,
-    late: int,
+    found: Estimated,
     rivals: RivalFixes | None,
 ) -> tuple[str, ...]:
     name, texts = method.name, list[str]()
@@ -229,11 +252,11 @@ def _warnings(
             "again without them"
             for one in starts
         ]
-    if late:
+    if found.late:
         texts.append(
-            f"{name}: {late} fixes came more than {MAX_FIX_DELAY_S:g} s late, or after the end, and were not used"
+            f"{name}: {found.late} fixes came more than {MAX_FIX_DELAY_S:g} s late, or after the end, and were not used"
         )
-    outcomes = updates.of_sensor("usbl").outcome
+    outcomes = found.updates.of_sensor("usbl").outcome
     outliers = int(np.count_nonzero(outcomes != "used"))
     if rivals:
         texts.append(f"{name}: {rivals.text}")
@@ -243,7 +266,7 @@ def _warnings(
             "check frame, map origin, DVL axes and mounting, heading convention and clocks (usbldr info says what was "
             "taken)"
         )
-    ratio = float(ess.mean()) / settings.particles
+    ratio = float(found.ess.mean()) / settings.particles
     if method.draws and ratio < MIN_ESS_RATIO:
         advice = "use more particles or check the noise model"
         texts.append(f"{name}: on average {ratio:.1%} of the particles count: {advice}")
