@@ -104,14 +104,14 @@ def locate(
 def _text(form: str, table: "pd.DataFrame", title: str) -> str:
     """Return the located rows as CSV, or those with a position as points of RFC 7946 or as placemarks of KML."""
     from usbldr.io.reports.report_json import json_values
-    from usbldr.io.reports.tracks import feature, geojson_text, kml_shape, kml_text, rounded
+    from usbldr.io.reports.tracks import feature, geojson_pieces, kml_shape, kml_text, rounded
 
     if form == ".csv":
         text: str = rounded(table).to_csv(index=False, lineterminator="\n")
         return text
     rows = table[table["lat_deg"].notna()].to_dict("records")
     if form == ".geojson":
-        return geojson_text([feature("Point", _place(one), json_values(one)) for one in rows])
+        return "".join(geojson_pieces(feature("Point", _place(one), json_values(one)) for one in rows))
     marks = [
         f"<Placemark><name>{escape(printable(str(one['name'])))}</name>"
         f"<description>{one['radius95_m']:.2f} m (95 %) {escape(one['note'])}</description>"

@@ -24,7 +24,16 @@ from usbldr.io.reader import utc
 from usbldr.io.reports.run import Run, pose_table
 from usbldr.io.reports.run_directory import REPORT, json_text
 from usbldr.io.reports.run_provenance import made_by, provenance_content
-from usbldr.io.reports.tracks import track_content, track_table, write_csv, write_geojson, write_kml, write_tum
+from usbldr.io.reports.tracks import (
+    pieces_of,
+    track_content,
+    track_table,
+    write_csv,
+    write_geojson,
+    write_kml,
+    write_pieces,
+    write_tum,
+)
 
 BOUNDS = {"filter": False, "smoother": True}  # whether it is of smoothed tracks
 
@@ -81,9 +90,10 @@ def write_tables(folder: Path, run: Run) -> None:
     fast, slow = _grid_names(run)
     fixes = fixes_table(run.timeline, trajectory)
     origin = None if run.log.map_unknown else run.log.origin
-    write_csv(folder / f"track_{fast}.csv", track_table(trajectory, origin))
-    if (poses := pose_table(run.log, trajectory)) is not None:
-        write_csv(folder / f"pose_{fast}.csv", poses)
+    write_pieces(folder / f"track_{fast}.csv", (track_table(part, origin) for part in pieces_of(trajectory)))
+    poses = (table for part in pieces_of(trajectory) if (table := pose_table(run.log, part)) is not None)
+    if trajectory.state("psi") is not None and trajectory.cov is not None:
+        write_pieces(folder / f"pose_{fast}.csv", poses)
     write_csv(folder / "fixes.csv", fixes)
     time_s, place_m, yaw = trajectory.time_s, trajectory.position_m, trajectory.state("psi")
     if report is None:

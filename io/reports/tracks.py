@@ -5,6 +5,8 @@ East and north metres in, with seconds since the log's start; absolute Unix time
 
 import hashlib
 import json
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -42,10 +44,25 @@ DECIMALS = {
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:
     """Write a table with the digits that its units deserve; an unknown value is an empty cell."""
+    write_pieces(path, (table.iloc[rows] for rows in _pieces(len(table))))
+
+
+def write_pieces(path: Path, pieces: Iterable[pd.DataFrame]) -> None:
+    """Write a table whose rows come in pieces, as `write_csv` does."""
     with path.open("w", encoding="utf-8", newline="") as out:
-        for first in range(0, max(len(table), 1), ROWS):  # one piece of an empty table: its header
-            rows = rounded(table.iloc[first : first + ROWS])
-            rows.to_csv(out, index=False, header=not first, lineterminator="\n")
+        for k, rows in enumerate(pieces):
+            rounded(rows).to_csv(out, index=False, header=not k, lineterminator="\n")
+
+
+def pieces_of(trajectory: Trajectory) -> Iterator[Trajectory]:
+    """Yield the estimates of a track piece by piece: a table of all of a long dive would fill the memory."""
+    time_s, mean, cov = trajectory.time_s, trajectory.mean, trajectory.cov
+    for rows in _pieces(len(time_s)):
+        yield replace(trajectory, time_s=time_s[rows], mean=mean[rows], cov=None if cov is None else cov[rows])
+
+
+def _pieces(count: int) -> list[slice]:
+    return [slice(first, first + ROWS) for first in range(0, max(count, 1), ROWS)]  # one of an empty table: its header
 
 
 def rounded(table: pd.DataFrame) -> pd.DataFrame:
@@ -159,16 +176,22 @@ def write_fnv(path: Path, trajectory: Trajectory, origin: Origin, start_ns: int)
 
 def write_geojson(path: Path, trajectory: Trajectory, truth: Truth | None, fixes: pd.DataFrame, origin: Origin) -> None:
     """Write the track, the truth (cut at its long gaps) and the fixes with their outcomes, as RFC 7946."""
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        out.writelines(geojson_pieces(_features(trajectory, truth, fixes, origin)))
+
+
+def _features(
+    trajectory: Trajectory, truth: Truth | None, fixes: pd.DataFrame, origin: Origin
+) -> Iterator[dict[str, Any]]:
     line = _track_line(trajectory, origin)
-    features = [feature("LineString", line, {"name": trajectory.label, "role": "estimate"})]
+    yield feature("LineString", line, {"name": trajectory.label, "role": "estimate"})
     if truth is not None:
         said = {"name": f"truth ({truth.kind})", "role": "truth", "source": truth.source}
-        features.append(feature("MultiLineString", _truth_lines(truth, origin), said))
+        yield feature("MultiLineString", _truth_lines(truth, origin), said)
     places = _coordinates(fixes[["east_m", "north_m"]].to_numpy(), origin)
     for place, t, outcome in zip(places, fixes["time_s"].tolist(), fixes["outcome"].tolist(), strict=True):
         said = {"name": "USBL fix", "role": "fix", "time_s": round(t, 3), "outcome": outcome}
-        features.append(feature("Point", place, said))
-    path.write_text(geojson_text(features), encoding="utf-8")
+        yield feature("Point", place, said)
 
 
 def feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
@@ -176,9 +199,12 @@ def feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> di
     return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": coordinates}}
 
 
-def geojson_text(features: list[dict[str, Any]]) -> str:
-    """Return features as a file of RFC 7946."""
-    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+def geojson_pieces(features: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield features as the text of a file of RFC 7946, one by one: those of a long dive would fill the memory."""
+    yield '{"type": "FeatureCollection", "features": ['
+    for k, one in enumerate(features):
+        yield (", " if k else "") + json.dumps(one, allow_nan=False)
+    yield "]}\n"
 
 
 def write_kml(
