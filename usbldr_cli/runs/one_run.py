@@ -1,7 +1,10 @@
 """One run of a method on a log with everything that its report contains: what replay, check and --verify share."""
 
+import ctypes
 import math
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -88,8 +91,10 @@ def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
     from usbldr.io.session import reference_tracks
 
     log, dive_timeline, settings, found = ready
+    _return_memory()
     references = reference_tracks(log, dive_timeline, plan.method, settings, found)
     scored = _score(plan.method, ready)
+    _return_memory()
     content = request.configuration.content if isinstance(request.configuration, ConfigurationFile) else None
     made = RunProvenance(given_command(), read_files(labelled_inputs(plan.log, request), log.sha256))
     order, seed = plan.choices.order, plan.choices.seed
@@ -97,6 +102,13 @@ def finish_run(plan: RunPlan, request: "Request", ready: PreparedRun) -> "Run":
     if plan.bound:
         run = _with_bound(plan.log, run)
     return run if plan.leave_one_out is None else _with_left_out(plan.method, run, ready, plan.leave_one_out)
+
+
+def _return_memory() -> None:
+    """Give what was freed back to the system: glibc keeps it, and the arrays of a long dive would not fit into it."""
+    if sys.platform == "linux":
+        with suppress(AttributeError):  # another C library
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def run_again(plan: RunPlan) -> "Run":
