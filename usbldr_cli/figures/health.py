@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from usbldr.filters.models.calibration import EstimatedError, assumed_sd, estimated_errors
 from usbldr.filters.models.noise import chi_square_quantile
 from usbldr.filters.types import OUTCOMES, Array, Vector
-from usbldr.filters.updates import Parts, UpdateTable
+from usbldr.filters.updates import UpdateTable
 from usbldr.io.reports.estimate_text import error_text, in_unit
 from usbldr.io.reports.run import Run
 from usbldr_cli.figures import style
@@ -17,6 +17,7 @@ from usbldr_cli.figures.page_data import plot_inside
 from usbldr_cli.figures.style import Axes, Figure
 
 DENSE = 3000  # [points] from which they are drawn smaller
+MOST_BANDS = 3000  # [points] of a band: three for each dot of its panel
 DOWN_WEIGHTED_COLOUR = "#333333"
 BINS = 60  # of the running mean of NIS over the whole run
 RESAMPLED_BELOW = 0.5  # fixed: ESS / N at which the particle filters resample
@@ -50,7 +51,7 @@ class Series(NamedTuple):
     innovation: Vector
     sd: Vector
     nominal_sd: Vector
-    outcome: NDArray[np.str_]
+    outcome: NDArray[np.uint8]  # index into OUTCOMES: words would need 50 times the memory
 
 
 def innovation_figure(run: Run) -> Figure | None:
@@ -70,7 +71,7 @@ def innovation_figure(run: Run) -> Figure | None:
     heights = [sum(channel.sensor == sensor for channel, _ in drawn) for sensor in sensors]
     tall: Any = right.subplots(len(sensors), 1, sharex=True, squeeze=False, height_ratios=heights)
     for axes, sensor in zip(tall[:, 0], sensors, strict=True):
-        _draw_nis(axes, run, updates.of_sensor(sensor).parts, sensor)
+        _draw_nis(axes, run, updates, sensor)
     for axes in (rows[-1, 0], tall[-1, 0]):
         style.time_axis(axes, run.timeline.time_s)
     style.legend_below(figure, (rows[0, 0], tall[0, 0]), 8)
@@ -80,10 +81,10 @@ def innovation_figure(run: Run) -> Figure | None:
 def _series(updates: UpdateTable, channel: Channel) -> Series:
     mine, scalar = updates.of_sensor(channel.sensor), channel.scalar
     here = mine.axis == channel.axis
-    last = mine.parts[(mine.last if scalar else mine.first)[here]]  # the part of north if it was taken by itself
+    part = (mine.last if scalar else mine.first)[here]  # that of north if it was taken by itself
     e, sd, nominal_sd = (mine.vectors(name)[here, scalar] for name in ("innovation", "innovation_sd", "nominal_sd"))
     k = abs(channel.factor)
-    return Series(mine.time_s[here], channel.factor * e, k * sd, k * nominal_sd, np.array(OUTCOMES)[last.outcome])
+    return Series(mine.time_s[here], channel.factor * e, k * sd, k * nominal_sd, mine.parts.outcome[part])
 
 
 def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) -> None:
@@ -94,6 +95,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     point = 3.0 if len(outcomes) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(outcomes) > 1 else np.inf
     t, bands = style.broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
+    t, bands = _thinned(t, bands)
     axes.fill_between(t, -bands[:, 0], bands[:, 0], color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
     if not np.allclose(series.sd, series.nominal_sd):
         look = {"color": mine, "alpha": 0.4, "lw": 0, "label": "2 sigma without outliers"}
@@ -111,7 +113,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
         "rejected": {"marker": "x", "ms": point + 1, "color": style.REJECTED_COLOUR, "mew": 0.7, "alpha": 0.7},
     }
     for outcome, look in styles.items():
-        at = outcomes == outcome
+        at = outcomes == OUTCOMES.index(outcome)
         if at.any():
             limits = -style.EDGE * half, style.EDGE * half
             plot_inside(axes, series.time_s[at], series.innovation[at], limits, ls="", label=outcome, **look)
@@ -120,23 +122,34 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     axes.set_ylabel(channel.label)
 
 
+def _thinned(t: Vector, bands: Array) -> tuple[Vector, Array]:
+    """Return the largest of neighbouring bands, (n, 2), so that few are drawn; gaps, which are NaN, stay."""
+    last = len(t) - 1
+    if last < MOST_BANDS:
+        return t, bands
+    gaps = np.flatnonzero(np.isnan(bands[:, 0]))
+    first = np.unique([*range(0, last, -(-last // MOST_BANDS)), *gaps, *np.minimum(gaps + 1, last), last])
+    return t[first], np.maximum.reduceat(bands, first, axis=0)
+
+
 def _half_height(series: Series) -> float:
     """Return the height of the axes, which innovations of the updates used set, and their sigma without outliers."""
-    used = series.outcome == "used"
+    used = series.outcome == OUTCOMES.index("used")
     size = np.abs(series.innovation[used] if used.any() else series.innovation)
     sd = float(np.median(series.nominal_sd))
     half = min(float(size.max()), max(float(np.percentile(size, 97)), 4 * sd))
     return 1.1 * max(half, 2.2 * sd) or 1.0
 
 
-def _draw_nis(axes: Axes, run: Run, updates: Parts, sensor: str) -> None:
+def _draw_nis(axes: Axes, run: Run, updates: UpdateTable, sensor: str) -> None:
     """Draw each NIS faintly and its mean over a sixtieth of the run with its chi-square bounds."""
     style.shade_outages(axes, run)
-    taken = updates[np.isfinite(updates.nis)]
-    t, nis = taken.time_s, taken.nis
+    parts = updates.parts
+    taken = (parts.sensor == updates.names.index(sensor)) & np.isfinite(parts.nis)
+    t, nis = parts.time_s[taken], parts.nis[taken]
     if not len(t):
         return
-    dof = float(taken.dof.mean())
+    dof = float(parts.dof[taken].mean())
     mine = style.colour(run.method)
     ends = float(run.timeline.time_s[0]), float(run.timeline.time_s[-1])
     edges = np.linspace(*ends, min(BINS, max(1, len(t) // 10)) + 1)
