@@ -95,7 +95,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     point = 3.0 if len(outcomes) < DENSE else 1.6
     longest_s = 20 * float(np.median(np.diff(series.time_s))) if len(outcomes) > 1 else np.inf
     t, bands = style.broken_at_gaps(series.time_s, 2 * np.column_stack([series.sd, series.nominal_sd]), longest_s)
-    t, bands = _thinned(t, bands)
+    t, bands = thinned(t, bands)
     axes.fill_between(t, -bands[:, 0], bands[:, 0], color=mine, alpha=0.18, lw=0, label="2 sigma, outliers included")
     if not np.allclose(series.sd, series.nominal_sd):
         look = {"color": mine, "alpha": 0.4, "lw": 0, "label": "2 sigma without outliers"}
@@ -122,7 +122,7 @@ def _draw_innovations(axes: Axes, run: Run, channel: Channel, series: Series) ->
     axes.set_ylabel(channel.label)
 
 
-def _thinned(t: Vector, bands: Array) -> tuple[Vector, Array]:
+def thinned(t: Vector, bands: Array) -> tuple[Vector, Array]:
     """Return the largest of neighbouring bands, (n, 2), so that few are drawn; gaps, which are NaN, stay."""
     last = len(t) - 1
     if last < MOST_BANDS:

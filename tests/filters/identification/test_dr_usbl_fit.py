@@ -60,6 +60,15 @@ def dive(
     return five_hz(dvl, yaw, fix_t, fixes, yaw_sd_rad=0.005, fix_sd_m=fix_sd_m, outages=outages)
 
 
+def test_segments_are_numbered_by_cut_and_then_by_length() -> None:
+    line = dive(outages=(Outage("dvl", 100.0, 110.0), Outage("usbl", 0.0, 400.0)))
+    time_s = np.array([-3.0, 5.0, 59.0, 99.0, 105.0, 115.0, 119.0, 121.0])
+
+    assert segment_numbers(line, time_s).tolist() == [0, 0, 0, 0, -1, 1, 1, 1]
+    assert segment_numbers(line, time_s, 60.0).tolist() == [0, 1, 1, 2, -1, 3, 3, 4]
+    assert segment_numbers(line, time_s[:0]).tolist() == []
+
+
 def test_the_turn_is_the_angle_by_which_the_dvl_sits_askew() -> None:
     line = dive(mount_deg=30.0)
     group = segment_numbers(line, line.fix_time_s)

@@ -31,7 +31,7 @@ from usbldr.io.scenarios.shipped import find_scenario
 from usbldr_cli.figures.consistency import consistency_figure
 from usbldr_cli.figures.distance import distance_figure
 from usbldr_cli.figures.drawing import draw as draw_all
-from usbldr_cli.figures.health import calibration_figure, innovation_figure, particle_figure
+from usbldr_cli.figures.health import MOST_BANDS, calibration_figure, innovation_figure, particle_figure, thinned
 from usbldr_cli.figures.overlay import coincident_text
 from usbldr_cli.figures.plane import sigma_ellipses
 from usbldr_cli.figures.run_figures import cdf_figure, error_figure, run_pictures
@@ -293,6 +293,20 @@ def test_box_plots_and_distance_are_those_of_the_errors() -> None:
     for percent in (5, 50, 95):
         nearest = np.min(np.abs(np.array(heights) - np.percentile(report.horizontal_m, percent)))
         assert nearest < 0.02 * np.ptp(report.horizontal_m)
+
+
+def test_a_thinned_band_covers_the_whole_one_and_keeps_its_gaps() -> None:
+    t = np.arange(50_001.0)
+    bands = np.random.default_rng(0).uniform(0.1, 1.0, (len(t), 2))
+    bands[[7, 20_000, 20_001]] = np.nan
+
+    few, thin = thinned(t, bands)
+
+    assert len(few) < 1.01 * MOST_BANDS
+    assert few[[0, -1]].tolist() == [t[0], t[-1]]
+    assert few[np.isnan(thin[:, 0])].tolist() == [7, 20_000, 20_001]
+    held = thin[np.searchsorted(few, t, side="right") - 1]  # of the piece in which each epoch lies
+    assert np.all((held >= bands) | (np.isnan(held) & np.isnan(bands)))
 
 
 def test_outliers_of_the_fixes_do_not_flatten_the_innovations_of_the_others() -> None:
