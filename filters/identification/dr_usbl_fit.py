@@ -70,10 +70,9 @@ def segment_numbers(timeline: Timeline, time_s: Vector, longest_s: float = np.in
         if outage.sensor != "usbl":
             inside |= (time_s > outage.start_s) & (time_s < outage.end_s)
             cuts += time_s >= outage.end_s
-    span = number.max(initial=0) - number.min(initial=0) + 1
-    key = cuts * span + number  # ascends by cut, then by number
     result = np.full(len(time_s), -1, dtype=np.intp)
-    result[~inside] = np.unique(key[~inside], return_inverse=True)[1]
+    sums = (cuts + number)[~inside]  # both ascend with time: they are equal where their sum is
+    result[~inside] = np.unique(sums, return_inverse=True)[1]
     return result
 
 
