@@ -29,7 +29,7 @@ def compared(rows: list[Row]) -> list[dict[str, object]]:
         ("cpf", 1000, "particles guided", None),
         ("cpf", 1000, "Stone Soup KalmanProposal, CKF", 8000),
         ("cpf", 100, "Stone Soup KalmanProposal, CKF", None),
-        *((name, 1, "filterpy ExtendedKalmanFilter", 50) for name in ("ekf", "ckf", "adf")),
+        *((name, 1, "filterpy ExtendedKalmanFilter", 15) for name in ("ekf", "ckf", "adf")),
     )
     found: list[dict[str, object]] = []
     for name, count, peer, goal in pairs:
