@@ -128,7 +128,8 @@ def thinned(t: Vector, bands: Array) -> tuple[Vector, Array]:
     if last < MOST_BANDS:
         return t, bands
     gaps = np.flatnonzero(np.isnan(bands[:, 0]))
-    first = np.unique([*range(0, last, -(-last // MOST_BANDS)), *gaps, *np.minimum(gaps + 1, last), last])
+    kept = np.arange(0, last, -(-last // MOST_BANDS)), gaps, np.minimum(gaps + 1, last), [last]
+    first = np.unique(np.concatenate(kept))
     return t[first], np.maximum.reduceat(bands, first, axis=0)
 
 
