@@ -31,14 +31,22 @@ if TYPE_CHECKING:
 
 AT_LEAST_0 = click.FloatRange(min=0)
 DEPTH = "Depth of the transponder below the surface."
-DEPTH_SD = "1-sigma of --transponder-depth.  [default: 0.5]"
+DEPTH_SD = "1-sigma of --transponder-depth."
 LATENCY = "1-sigma of the stated latencies: 0.02 if pulses synchronise the clocks.  [default: 1]"
 
 
 @click.command()
 @log_options
 @click.option("--transponder-depth", "depth_m", type=AT_LEAST_0, metavar="METRES", help=DEPTH)
-@click.option("--transponder-depth-sd", "depth_sd_m", type=AT_LEAST_0, metavar="METRES", default=0.5, help=DEPTH_SD)
+@click.option(
+    "--transponder-depth-sd",
+    "depth_sd_m",
+    type=AT_LEAST_0,
+    metavar="METRES",
+    default=0.5,
+    show_default=True,
+    help=DEPTH_SD,
+)
 @click.option("--latency-sd", "latency_sd_s", type=AT_LEAST_0, metavar="SECONDS", help=LATENCY)
 @toml_option("--write", "write_to", help="Write a configuration with the installation that was found.")
 @folder_option("Folder for figures, page and report.json.  [default: none]")

@@ -17,12 +17,12 @@ PIECE = 1_000  # [cells] made to text at once: some twenty are looked at, often
 class ArrayColumn(Cells):
     """A column that is read when it is asked for; a masked cell is empty."""
 
-    def __init__(self, read: Callable[[], Column], rows: int, is_told: bool) -> None:
+    def __init__(self, read: Callable[[], Column], rows: int, is_examined: bool) -> None:
         """Take what reads the column, (rows,), and whether its cells are looked at to interpret its table.
 
         If that raises LogError, so do all methods.
         """
-        self._read, self._rows, self._is_told = read, rows, is_told
+        self._read, self._rows, self._is_examined = read, rows, is_examined
 
     @cached_property
     def values(self) -> Column:
@@ -30,10 +30,10 @@ class ArrayColumn(Cells):
         return self._read()
 
     @property
-    def is_told(self) -> bool:
+    def is_examined(self) -> bool:
         """Whether its cells are looked at, and can be read."""
         with suppress(LogError):
-            return self._is_told and len(self.values) == self._rows
+            return self._is_examined and len(self.values) == self._rows
         return False
 
     def __len__(self) -> int:

@@ -84,9 +84,11 @@ def _stem(table: Table) -> str:
 def _source(table: Table, kind: str, budget: UnpackingBudget) -> TableSource:
     """Return a table for a log; its columns are read one by one."""
     names = plain_names(list(table.columns))
-    told = {*parted_time(names).values(), *(week_and_time(names) or ()), *filter(_may_tell, names)}
+    examined = {*parted_time(names).values(), *(week_and_time(names) or ()), *filter(_may_state_unit, names)}
     columns = {
-        short: ArrayColumn(partial(_read, table, name, kind, budget), table.rows, name in table.texts or short in told)
+        short: ArrayColumn(
+            partial(_read, table, name, kind, budget), table.rows, name in table.texts or short in examined
+        )
         for short, name in zip(names, table.columns, strict=True)
     }
     return TableSource(
@@ -105,8 +107,8 @@ def _source(table: Table, kind: str, budget: UnpackingBudget) -> TableSource:
     )
 
 
-def _may_tell(name: str) -> bool:
-    """Return whether the first value of a column may tell its unit, by its plain name: a time, date or angle."""
+def _may_state_unit(name: str) -> bool:
+    """Return whether the first value of a column may state its unit, by its plain name: a time, date or angle."""
     column = named_column(name)
     timed = named_unit(name).dimension == "time" or (column and column.rule.dimension == "time")
     return bool(timed or open_angle(name) or is_date(name))

@@ -250,7 +250,7 @@ def open_angle(name: str) -> str:
     return column.rule.key if column and not column.unit.unit and column.rule.key in ANGLES else ""
 
 
-def first_telling(name: str, cells: Iterable[str]) -> str:
+def first_informative(name: str, cells: Iterable[str]) -> str:
     """Return the first filled cell of a column; of an angle without a unit, the first one that shows it."""
     key = open_angle(name)
     filled = (cell for cell in cells if cell and not (key and cell.lower() == "nan"))

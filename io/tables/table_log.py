@@ -26,7 +26,7 @@ from usbldr.io.reader import Records, TopicInfo, name_of
 from usbldr.io.tables.array_column import ArrayColumn
 from usbldr.io.tables.cells import ParsedColumn, numbers, times, with_whole_angles
 from usbldr.io.tables.csv_begin import stated_date, stated_start
-from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_telling, open_angle, plain_names, sheet_of
+from usbldr.io.tables.csv_sheets import NO_HEADER, Sheet, first_informative, open_angle, plain_names, sheet_of
 from usbldr.io.tables.date_times import SECONDS_OF_DAY, clock_digits, foreign_time, orders_of, with_iso_times
 from usbldr.io.tables.long_tables import long_columns, widened
 from usbldr.io.tables.text_table import TextTable, line_findings, listed, row_findings
@@ -148,20 +148,20 @@ class TableLog:
         read = read or any(map(clock_digits, names, cells)) or "" in cells[: len(names)] or any(map(open_angle, names))
         if not read or len({*names}) < len(names) or not len(self._table(source).lines):
             return cells
-        begun, columns = dict(zip(plain_names(names), cells, strict=False)), self._table(source).columns
-        told = self._told(source).keys()
-        return [first_telling(name, column) if name in told else begun[name] for name, column in columns.items()]
+        first, examined = dict(zip(plain_names(names), cells, strict=False)), self._examined(source).keys()
+        columns = self._table(source).columns.items()
+        return [first_informative(name, column) if name in examined else first[name] for name, column in columns]
 
-    def _told(self, source: TableSource) -> Mapping[str, Sequence[str]]:
+    def _examined(self, source: TableSource) -> Mapping[str, Sequence[str]]:
         """Return the columns whose cells are looked at."""
         columns = self._raw(source).columns
-        return {name: one for name, one in columns.items() if not isinstance(one, ArrayColumn) or one.is_told}
+        return {name: one for name, one in columns.items() if not isinstance(one, ArrayColumn) or one.is_examined}
 
     @cached_property
     def _orders(self) -> Mapping[str, DateOrder]:
         """Separator -> how dates with it are read in all tables."""
         dated = [one for one in self._sources if one.rows is not None or any(map(foreign_time, one.begin()[1]))]
-        return orders_of(map(self._told, dated), self._formats)
+        return orders_of(map(self._examined, dated), self._formats)
 
     @cached_property
     def _rows(self) -> Mapping[str, TopicRows]:
@@ -178,7 +178,7 @@ class TableLog:
     def _topics_of(self, source: TableSource) -> Mapping[str, TopicRows]:
         header = tuple(self._begin(source)[0])
         names = [*map(plain, header)]
-        several = "sensor" in names and "sensor" in self._told(source)
+        several = "sensor" in names and "sensor" in self._examined(source)
         sensors = dict.fromkeys(self._table(source).columns["sensor"]) if several else ()
         roles = set[str]().union(*map(suggested_sensors, sensors))
         if not sensors or ("time_ns" not in names and len(roles) < 2):  # else it names devices of one sensor
@@ -237,7 +237,7 @@ class TableLog:
     def _table(self, source: TableSource) -> TextTable:
         if source not in self._read:
             raw = self._raw(source)
-            iso = with_iso_times(self._told(source), self._formats, self._orders, stated_date(source.remarks()))
+            iso = with_iso_times(self._examined(source), self._formats, self._orders, stated_date(source.remarks()))
             self._read[source] = raw._replace(columns=with_whole_angles({**raw.columns, **iso}))
         return self._read[source]
 
